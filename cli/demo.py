@@ -26,6 +26,12 @@ pamid demo --output demo-run --seed 1
     show_default=True,
     help="Run folder to make.",
 )
+@click.option(
+    "--rig",
+    default="one-dof",
+    show_default=True,
+    help="Rig by name, or the path of a rig file (it is run): a virtual machine is made of it.",
+)
 @seed_option("Draws what is withheld, the excitation and the noise.", 1)
 @jobs_option("Threads to use.")
 @click.option(
@@ -33,13 +39,18 @@ pamid demo --output demo-run --seed 1
     type=click.FloatRange(15.0, 3600.0),
     default=60.0,
     show_default=True,
-    help="Length of the recording in s.",
+    help="Length of the recording of the one-dof in s; on another rig its usual holds decide.",
 )
 @frame.overwrite_option("Replace an earlier run in that folder.")
-def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool) -> frame.Result:
+def command(
+    output: Path, rig: str, seed: int, jobs: int, duration: float, overwrite: bool
+) -> frame.Result:
     """Build a virtual joint with an effect that is withheld and parameters that are off, record it,
     diagnose it, train a network on what is left over, write the report page, and compare what was
     named with what was withheld.
+
+    With --rig the same for a machine that is made of that rig as `pamid trial` makes them, without
+    the network. What is withheld is drawn from all that fits its ports, and need not show.
     """
     from pamid.base.run_folder import Run
     from pamid.replications.demonstration import run_demo
@@ -49,7 +60,7 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
         command=frame.command_line(),
         seed=seed,
         overwrite=overwrite,
-        options={"jobs": jobs, "duration_s": duration},
+        options={"jobs": jobs, **({"duration_s": duration} if rig == "one-dof" else {"rig": rig})},
     )
     with progress_line("demo") as progress:
         found = run_demo(
@@ -57,6 +68,7 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
             seed=seed,
             jobs=jobs,
             duration_s=duration,
+            rig=rig,
             progress=progress.say,
         )
     return frame.Result(found, demo_text(found, output))
@@ -96,7 +108,7 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
     lines += ["", f"{'held-out MAE':30s} " + " ".join(f"{h:>12s}" for h in shown.values())]
     for channel, h in found["how_far"].items():
         lines.append(f"{channel:30s} " + " ".join(f"{h[key]:12.4g}" for key in shown))
-    for channel, errors in found["network"].items():
+    for channel, errors in (found["network"] or {}).items():
         lines.append(
             f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} "
             f"-> {errors['with_network']:.4g}"

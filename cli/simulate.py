@@ -96,7 +96,8 @@ def command(
 
     A reference column runs the rig's controller (closed loop), a command column is replayed (open
     loop); a rig of several joints takes the references of all of them, or all commands. What the
-    excitation's TOML states as known holds for the rig, and is stated in the recording.
+    excitation's TOML states as known holds for the rig, and is stated in the recording. Nothing
+    else of what was simulated is: neither effects, nor --set, nor the name of a rig file.
     """
     from pamid.api.simulating import simulate
     from pamid.schemas.command_files import SimulatedFile
@@ -114,10 +115,12 @@ def command(
         output=output,
         overwrite=overwrite,
     )
+    # said here, to who asked for it; a recording names rigs of the catalogue only
+    ran = rig or made.rig
     found = SimulatedFile(
         output=str(output),
         samples=len(made),
-        rig=made.rig,
+        rig=ran,
         loop=made.loop,
         effects=made.effects,
         seed=seed,
@@ -125,7 +128,7 @@ def command(
     told = ", ".join(made.effects) or "no effect"
     text = (
         f"{output}: {len(made)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-        f"Next: {_follow(output, len(made), made.rig or 'one-dof')}"
+        f"Next: {_follow(output, len(made), ran or 'one-dof')}"
     )
     return frame.Result(found, text)
 

@@ -16,6 +16,7 @@ from .terminal import progress_line, quoted
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
     from pamid.parallel.jobs import WorkerPool
+    from pamid.trial.own_machine import OwnMachine
 
 PLACE = 100
 EXAMPLE = """
@@ -32,10 +33,17 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 )
 @click.option(
     "--rig",
-    type=click.Choice(names.machines()),
     default="one-dof",
     show_default=True,
-    help="The rig whose machine it is tried on.",
+    help="The rig whose machine it is tried on, or the path of a rig file (it is run). Machines "
+    f"with equations of their own stand for {names.listed(names.machines())}; of any other rig one "
+    "is made.",
+)
+@click.option(
+    "--excitation",
+    type=click.Path(path_type=Path),
+    help="CSV with what is sent to a machine that is made of the rig. [default: random levels over "
+    "what the rig calls usual]",
 )
 @click.option(
     "--cases",
@@ -86,6 +94,7 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 def command(
     output: Path,
     rig: str,
+    excitation: Path | None,
     cases: int,
     part: str,
     seed: int,
@@ -104,6 +113,11 @@ def command(
     On the arm a fault also has a place: one of two joints, one of four muscles, or all of them;
     behind a starter rig it is one of the rig's ports, and the loop is open. What the diagnosis says
     of probabilities was learned from the calibration parts.
+
+    For a rig file, and for a rig without a machine of its own, or with --excitation, machines are
+    made of the rig itself: its parameters drawn from their priors, a roughness of 0.5 to 4 % at its
+    ports, noise and coarse readings, and what is planted in other forms than the catalogue's. That
+    tells how well effects are told apart on your rig, not what becomes of wrong equations.
 
     Writes labels.json, a result per case and trial.json. With --resume the same command on the same
     folder goes on where it was interrupted, or draws more cases; after a change of pamid itself
@@ -128,21 +142,24 @@ def command(
 
     if calibrate is not None:
         _require_calibration(part)
-    fixed = (
-        {"part": part, "seed": seed}
-        if rig == "one-dof"
-        else {"rig": rig, "part": part, "seed": seed}
-    )
-    options = {"cases": cases, "only": only}
+    tried = _tried(rig, excitation)
+    fixed = {"part": part, "seed": seed}
+    if not isinstance(tried, str):
+        fixed = {"rig": rig, "machine": tried.sha256, **fixed}
+    elif rig != "one-dof":
+        fixed = {"rig": rig, **fixed}
+    options: dict[str, Any] = {"cases": cases, "only": only}
+    if excitation is not None:
+        options["excitation"] = str(excitation)
     with worker_pool(jobs, cluster) as pool:
         if index is not None:
-            return _share(output, fixed, options, _share_of(index), pool)
+            return _share(output, tried, fixed, options, _share_of(index), pool)
         run = _begun(output, fixed, options, resume)
         try:
             with progress_line("trial") as progress:
                 found = run_trial(
                     output,
-                    CaseSelection(part, cases, seed, rig, only or ""),
+                    CaseSelection(part, cases, seed, tried, only or ""),
                     pool,
                     done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
                 )
@@ -157,6 +174,14 @@ def command(
     failed = bool(found["failed_jobs"])
     run.finish("partial" if failed else "done")
     return frame.Result(found, "\n".join(lines), 6 if failed else 0)
+
+
+def _tried(rig: str, excitation: Path | None) -> str | OwnMachine:
+    """The machine, or its name."""
+    from pamid.recording.recording import read_recording
+    from pamid.trial.own_machine import machine_given
+
+    return machine_given(rig, None if excitation is None else read_recording(excitation))
 
 
 def _require_calibration(part: str) -> None:
@@ -184,6 +209,7 @@ def _share_of(index: str) -> tuple[int, int]:
 
 def _share(
     output: Path,
+    tried: str | OwnMachine,
     fixed: dict[str, Any],
     options: dict[str, Any],
     share: tuple[int, int],
@@ -201,7 +227,7 @@ def _share(
         fixed["part"],
         options["cases"],
         fixed["seed"],
-        fixed.get("rig", "one-dof"),
+        tried,
         options["only"] or "",
     ).draw()
     cases = every_case[number - 1 :: count]
@@ -222,7 +248,9 @@ def _share(
 def _scoring(output: Path, options: dict[str, Any]) -> str:
     """The line that scores what the shares have worked through: the same trial without --index."""
     asked = [
-        f"--{name} {quoted(str(value))}" for name, value in options.items() if value is not None
+        f"--{name} {quoted(str(value))}"
+        for name, value in options.items()
+        if value is not None and name != "machine"
     ]
     return " ".join(["pamid trial", *asked, f"--output {quoted(output)} --resume"])
 

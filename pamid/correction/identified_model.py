@@ -36,7 +36,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.between_samples import stated
 from pamid.model.effect import Effect
-from pamid.model.registry import effects_again, name_of, rig_again
+from pamid.model.registry import effects_again, in_catalogue, name_of, rig_again
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.model.trace import Traced, beside, fed, signals_of
@@ -278,7 +278,7 @@ def record_identified(
     }
     meta: dict[str, Any] = {
         "recording": {
-            "rig": model.source,
+            **({"rig": model.source} if in_catalogue(model.source) else {}),
             "loop": "closed" if closed else "open",
             "sampling_period_s": excitation.sampling_period_s,
         }

@@ -164,6 +164,11 @@ def name_of(rig: str | Rig) -> str:
     return f"{_IN_PROGRAM}{kind.__qualname__}"
 
 
+def in_catalogue(name: str) -> bool:
+    """Does this word name a rig of the catalogue, or a variant of one? Nothing is run to tell."""
+    return name.partition(":")[0] in rigs()
+
+
 def catalogue_rig(name: str) -> Rig:
     """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No
     file is ever run: this is the look-up for names that came from data."""

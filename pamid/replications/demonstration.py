@@ -1,8 +1,9 @@
-"""A virtual joint with something withheld, diagnosed without being told: what `pamid demo` does.
+"""A virtual machine with something withheld, diagnosed without being told: what `pamid demo` does.
 
-The seed draws one effect from a short list, mistunes the parameters of the rig by 10 to 20 % and
-adds sensor noise. What was drawn goes into `withheld.json`, which nothing but the final comparison
-reads.
+On the joint the seed draws one effect from a short list, mistunes the parameters of the rig by 10
+to 20 % and adds sensor noise. Of any other rig a machine is made as the blind trial makes it: any
+effect that fits, in another form than the catalogue's. What was drawn goes into `withheld.json`,
+which nothing but the final comparison reads.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import Run
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
-from pamid.recording.recording import write_recording
+from pamid.recording.recording import TIME, write_recording
 from pamid.report.writing import write_report
 from pamid.schemas.demo_file import DemoOutput, Hit, WithheldFile
 from pamid.simulation.virtual_rig import split_spec
+from pamid.trial.own_faults import NAMELESS
+from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_of
 
 DEMO_RIG = "one-dof"
 PERIOD_S, AMPLITUDE_DEG, HOLD_S = 0.003, 40.0, (0.4, 1.6)
@@ -96,24 +99,56 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     return recording
 
 
+def write_rig_recording(folder: Path, machine: OwnMachine, *, seed: int) -> Path:
+    """The same for a machine that is made of a rig."""
+    random = np.random.default_rng(seed)
+    known = [name for name in machine.faults if not name.startswith(NAMELESS)]
+    name = known[int(random.integers(len(known)))]
+    c = machine.draw_conditions(random, [machine.faults[name]], clean=False)
+    site, sizes = machine.plant(name, random)
+    specimen = draw_specimen(machine, random, c)
+    sent = machine.excitation(c, specimen.record, seed, seed)
+    columns = specimen.record({site: sizes}, sent, seed)
+    excitation, recording = folder / EXCITATION_FILE, folder / RECORDING_FILES[0]
+    write_recording(excitation, columns[TIME], sent)
+    read = {k: v for k, v in columns.items() if k != TIME}
+    write_recording(recording, columns[TIME], read, machine.meta(c))
+    fault, off = machine.faults[site], specimen.true_parameters
+    values = ",".join(f"{k}={v:.6g}" for k, v in specimen.told(site, sizes).items())
+    truth = WithheldFile(
+        seed=seed,
+        effect=site.partition("@")[0],
+        family=fault.family,
+        as_simulated=(f"{site}:{values}",),
+        parameters={k: true for k, (true, _) in off.items()},
+        over_data_sheet={k: true / sheet for k, (true, sheet) in off.items() if sheet},
+    )
+    write_json(folder / TRUTH_FILE, truth.as_json())
+    return recording
+
+
 def run_demo(
     run: Run,
     *,
     seed: int,
     jobs: int,
     duration_s: float,
+    rig: str = DEMO_RIG,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Everything into a fresh run folder: recording, diagnosis, network, report page. Returns
-    pamid.demo/1."""
-    progress("recording a virtual joint")
+    """Everything into a fresh run folder: recording, diagnosis, network (of the joint), report
+    page. Returns pamid.demo/1; rig: a name, or the path of a file, which is run."""
+    joint = rig == DEMO_RIG
+    progress(f"recording a virtual {'joint' if joint else 'machine'}")
     run.claim(EXCITATION_FILE, TRUTH_FILE, *RECORDING_FILES)
-    recording = write_demo_recording(
-        run.folder, draw_withheld(seed), seed=seed, duration_s=duration_s
+    recording = (
+        write_demo_recording(run.folder, draw_withheld(seed), seed=seed, duration_s=duration_s)
+        if joint
+        else write_rig_recording(run.folder, machine_of(rig), seed=seed)
     )
     run.finish()
-    diagnosis = _diagnosed(run, recording, seed, jobs, progress)
-    network = _trained(run, seed, progress)
+    diagnosis = _diagnosed(run, rig, recording, seed, jobs, progress)
+    network = _trained(run, seed, progress)["mae"] if joint else None
     progress("writing the page")
     report = write_report(run.folder)
     truth = read_json(run.path(TRUTH_FILE))
@@ -125,7 +160,7 @@ def run_demo(
         causes=diagnosis["causes"],
         parameters={k: v for k, v in diagnosis["parameters"].items() if k in truth["parameters"]},
         how_far=diagnosis["how_far"],
-        network=network["mae"],
+        network=network,
         page=str(report.page),
     ).as_json()
 
@@ -140,13 +175,13 @@ def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> Hit:
 
 
 def _diagnosed(
-    run: Run, recording: Path, seed: int, jobs: int, progress: Progress
+    run: Run, rig: str, recording: Path, seed: int, jobs: int, progress: Progress
 ) -> dict[str, Any]:
     # noted as the command that does just this: with another --output anyone can repeat it
-    words = ["pamid", "diagnose", str(recording), "--rig", DEMO_RIG, "--output", str(run.folder)]
+    words = ["pamid", "diagnose", str(recording), "--rig", rig, "--output", str(run.folder)]
     found = diagnose(
         recording,
-        DEMO_RIG,
+        rig,
         seed=seed,
         jobs=jobs,
         output=run,

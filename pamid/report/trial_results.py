@@ -9,6 +9,8 @@ from typing import Any
 
 from pamid.base.json_file import read_json
 from pamid.base.result_file import damaged, read_result
+from pamid.base.trust import is_code
+from pamid.model.registry import in_catalogue
 from pamid.report import formatting
 from pamid.report.formatting import effect_label, percent
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
@@ -58,8 +60,11 @@ def read_trial(path: Path) -> Trial | None:
     found = read_result(path, TrialFile)
     if found is None:
         return None
-    if found.rig not in (known := machine_names()):
-        raise damaged(path, "rig", " or ".join(map(repr, known)), f"{found.rig!r:.60}")
+    known = machine_names()
+    # a trial may be one of any rig, or of a file: it is told what it was, and nothing is looked up
+    if found.rig not in known and not in_catalogue(found.rig) and not is_code(found.rig):
+        told = " or ".join([*map(repr, known), "another rig"])
+        raise damaged(path, "rig", told, f"{found.rig!r:.60}")
     for name in ("failed", "unseen"):
         if name not in found.rates:
             raise damaged(path, f"rates.{name}", "a rate", "missing")

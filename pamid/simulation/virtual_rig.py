@@ -13,7 +13,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.registry import effects_with, name_of, rig_named
+from pamid.model.registry import effects_with, in_catalogue, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.recording.recording import Recording
@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """columns in their own units; meta: the tables of the TOML beside the recording; effects:
-    labels with values."""
+    """columns in their own units; meta: the tables of the TOML beside the recording, which name a
+    rig of the catalogue only: a file's name may tell what the recording is to be asked for;
+    effects: labels with values."""
 
     columns: dict[str, Array]
     meta: dict[str, Any]
@@ -124,9 +125,10 @@ def simulate_virtual_rig(
         given = ",".join(f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in own.values())
         labels.append(f"{a.label}:{given}")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)
+    named = name_of(rig_name)
     meta: dict[str, Any] = {
         "recording": {
-            "rig": name_of(rig_name),
+            **({"rig": named} if in_catalogue(named) else {}),
             "loop": "closed" if closed else "open",
             "sampling_period_s": excitation.sampling_period_s,
         }

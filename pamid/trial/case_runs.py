@@ -44,9 +44,11 @@ from pamid.schemas.trial_case_files import (
 )
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.conditions import StarterConditions
 from pamid.trial.lost_pairs import lost_at
-from pamid.trial.machine import ONE_DOF, Machine, Record, machine_named
+from pamid.trial.machine import ONE_DOF, Machine, Record
 from pamid.trial.marking import Marked
+from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
@@ -58,13 +60,17 @@ Done = Callable[[int, int], None]
 @dataclass(frozen=True)
 class CaseSelection:
     """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
-    of one stratum, where one is named."""
+    of one stratum, where one is named. rig: its name, or a machine that is made of it."""
 
     part: str
     count: int
     seed: int
-    rig: str = ONE_DOF
+    rig: str | OwnMachine = ONE_DOF
     only: str = ""
+
+    @property
+    def rig_name(self) -> str:
+        return self.rig if isinstance(self.rig, str) else self.rig.name
 
     def draw(self) -> list[Case]:
         drawn = draw_cases(self.part, self.count, self.seed, self.rig)
@@ -87,7 +93,7 @@ def run_trial(
     digest = cases_sha256(cases)
     sweep(folder / "cases")
     about = TrialLabelsFile(
-        rig=selection.rig,
+        rig=selection.rig_name,
         part=selection.part,
         seed=selection.seed,
         cases_sha256=digest,
@@ -100,7 +106,7 @@ def run_trial(
         results,
         part=selection.part,
         seed=selection.seed,
-        rig=selection.rig,
+        rig=selection.rig_name,
         cases_sha256=digest,
     ).as_json()
     write_json(folder / "trial.json", found)
@@ -181,7 +187,8 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    d, verdict = diagnosed(split_recordings(catalogue_rig(case.rig), [recorded], []), catalogue)
+    rig = case.own.rig if case.own else catalogue_rig(case.rig)
+    d, verdict = diagnosed(split_recordings(rig, [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = (
         _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
@@ -229,7 +236,7 @@ class CaseMachine:
 
     @classmethod
     def of(cls, case: Case) -> CaseMachine:
-        random, machine = np.random.default_rng(case.seed), machine_named(case.rig)
+        random, machine = np.random.default_rng(case.seed), case.machine
         seeds = tuple(int(s) for s in random.integers(2**31, size=4))
         return cls(case, machine, machine.build(random, case.conditions), seeds)
 
@@ -244,7 +251,7 @@ class CaseMachine:
 def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
     """The recording as a user has it: written to a file with the channels of the case, and read
     back."""
-    c, machine = case.conditions, machine_named(case.rig)
+    c, machine = case.conditions, case.machine
     hidden = machine.withheld_columns[c.channels]
     meta: dict[str, Any] = {
         "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": machine.period_s},
@@ -252,6 +259,8 @@ def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
     }
     if c.loop == "closed":
         meta["controller"] = dict(machine.controller)
+    if case.own is not None and isinstance(c, StarterConditions):
+        meta = case.own.meta(c)
     write_recording(
         path,
         columns[TIME],

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from pamid.model.registry import effects
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
 from pamid.trial.machine import ONE_DOF, TWO_LINK, Machine, machine_named
+from pamid.trial.own_machine import OwnMachine
 
 TRIAL_PARTS = ("calibration", "test")
 STRATA = {"single": 0.45, "double": 0.12, "no-gap": 0.23, "withheld": 0.12, "nameless": 0.08}
@@ -36,7 +37,8 @@ DRAWN_DIGITS = 9
 @dataclass(frozen=True)
 class Case:
     """One case with its label. planted: fault, or fault@place, -> sizes; removed: effects taken out
-    of the tool's catalogue; conditions: as the machine draws them."""
+    of the tool's catalogue; conditions: as the machine draws them; own: the machine, where there is
+    none of the name of the rig to be found."""
 
     number: int
     part: str
@@ -46,23 +48,39 @@ class Case:
     removed: tuple[str, ...]
     conditions: Conditions
     rig: str = ONE_DOF
+    own: OwnMachine | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def machine(self) -> Machine:
+        return self.own or machine_named(self.rig)
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The case as plain data."""
+        fields = asdict(replace(self, own=None))
+        del fields["own"]
+        return fields
 
     @property
     def sha256(self) -> str:
-        fields = asdict(self)
+        fields = self.told
         if self.rig in (ONE_DOF, TWO_LINK):  # their conditions tell them apart
             del fields["rig"]
+        if self.own is not None:
+            fields["own"] = self.own.sha256
         return hashlib.sha256(json_text(fields).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:
         """The case as plain data, with what counts as the right answer to each fault."""
-        truth = [machine_named(self.rig).truth(site) for site in self.planted]
-        return {**asdict(self), "sha256": self.sha256, "truth": truth}
+        truth = [self.machine.truth(site) for site in self.planted]
+        return {**self.told, "sha256": self.sha256, "truth": truth}
 
 
-def draw_cases(part: str, count: int, seed: int, rig: str = ONE_DOF) -> tuple[Case, ...]:
+def draw_cases(
+    part: str, count: int, seed: int, rig: str | OwnMachine = ONE_DOF
+) -> tuple[Case, ...]:
     """The first `count` cases of a part. UsageError for an unknown part or rig."""
-    machine = machine_named(rig)
+    machine = machine_named(rig) if isinstance(rig, str) else rig
     if part not in TRIAL_PARTS:
         raise UsageError(f"unknown part {part!r}", f"parts: {', '.join(TRIAL_PARTS)}")
     cases = tuple(_draw(machine, part, number, seed) for number in range(count))
@@ -99,7 +117,15 @@ def _draw(machine: Machine, part: str, number: int, seed: int) -> Case:
     planted = {site: _rounded(sizes) for site, sizes in (machine.plant(n, random) for n in names)}
     removed = withheld(machine.faults[names[0]], effects()) if stratum == "withheld" else ()
     return Case(
-        number, part, _seed(part, number, seed), stratum, planted, removed, conditions, machine.name
+        number,
+        part,
+        _seed(part, number, seed),
+        stratum,
+        planted,
+        removed,
+        conditions,
+        machine.name,
+        machine if isinstance(machine, OwnMachine) else None,
     )
 
 

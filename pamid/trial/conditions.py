@@ -51,8 +51,9 @@ class ArmConditions:
 
 @dataclass(frozen=True)
 class StarterConditions:
-    """How a case of a machine behind a starter rig is recorded: always in an open loop. channels:
-    "all", or the column that is left out; amplitude: share of the usual range of what is sent."""
+    """How a case of a machine behind a starter rig, always in an open loop, or of one made of a rig
+    is recorded. channels: "all", or the column that is left out; amplitude: share of the usual
+    range of what is sent."""
 
     loop: str
     channels: str

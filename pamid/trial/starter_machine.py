@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 #: maps, step (s), readings to fill (steps, columns); all SI
 Run = Callable[[Array, Any, tuple[Any, ...], tuple[Array, ...], float, Array], None]
 
+FEWEST_WAVES, MOST_WAVES = 3, 6  # of a map's error
 CLOCK = "clock"  # the place of what is planted in the logger
 
 
@@ -264,7 +265,7 @@ class StarterMachine:
 def draw_map(random: np.random.Generator, rms: float, span: float) -> Array:
     """The relative error of a map over -span to span, rms in all: 3 to 6 waves of about equal size,
     the longest of three halves. Fewer would be a cubic spring or cogging, which have names."""
-    count = int(random.integers(3, 7))
+    count = int(random.integers(FEWEST_WAVES, MOST_WAVES + 1))
     waves = np.zeros((count, 3))
     waves[:, 0] = random.uniform(0.5, 1.0, count)
     waves[:, 1] = 0.5 * np.pi * (3.0 + np.arange(count) + random.uniform(-0.4, 0.4, count)) / span

@@ -1,0 +1,64 @@
+"""What can be planted in a machine that is made of a rig: every effect of the catalogue wherever it
+fits, and effects that are in no catalogue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pamid.base.errors import UsageError
+from pamid.model.attachment import Attachment, attachments, fits
+from pamid.model.registry import effects
+from pamid.model.rig import Rig
+from pamid.trial.faults import Draw, Fault, around, between
+from pamid.trial.own_forms import FORM_BEND, FORM_SETTLING, FORM_SKEW, NAMELESS_EFFECTS
+
+NAMELESS = "nameless:"
+TIMES_TYPICAL, WAY = "times", "way"  # of what is planted: times the typical size, and which way
+
+
+def _signed(low: float, high: float) -> Draw:
+    return lambda random: float(random.choice((-1.0, 1.0))) * float(random.uniform(low, high))
+
+
+FORM_DRAWS: dict[str, Draw] = {
+    FORM_BEND: _signed(0.2, 0.4),
+    FORM_SKEW: _signed(0.03, 0.1),
+    FORM_SETTLING: between(0.3, 1.5),  # sampling periods
+}
+
+
+def planted_places(rig: Rig) -> dict[str, Attachment]:
+    """Everything that can be planted, by the name of its fault: effect@port, or nameless:word@port.
+    UsageError where nothing fits."""
+    known = {
+        f"{a.effect.name}@{a.label.partition('@')[2] or a.group(rig)}": a
+        for a in attachments(rig, effects().values())
+    }
+    nameless = {
+        f"{NAMELESS}{kind.name}@{port}": Attachment(kind(), (port,), f"{kind.name}@{port}")
+        for kind in NAMELESS_EFFECTS.values()
+        for port, at in rig.ports.items()
+        if fits(kind, replace(at, general=True))
+    }
+    if not known or not nameless:
+        raise UsageError(
+            f"nothing can be planted in rig {rig.name!r}: no effect fits its ports",
+            "give it ports: pamid rigs shows those of others",
+        )
+    return known | nameless
+
+
+def fault_of(rig: Rig, name: str, a: Attachment) -> Fault:
+    """How its sizes are drawn: as multiples of what is typical at its port on that rig, so that no
+    unit counts."""
+    if name.startswith(NAMELESS):
+        return Fault(name, "", a.group(rig), {TIMES_TYPICAL: around(1.0)}, (TIMES_TYPICAL,))
+    others = {
+        p.name: around(1.0, 0.7, 1.4)
+        for p in a.effect.parameters_at(rig.ports[a.ports[0]].kind)
+        if p.null is None
+    }
+    draws = {TIMES_TYPICAL: around(1.0), WAY: _signed(1.0, 1.0), **FORM_DRAWS, **others}
+    return Fault(
+        name, a.family(rig), a.group(rig), draws, (TIMES_TYPICAL,), frozenset((a.effect.name,))
+    )

@@ -1,0 +1,395 @@
+"""The blind trial of any rig: how its machines are drawn, what the tool is shown of them, and that
+what is planted is no effect of the catalogue."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+
+from pamid.base.errors import FileError, UsageError
+from pamid.base.json_file import read_json
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment, attachments
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, recording_of, write_recording
+from pamid.replications.demonstration import TRUTH_FILE, write_rig_recording
+from pamid.report.trial_results import read_trial
+from pamid.simulation.free_runs import free_run, input_table
+from pamid.trial.case_runs import CaseMachine, _written
+from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
+from pamid.trial.own_excitation import MOST_OWN_SAMPLES, made_excitation, sampled
+from pamid.trial.own_faults import TIMES_TYPICAL
+from pamid.trial.own_forms import (
+    FORM_BEND,
+    FORM_SCALE,
+    FORM_SETTLING,
+    FORM_SKEW,
+    NAMELESS_EFFECTS,
+    SIGNAL_SIZE,
+    in_another_form,
+)
+from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_given, machine_of
+
+CART = str(Path(__file__).parents[2] / "data" / "rigs" / "cart.py")
+STARTER = "two-masses"
+RIGS = (CART, STARTER)
+
+BROKEN = """from pamid import Rig
+class Broken(Rig):
+    outputs = {"position_m": undefined}
+"""
+BARE = """from pamid import Parameter, Rig, State
+class Bare(Rig):
+    inputs = {"force_n": "N"}
+    outputs = {"position_m": "m"}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
+    def rates(self, x, u, p, port):
+        return {"position": x.velocity, "velocity": u.force_n / p.mass_kg}
+    def measure(self, x, u, p, port):
+        return {"position_m": x.position}
+"""
+
+
+def short(rig: str, samples: int = 1200) -> Recording:
+    """An excitation of the user's own."""
+    time = 0.01 * np.arange(samples)
+    sent = 2.0 * np.sign(np.sin(1.3 * time)) * np.sin(0.4 * time)
+    columns = {c: sent for c in rig_named(rig).inputs}
+    return recording_of(time, columns, {"recording": {"sampling_period_s": 0.01}}, name="sent")
+
+
+@pytest.fixture(scope="module", params=RIGS)
+def machine(request: pytest.FixtureRequest) -> OwnMachine:
+    return machine_of(request.param, short(request.param))
+
+
+def planted_case(machine: OwnMachine) -> Case:
+    """A case with an effect of the catalogue at a motion port, and a roughness."""
+    drawn = draw_cases("test", 12, 0, machine)
+    return next(
+        c
+        for c in drawn
+        if c.stratum == "single" and "@sensor" not in str(c.planted) and c.conditions.background
+    )
+
+
+# ---- how machines are drawn --------------------
+
+
+def test_a_case_does_not_depend_on_how_many_are_drawn(machine: OwnMachine) -> None:
+    few, many = draw_cases("test", 3, 5, machine), draw_cases("test", 40, 5, machine)
+    assert [c.sha256 for c in few] == [c.sha256 for c in many[:3]]
+    assert cases_sha256(many) != cases_sha256(draw_cases("test", 40, 6, machine))
+    again = machine_of(CART if machine.name == "cart.py" else STARTER, machine.sent)
+    assert cases_sha256(draw_cases("test", 3, 5, again)) == cases_sha256(few)
+    assert {c.stratum for c in many} == {"single", "double", "no-gap", "withheld", "nameless"}
+
+
+def test_another_rig_or_excitation_is_another_trial(tmp_path: Path) -> None:
+    here = machine_of(CART)
+    other = tmp_path / "cart.py"
+    other.write_text(Path(CART).read_text().replace("1.0, low=0.1", "1.1, low=0.1"))
+    assert (
+        len({here.sha256, machine_of(str(other)).sha256, machine_of(CART, short(CART)).sha256}) == 3
+    )
+    assert machine_of(CART).sha256 == here.sha256
+    one, two = (draw_cases("test", 1, 0, m)[0] for m in (here, machine_of(str(other))))
+    assert one.planted == two.planted and one.sha256 != two.sha256
+
+
+def test_labels_are_plain_and_tell_the_answer(machine: OwnMachine) -> None:
+    families = {e.name: e for e in effects().values()}
+    for case in draw_cases("calibration", 30, 2, machine):
+        label = json.loads(json.dumps(case.label()))
+        assert "own" not in label and label["rig"] == machine.name
+        assert len(label["truth"]) == len(case.planted)
+        for site, truth in zip(case.planted, label["truth"], strict=True):
+            name = site.partition("@")[0]
+            assert truth["port"] and site.startswith(NAMELESS) == (truth["family"] == "")
+            assert site.startswith(NAMELESS) or truth["exact"] == [name]
+            if case.stratum == "withheld":
+                assert name in case.removed
+                kin = {n for n, e in families.items() if e.family == truth["family"]}
+                assert kin <= set(case.removed)
+
+
+def test_a_machine_is_drawn_again_from_its_seed(machine: OwnMachine) -> None:
+    case = planted_case(machine)
+    one, two = (CaseMachine.of(case).run(case.planted) for _ in range(2))
+    other = CaseMachine.of(replace(case, seed=case.seed + 1)).run(case.planted)
+    for column in machine.rig.outputs:
+        np.testing.assert_array_equal(one[column], two[column])
+        assert not np.array_equal(one[column], other[column])
+
+
+def test_parameters_stay_within_the_prior_and_readings_are_coarse(machine: OwnMachine) -> None:
+    c = draw_cases("test", 1, 0, machine)[0].conditions
+    c = replace(c, background=0.02)
+    plain = {b.key: b for b in Assembly(machine.rig).parameters}
+    for seed in range(3):
+        drawn = draw_specimen(machine, np.random.default_rng(seed), c)
+        assert drawn.values and drawn.waves
+        for key, value in drawn.values.items():
+            b = plain[key]
+            far = b.value * np.expm1(b.spread) if b.log else b.spread
+            assert b.low <= value <= b.high and abs(value - b.value) <= 1.0001 * far
+        for name, step in drawn.steps.items():
+            assert 0.2 <= step / drawn.rig.noise[name] / c.noise <= 2.0
+    columns = drawn.record({}, machine.excitation(c, None, 0, 0), 1)
+    for name, step in drawn.steps.items():
+        levels = columns[name] / step
+        np.testing.assert_allclose(levels, np.round(levels), atol=1e-6)
+
+
+# ---- what the tool is shown --------------------
+
+
+def test_nothing_of_the_truth_is_in_a_recording(machine: OwnMachine, tmp_path: Path) -> None:
+    case = planted_case(machine)
+    made = CaseMachine.of(case)
+    given = _written(case, made.run(case.planted), tmp_path / "one.csv")
+    twin = _written(case, made.run({}), tmp_path / "two.csv")
+    rig = machine.rig
+    assert set(given.columns) == {*rig.inputs, *rig.outputs} == set(twin.columns)
+    told = (tmp_path / "one.toml").read_text()
+    assert told == (tmp_path / "two.toml").read_text() and not given.known and not given.effects
+    assert given.rig == (None if machine.name == "cart.py" else STARTER)
+    for site in case.planted:
+        for word in (site, site.partition("@")[0], "planted", "seed", "cart.py"):
+            assert word not in told
+    header = (tmp_path / "one.csv").read_text().splitlines()[0]
+    assert header == (tmp_path / "two.csv").read_text().splitlines()[0]
+
+
+def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    truth = tmp_path / "cart_with_secret_friction.py"
+    truth.write_text(Path(CART).read_text())
+    sent = short(CART, 200)
+    write_recording("sent.csv", sent.time, dict(sent.columns))
+    words = ["simulate", "--excitation", "sent.csv", "--output", "rec.csv", "--rig"]
+    assert frame.run([*words, truth.name, "--effect", "coulomb-friction", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rig"] == truth.name  # said to who asked
+    assert "secret" not in Path("rec.toml").read_text() + Path("rec.csv").read_text()
+    assert "friction" not in Path("rec.toml").read_text()
+
+
+# ---- what is planted --------------------
+
+
+@pytest.mark.parametrize(
+    "name", [a.effect.name for a in attachments(rig_named(CART), effects().values())]
+)
+def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
+    """Bent and skewed as much as can be, and settling slowly."""
+    rig, sent = rig_named(CART), short(CART, 400)
+    (a,) = (a for a in attachments(rig, effects().values()) if a.effect.name == name)
+    signals = [s for port in a.ports for s in rig.ports[port].signals]
+    bent = Attachment(in_another_form(type(a.effect), signals)(), a.ports, "bent")
+    healthy, other = Assembly(rig), Assembly(rig, (bent,))
+    u, p = input_table(healthy, sent), other.values()
+    for b in other.parameters:
+        if b.null is not None:
+            p[other.keys[b.key]] = b.null
+    for word, value in (
+        (FORM_BEND, 0.4),
+        (FORM_SKEW, 0.1),
+        (FORM_SETTLING, 0.05),
+        (FORM_SCALE, 0.3),
+    ):
+        p[other.index_of(f"bent:{word}")] = value
+    was = free_run(healthy, u, healthy.values(), 0.01).outputs
+    now = free_run(other, u, p, 0.01).outputs
+    np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-10 * np.ptp(was))
+
+
+def test_the_other_form_is_another_and_stays_even_in_the_change() -> None:
+    """A static effect by hand: how much more or less is changed, and as much either way."""
+    rig, sent = rig_named(CART), short(CART, 400)
+    bent = Attachment(in_another_form(effects()["gain-error"], ())(), ("sensor",), "bent")
+    assembly = Assembly(rig, (bent,))
+    u, p = input_table(assembly, sent), assembly.values()
+    (amount,) = (b for b in assembly.parameters if b.null is not None and b.owner == "bent")
+    p[assembly.keys[amount.key]] = 0.1
+    plain = free_run(Assembly(rig), u, Assembly(rig).values(), 0.01).outputs[:, 0]
+    scale = 0.05 * np.abs(plain).max()
+    p[assembly.index_of(f"bent:{FORM_BEND}")], p[assembly.index_of(f"bent:{FORM_SCALE}")] = (
+        0.4,
+        scale,
+    )
+    change = free_run(assembly, u, p, 0.01).outputs[:, 0] - plain
+    expected = 0.1 * plain * (1.0 + 0.4 * np.tanh((0.1 * plain / scale) ** 2))
+    np.testing.assert_allclose(change, expected, rtol=0.0, atol=1e-9 * np.ptp(plain))
+    assert np.abs(change - 0.1 * plain).max() > 0.1 * np.abs(0.1 * plain).max()
+
+
+def test_signals_are_bent_by_their_size() -> None:
+    rig, sent = rig_named(CART), short(CART, 400)
+    bent = Attachment(
+        in_another_form(effects()["viscous-friction"], ("velocity",))(), ("force",), "bent"
+    )
+    assembly = Assembly(rig, (bent,))
+    u, p = input_table(assembly, sent), assembly.values()
+    p[assembly.index_of("bent:" + SIGNAL_SIZE + "velocity")] = 0.1
+    straight = free_run(assembly, u, p, 0.01).outputs
+    p[assembly.index_of(f"bent:{FORM_SKEW}")] = 0.1
+    skewed = free_run(assembly, u, p, 0.01).outputs
+    assert np.abs(skewed - straight).max() > 1e-3 * np.ptp(straight)
+
+
+def test_nameless_effects_are_in_no_catalogue_and_vanish_at_their_null() -> None:
+    rig, sent = rig_named(CART), short(CART, 400)
+    assert not set(NAMELESS_EFFECTS) & set(effects())
+    healthy = Assembly(rig)
+    u = input_table(healthy, sent)
+    was = free_run(healthy, u, healthy.values(), 0.01).outputs
+    for kind in NAMELESS_EFFECTS.values():
+        assembly = Assembly(rig, (Attachment(kind(), ("force",), "it"),))
+        p = assembly.values()
+        typical = free_run(assembly, u, p, 0.01).outputs
+        assert np.abs(typical - was).max() > 1e-3 * np.ptp(was), kind.name
+        p[assembly.index_of("it:amount")] = 0.0
+        now = free_run(assembly, u, p, 0.01).outputs
+        np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-10 * np.ptp(was))
+
+
+def test_what_is_planted_is_raised_until_it_shows_and_never_lowered(machine: OwnMachine) -> None:
+    case = planted_case(machine)
+    (site, sizes) = next(iter(case.planted.items()))
+    drawn = draw_specimen(machine, np.random.default_rng(3), case.conditions)
+    small, large = ({**sizes, TIMES_TYPICAL: times} for times in (1e-4, 2.0))
+    assert drawn.settled(site, small) == pytest.approx(4e-4)  # no more than four times
+    assert drawn.settled(site, large) >= 2.0
+    with pytest.raises(UsageError, match="cannot be planted"):
+        drawn.record({"coulomb-frction@force": sizes}, {}, 0)
+
+
+# ---- what is sent --------------------
+
+
+@pytest.mark.parametrize(
+    "rig", [CART, STARTER, "cascaded-tanks", "servo-pendulum", "thermal-block"]
+)
+def test_what_is_sent_is_long_enough_and_within_the_rigs_ranges(rig: str) -> None:
+    made = rig_named(rig)
+    period, seconds, _ = sampled(made)
+    columns = made_excitation(made, "open", 1.2, 4)
+    again = made_excitation(made, "open", 1.2, 4)
+    for name, column in columns.items():
+        assert len(column) == round(seconds / period) <= MOST_OWN_SAMPLES
+        low, high = made.ranges.get(name, (-np.inf, np.inf))
+        assert low <= column.min() < column.max() <= high
+        np.testing.assert_array_equal(column, again[name])
+
+
+def test_a_rig_that_integrates_is_brought_back() -> None:
+    """A free mass under random levels would end metres away; here the sums come back to 0."""
+    made = rig_named(CART)
+    force, period = made_excitation(made, "open", 1.0, 1)["force_n"], sampled(made)[0]
+    speed = np.cumsum(force) * period
+    assert abs(np.cumsum(speed) * period).max() < 0.1 * len(force) * period
+    assert abs(speed.mean()) < 0.1 * abs(speed).max()
+
+
+def test_the_users_own_excitation_is_what_is_sent() -> None:
+    machine = machine_of(CART, short(CART))
+    c = draw_cases("test", 1, 0, machine)[0].conditions
+    assert (c.loop, c.seconds) == ("open", pytest.approx(12.0))
+    sent = machine.excitation(c, None, 7, 7)
+    np.testing.assert_array_equal(sent["force_n"], short(CART).columns["force_n"])
+
+
+# ---- commands --------------------
+
+
+def test_the_scanned_machine_goes_first() -> None:
+    assert machine_given("one-dof") == "one-dof"
+    assert isinstance(machine_given(CART), OwnMachine)
+    assert isinstance(machine_given("two-masses", short("two-masses")), OwnMachine)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BROKEN, ("line 3", "undefined")),
+        (BARE, ("nothing can be planted", "bare")),
+        ("", ("no rig",)),
+    ],
+)
+def test_a_rig_file_that_fails(
+    text: str,
+    words: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(text)
+    asked = ["trial", "--rig", "mine.py", "--cases", "1", "--output", "run", "--json"]
+    assert frame.run(asked) in (2, 3)
+    said = json.loads(capsys.readouterr().out)
+    assert said["code"] != "unexpected" and all(word in said["message"] for word in words)
+
+
+@pytest.mark.parametrize("command", [["trial", "--cases", "1"], ["demo"]])
+def test_a_wrong_name_is_answered_with_the_nearest(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = [*command, "--rig", "two-mases", "--output", str(tmp_path / "run"), "--json"]
+    assert frame.run(asked) == 3
+    assert "two-masses" in json.loads(capsys.readouterr().out)["hint"]
+    with pytest.raises(FileError, match="no such file"):
+        machine_given("./nowhere.py")
+
+
+def test_a_demo_of_any_rig_withholds_what_it_says(machine: OwnMachine, tmp_path: Path) -> None:
+    recording = write_rig_recording(tmp_path, machine, seed=2)
+    truth = read_json(tmp_path / TRUTH_FILE)
+    assert truth["family"] == effects()[truth["effect"]].family_at(
+        machine.rig.ports[truth["as_simulated"][0].partition(":")[0].partition("@")[2]].kind
+    )
+    assert truth["parameters"].keys() == truth["over_data_sheet"].keys() != set()
+    told = recording.with_suffix(".toml").read_text()
+    assert truth["effect"] not in told and "form_" not in json.dumps(truth)
+
+
+@pytest.mark.slow
+def test_a_trial_of_a_rig_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three cases from the command line, and a trial that is gone on with only as it was begun."""
+    monkeypatch.chdir(tmp_path)
+    sent = short(CART)
+    write_recording("sent.csv", sent.time, dict(sent.columns))
+    Path("mine.py").write_text(Path(CART).read_text())
+    asked = ["trial", "--rig", "mine.py", "--excitation", "sent.csv", "--cases", "3"]
+    asked += ["--output", "run", "--json"]
+    assert frame.run(asked) == 0, capsys.readouterr().out
+    found = json.loads(capsys.readouterr().out)
+    assert (found["rig"], found["cases"], found["failures"]) == ("mine.py", 3, {})
+    assert len(list(Path("run/cases").iterdir())) == 3
+    trial = read_trial(Path("run/trial.json"))
+    assert trial is not None and trial.content["rig"] == "mine.py"
+    assert frame.run([*asked, "--resume"]) == 0
+    capsys.readouterr()
+    Path("mine.py").write_text(Path(CART).read_text().replace("1.0, low", "1.2, low"))
+    assert frame.run([*asked, "--resume"]) == 3
+    assert "holds the trial of mine.py" in json.loads(capsys.readouterr().out)["message"]
+
+
+@pytest.mark.slow
+def test_a_whole_demo_of_a_rig_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "demo"
+    asked = ["demo", "--rig", CART, "--seed", "1", "--jobs", "1", "--output", str(folder)]
+    assert frame.run([*asked, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["network"] is None and found["hit"] in ("right", "among", "missed")
+    assert (folder / "report.html").is_file() and "mass_kg" in found["parameters"]
