@@ -120,7 +120,9 @@ class Candidate(Model):
         None, description="calibrated frequency with which such a candidate is the cause, 0 to 1"
     )
     held_out: MapOf[HeldOut] = Field({}, description="by channel")
-    shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
+    shrinkage: Written[Number] = Field(
+        None, description=f"{SHRINKAGE}, all channels weighed by their floors"
+    )
     low: Written[Number] = Field(None, description=LOW)
     high: Written[Number] = Field(None, description=HIGH)
     converged: Flag = Field(True, description=CONVERGED)
@@ -206,7 +208,9 @@ class Reach(Model):
     mae_data_sheet: Written[Number] = Field(None, description=f"data-sheet parameters: {ERROR}")
     mae_refitted: Written[Number] = Field(None, description=f"refitted parameters: {ERROR}")
     mae_with_cause: Written[Number] = Field(
-        None, description=f"refitted together with the cause: {ERROR}"
+        None,
+        description="refitted together with the causes, where there are none as mae_refitted: "
+        f"{ERROR}",
     )
     noise_floor: Written[Number] = Field(
         None, description="error of a perfect model, by the noise of the sensors"

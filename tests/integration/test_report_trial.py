@@ -58,7 +58,7 @@ def test_one_page_with_four_figures(folder: Path) -> None:
         "Blind trial, part test, seed 7: 240 cases, 1 failed; 12 of 160 planted gaps do not show",
         "family named first 87.3 % 79.8 to 92.3 110 >= 90 % missed",
         "known effect called unknown 6.4 % 3.1 to 12.6 110 <= 10 % reached",
-        "both of two effects found, their common gap visible - 0 >= 65 % no cases",
+        "each of them visible beside the other - 0 >= 65 % no cases",
         "1.1 to 1.3 67 % (20/30) 60 % (18/30) 93 % (28/30) 5 % (1/20)",
         "inertia [kg m²]",
         "Case 17: the joint ran into its stop <b>hard</b>",
@@ -78,7 +78,7 @@ def test_every_row_of_the_table_is_judged_by_its_own_direction(trial: Trial) -> 
         "less is better"
     )
     assert by_key["missed"].reached is None, "no target"
-    assert by_key["both_of_two"].reached is None, "no case"
+    assert by_key["both_seen"].reached is None, "no case"
     judged = [one.reached for one in trial.scored if one.reached is not None]
     drawing = targets_drawing(trial)
     assert drawing is not None

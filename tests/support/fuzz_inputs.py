@@ -191,7 +191,7 @@ def mapping(site: Site) -> list[Words]:
 
 def run_folder(site: Site) -> list[Words]:
     """Any file of a diagnosed run."""
-    folder = site.copy(site.one_of("explained", "unknown-effect"))
+    folder = site.copy(site.one_of("explained", "partly-explained", "unknown-effect"))
     _break_one(site, folder, [p for p in sorted(folder.iterdir()) if p.is_file()])
     return [
         site.random.choice(

@@ -46,7 +46,7 @@ def make_seeds(place: Path) -> Path:
         (place / f"{name}.toml").write_text(SIDECAR)
     fitted_run(place / "fitted", place / "long.csv")
     put_network(place / "fitted", random_network(Elman(len(SEEN), 2), SEEN, "angle_deg", 1.0))
-    for verdict in ("explained", "unknown-effect"):
+    for verdict in ("explained", "partly-explained", "unknown-effect"):
         run = make_run(place / verdict, verdict)
         for name in ("residual.csv", "trace.csv", "missing.csv"):
             if (run / name).is_file():
