@@ -12,7 +12,7 @@ from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import ShowProgress, progress_steps
 from pamid.model.registry import RigLike, effects_with, rig_given, rig_named, rig_of
-from pamid.planning.power import EffectPower, Power, experiment_power
+from pamid.planning.detectable_effects import EffectPower, Power, experiment_power
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 from pamid.schemas import power_file as said
 from pamid.simulation.data_split import Span, split_recordings

@@ -1,11 +1,24 @@
-"""Of what kind the value of a setting has to be: that of its default."""
+"""How a setting is stated, and of what kind its value has to be: that of its default."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import field
 from typing import Any
 
 from pamid.base.errors import UsageError
+
+#: what speaks for a value that has no source of its own
+JUDGEMENT = (
+    "engineering judgement, not varied by itself: decision with all others by the blind trial "
+    "(README, 'The blind trial')"
+)
+COST = "bounds the cost; what another value would do to verdicts was not measured by itself"
+SHOWN_ONLY = "presentation only: no verdict rests on it"
+
+
+def setting(default: Any, unit: str, meaning: str, evidence: str = JUDGEMENT) -> Any:
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "evidence": evidence})
 
 
 def require_like(name: str, value: Any, default: Any) -> None:

@@ -11,23 +11,11 @@ longer calibrated.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 from pamid.base.errors import UsageError, nearest
-from pamid.diagnosis.setting_kinds import require_like
-
-#: what speaks for a value that has no source of its own
-JUDGEMENT = (
-    "engineering judgement, not varied by itself: decision with all others by the blind trial "
-    "(README, 'The blind trial')"
-)
-COST = "bounds the cost; what another value would do to verdicts was not measured by itself"
-SHOWN_ONLY = "presentation only: no verdict rests on it"
-
-
-def _setting(default: Any, unit: str, meaning: str, evidence: str = JUDGEMENT) -> Any:
-    return field(default=default, metadata={"unit": unit, "meaning": meaning, "evidence": evidence})
+from pamid.diagnosis.setting_kinds import COST, JUDGEMENT, SHOWN_ONLY, require_like, setting
 
 
 @dataclass(frozen=True)
@@ -36,8 +24,7 @@ class Settings:
     kind than the default, or one that is negative or not finite."""
 
     # ---- is there a gap? (budget, decision, naive_forecast, misfit_beyond_range)
-
-    gap_margin: float = _setting(
+    gap_margin: float = setting(
         0.10,
         "share of the noise floor",
         "a refitted model nearer to the floor than this in every channel, with 95 % confidence, "
@@ -45,199 +32,197 @@ class Settings:
         "an equivalence margin, stated before the first trial; alarms where nothing is planted: "
         "README, 'The blind trial'",
     )
-    naive_margin: float = _setting(
+    naive_margin: float = setting(
         0.10,
         "share of the error",
         "a model has to be better than a guess without a model by this much, or explains nothing",
         "an equivalence margin as gap_margin; tests/integration/test_nonsense.py holds what it has "
         "to refuse and to let pass",
     )
-    naive_near_floor: float = _setting(
+    naive_near_floor: float = setting(
         2.0,
         "noise floors",
         "a model this near to the floor need not beat a straight line: it has followed it, too",
         "tests/integration/test_nonsense.py holds what it has to refuse and to let pass",
     )
-    misfit_noise: float = _setting(
+    misfit_noise: float = setting(
         3.0,
         "standard deviations of the noise",
         "an error above it is none of the sensor's: units and signs may be in doubt",
         "the usual three standard deviations: 0.3 % of Gaussian noise lie beyond",
     )
-    least_shrinkage: float = _setting(
+    least_shrinkage: float = setting(
         0.02, "share of the error", "what a cause has to remove to be named at all"
     )
-    unbacked_probability: float = _setting(
+    unbacked_probability: float = setting(
         0.5,
         "probability",
         "most that is given to a cause where the other half of what is held out chooses another",
-        "even odds",
+        "even odds: two halves of one recording that disagree say no more",
     )
-    port_negligible: float = _setting(
+    port_negligible: float = setting(
         0.01,
         "share of the gap",
         "a cause whose port, with the ports that the sensors cannot tell from it, carries less is "
         "not named",
     )
-    black_box_samples: int = _setting(
+    black_box_samples: int = setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST
     )
-    black_box_neurons: int = _setting(8, "count", "hidden neurons of its Elman network", COST)
-    black_box_iterations: int = _setting(30, "count", "Levenberg-Marquardt steps", COST)
-    black_box_inputs: int = _setting(
+    black_box_neurons: int = setting(8, "count", "hidden neurons of its Elman network", COST)
+    black_box_iterations: int = setting(30, "count", "Levenberg-Marquardt steps", COST)
+    black_box_inputs: int = setting(
         12, "count", "inputs at most: leading principal components beyond", COST
     )
-    black_box_least: float = _setting(
+    black_box_least: float = setting(
         1.05, "noise floors", "no network is trained where the error is below it", COST
     )
 
     # ---- screening (screening, starting_hints, tournament)
-
-    port_reach: float = _setting(
+    port_reach: float = setting(
         0.3,
         "share of the largest latent evidence",
         "of many candidates those whose ports have less are not screened",
         COST,
     )
-    held_background_from: int = _setting(
+    held_background_from: int = setting(
         60,
         "candidates",
         "above it they are screened with the background held, and by port_reach",
         "a step with the background held is several times as cheap; the one-dof rig has 33 "
         "candidates, the two-link rig 121",
     )
-    screen_length: float = _setting(
+    screen_length: float = setting(
         16.0, "correlation times", "fitted recordings that screening looks at, in all", COST
     )
-    screen_beside: float = _setting(
+    screen_beside: float = setting(
         10.0, "correlation times", "... beside effects that are already found", COST
     )
-    screen_windows: int = _setting(3, "windows", "of every recording, at least", COST)
-    trace_start: float = _setting(
+    screen_windows: int = setting(3, "windows", "of every recording, at least", COST)
+    trace_start: float = setting(
         0.1,
         "typical size",
         "an effect is also started as a trace of itself: next to the baseline the cost leads down "
         "wherever the effect helps",
     )
-    probe_steps: int = _setting(2, "Gauss-Newton steps", "from each starting point", COST)
-    screen_steps: int = _setting(4, "Gauss-Newton steps", "from the best of them", COST)
-    sheet_advantage: float = _setting(
+    probe_steps: int = setting(2, "Gauss-Newton steps", "from each starting point", COST)
+    screen_steps: int = setting(4, "Gauss-Newton steps", "from the best of them", COST)
+    sheet_advantage: float = setting(
         1.05,
         "cost ratio",
         "a baseline worse than this against the data sheet's parameters is screened from these",
     )
-    refits: int = _setting(
+    refits: int = setting(
         8,
         "candidates",
         "refitted by their gain, beside the best of every further family",
         COST,
     )
-    refits_least: int = _setting(6, "candidates", "refitted in any case", COST)
-    refits_all: int = _setting(
+    refits_least: int = setting(6, "candidates", "refitted in any case", COST)
+    refits_all: int = setting(
         32, "candidates", "with no more than these all are refitted: runners-up are shown", COST
     )
-    refit_share: float = _setting(
+    refit_share: float = setting(
         0.1, "share of the largest gain", "further candidates with less are not refitted", COST
     )
-    family_share: float = _setting(
+    family_share: float = setting(
         0.2, "share of the largest gain", "the best of a further family with less is not refitted"
     )
-    family_nats: float = _setting(1.0, "nats", "... nor one that gains less than this")
-    slowest_line: float = _setting(
+    family_nats: float = setting(1.0, "nats", "... nor one that gains less than this")
+    slowest_line: float = setting(
         0.3,
         "per correlation time",
         "a line of the gap's spectrum below it is drift, and starts no vibration",
     )
-    spectrum_smooth: int = _setting(
+    spectrum_smooth: int = setting(
         401, "lines", "over which the spectrum is averaged; a line is what stands out of that", COST
     )
-    spectrum_apart: int = _setting(60, "lines", "nearer ones are of the same vibration", COST)
-    spectrum_lines: int = _setting(3, "count", "lines of the spectrum offered to an effect", COST)
-    spatial_bins: int = _setting(
+    spectrum_apart: int = setting(60, "lines", "nearer ones are of the same vibration", COST)
+    spectrum_lines: int = setting(3, "count", "lines of the spectrum offered to an effect", COST)
+    spatial_bins: int = setting(
         4096, "count", "parts of the range travelled, for the spectrum over the position", COST
     )
-    spatial_least: float = _setting(
+    spatial_least: float = setting(
         2.0,
         "periods",
         "within the range travelled, for a line over the position to be told from a trend",
     )
 
     # ---- refit and ranking (contender, search)
-
-    refit_iterations: int = _setting(15, "Gauss-Newton steps", "of a refit at most", COST)
-    carried_on_iterations: int = _setting(
+    refit_iterations: int = setting(15, "Gauss-Newton steps", "of a refit at most", COST)
+    carried_on_iterations: int = setting(
         60,
         "Gauss-Newton steps",
         "more of a refit that had used up its steps, before nothing known is said to explain a gap",
         COST,
     )
-    refit_tolerance: float = _setting(
+    refit_tolerance: float = setting(
         2e-2, "share of the cost", "a step that gains less ends a refit", COST
     )
-    widenings: int = _setting(
+    widenings: int = setting(
         2,
         "count",
         "times that a range which is a guess is widened where a fit ends at its end",
         "two of four: sixteen times a guess that was made from a typical magnitude",
     )
-    wider: float = _setting(4.0, "ratio", "... by this")
-    pressed: float = _setting(
+    wider: float = setting(4.0, "ratio", "... by this")
+    pressed: float = setting(
         3.0,
         "nats per prior spread",
         "what a fit would still gain beyond a bound for its end there to say that the form is "
         "another",
     )
-    mirrored_share: float = _setting(
+    mirrored_share: float = setting(
         0.2,
         "share of the error",
         "what an effect has to remove with the opposite sign for the sign of a port to be doubted",
     )
-    mirrored_most: int = _setting(3, "candidates", "fitted with the opposite sign", COST)
-    few_windows: int = _setting(
+    mirrored_most: int = setting(3, "candidates", "fitted with the opposite sign", COST)
+    few_windows: int = setting(
         12, "windows", "with fewer held out it is said that they are few", SHOWN_ONLY
     )
-    background_pressed: float = _setting(
+    background_pressed: float = setting(
         2.9,
         "tolerances",
         "a background term farther off is named beside the effects that would take that up",
         "its range ends at three tolerances (REACH in pamid/model/background.py)",
     )
-    background_eased: float = _setting(
+    background_eased: float = setting(
         0.5, "tolerances", "what an effect has to take off such a term to be named", SHOWN_ONLY
     )
-    background_alike: int = _setting(3, "effects", "named beside such a term at most", SHOWN_ONLY)
-    reweight_rounds: int = _setting(
+    background_alike: int = setting(3, "effects", "named beside such a term at most", SHOWN_ONLY)
+    reweight_rounds: int = setting(
         2, "count", "refits with the weights of the model's own residuals, at most", COST
     )
-    reweight_factor: float = _setting(
+    reweight_factor: float = setting(
         1.2, "ratio of weights", "weights that grow by less end them", COST
     )
-    stepping_rounds: int = _setting(
+    stepping_rounds: int = setting(
         3, "count", "times that the winner's integration steps may be halved", COST
     )
-    bootstrap_draws: int = _setting(
+    bootstrap_draws: int = setting(
         1000,
         "count",
         "resamples of the windows",
         "a share of 0.5 is known to 0.016 (binomial standard error); Efron and Tibshirani (1993), "
         "An Introduction to the Bootstrap, chapter 19",
     )
-    bootstrap_block: int = _setting(
+    bootstrap_block: int = setting(
         2,
         "windows",
         "drawn together, for neighbours are alike: the moving-block bootstrap of Kuensch (1989)",
         "a block should hold about three correlation times of the residual: two windows are up to "
         "4.6 s",
     )
-    worth: float = _setting(
+    worth: float = setting(
         0.05, "share of the gap", "what an effect has to remove to count in a comparison"
     )
-    simpler_gain: float = _setting(
+    simpler_gain: float = setting(
         0.1,
         "log squared error per channel",
         "a simpler effect of the same family is preferred where another gains less",
     )
-    simpler_errors: float = _setting(
+    simpler_errors: float = setting(
         3.0,
         "standard errors",
         "... or gains with less certainty; also by which an effect that predicts alike has to "
@@ -245,247 +230,241 @@ class Settings:
         "a rule stated before the first trial: simpler unless the gain exceeds three standard "
         "errors, about 0.1 % for draws that are Gaussian",
     )
-    simpler_loss: float = _setting(
+    simpler_loss: float = setting(
         4.0, "worth", "most that an unsure gain may cost for the simpler effect to be preferred"
     )
-    tie_errors: float = _setting(
+    tie_errors: float = setting(
         1.0, "standard errors", "an effect worse by less is tied with the first"
     )
-    tie_share: float = _setting(0.1, "share of the gap", "... unless it leaves this much more")
-    compared: int = _setting(8, "models", "leading ones among which look-alikes are sought", COST)
-    alike_share: float = _setting(
+    tie_share: float = setting(0.1, "share of the gap", "... unless it leaves this much more")
+    compared: int = setting(8, "models", "leading ones among which look-alikes are sought", COST)
+    alike_share: float = setting(
         0.25,
         "share",
         "two models are alike where their predictions differ by less than this share of what "
         "either changes against the baseline",
     )
-    alike_noise: float = _setting(
+    alike_noise: float = setting(
         0.5, "standard deviations of the noise", "... or by less than this"
     )
 
     # ---- further effects (forward_selection)
-
-    effects_most: int = _setting(
+    effects_most: int = setting(
         3,
         "count",
         "effects of a cause at most",
         "the blind trial plants two at most (pamid/trial/cases.py)",
     )
-    refits_beside: int = _setting(4, "candidates", "refitted beside a first effect", COST)
-    further_share: float = _setting(
+    refits_beside: int = setting(4, "candidates", "refitted beside a first effect", COST)
+    further_share: float = setting(
         0.005,
         "share of the first latent evidence",
         "no further effect is looked for where less is missing",
     )
-    further_always: float = _setting(
+    further_always: float = setting(
         0.5, "nats per sample", "one is looked for in any case where more is missing"
     )
-    further_never: float = _setting(0.15, "nats per sample", "none is where less is missing")
-    further_ports: float = _setting(
+    further_never: float = setting(0.15, "nats per sample", "none is where less is missing")
+    further_ports: float = setting(
         0.5, "share of the largest latent evidence", "ports with less are not tried"
     )
-    further_least: float = _setting(
+    further_least: float = setting(
         0.02, "share of the gap", "what an effect has to remove to be named beside another"
     )
-    further_sure: float = _setting(
+    further_sure: float = setting(
         5.0,
         "standard errors",
         "surer ones that remove further_least and are tied with none need no line's consent",
         "the usual five of a discovery: the line alone had lost a right effect at 11.9",
     )
-    subsets: int = _setting(6, "combinations", "at most, of effects, refitted jointly", COST)
-    subset_rows: int = _setting(8000, "residuals", "thinned to which subsets are compared", COST)
-    rivals: int = _setting(
+    subsets: int = setting(6, "combinations", "at most, of effects, refitted jointly", COST)
+    subset_rows: int = setting(8000, "residuals", "thinned to which subsets are compared", COST)
+    rivals: int = setting(
         2, "count", "runners-up tried in place of the first effect beside the second", COST
     )
 
     # ---- where (port_evidence)
-
-    port_alike: float = _setting(
+    port_alike: float = setting(
         0.98,
         "share of the larger evidence",
         "ports nearer than this cannot be told apart by these recordings",
     )
-    port_players: int = _setting(
+    port_players: int = setting(
         2, "ports", "classes whose joint evidence is computed for Shapley shares", COST
     )
-    ports_all: int = _setting(
+    ports_all: int = setting(
         20,
         "ports",
         "of more only those that stand out with the parameters held are looked at closely",
         COST,
     )
-    port_outstanding: float = _setting(
+    port_outstanding: float = setting(
         0.15, "share of the largest evidence with the parameters held", "... which is this", COST
     )
     # ---- the smoother of latent values (smoother, smoothed_trajectory)
-
-    latent_sizes: tuple[float, ...] = _setting(
+    latent_sizes: tuple[float, ...] = setting(
         (0.003, 0.01, 0.03, 0.1, 0.3, 1.0),
         "sizes of the port's value",
         "standard deviations of a latent value that are tried, the smallest first",
         "half a decade apart up to the whole value; " + JUDGEMENT,
     )
-    latent_times: tuple[float, ...] = _setting(
+    latent_times: tuple[float, ...] = setting(
         (0.16, 1.6),
         "correlation times",
         "time constants of a latent value that are tried, the first one with every size",
         "the length of a slice and of the shortest window (pamid/simulation/replay.py)",
     )
-    latent_reach: float = _setting(
+    latent_reach: float = setting(
         5.0, "ratio", "sizes nearer than this to the likeliest are tried with every time", COST
     )
-    latent_slice: float = _setting(
+    latent_slice: float = setting(
         0.16,
         "correlation times",
         "slices over which a latent value is constant",
         "33 samples of a joint that is sampled every 3 ms; " + COST,
     )
-    latent_slice_samples: int = _setting(4, "samples", "of a slice at least", COST)
-    latent_stiffness: float = _setting(
+    latent_slice_samples: int = setting(4, "samples", "of a slice at least", COST)
+    latent_stiffness: float = setting(
         1e-4,
         "standard deviations of the state",
         "what a state other than a latent value may jump by between two slices",
         "a numerical stand-in for zero: small against any noise, large enough for the blocks to be "
         "inverted in double precision",
     )
-    latent_window_jump: float = _setting(
+    latent_window_jump: float = setting(
         1e3,
         "standard deviations of the state",
         "... at most where a window begins, there being another estimated start",
         "a numerical stand-in for no bound at all",
     )
-    smoother_steps: int = _setting(20, "Gauss-Newton steps", "of a smoothing at most", COST)
-    smoother_tolerance: float = _setting(
+    smoother_steps: int = setting(20, "Gauss-Newton steps", "of a smoothing at most", COST)
+    smoother_tolerance: float = setting(
         1e-3, "share of the cost", "a step that gains less ends a smoothing", COST
     )
-    smoother_trusted: float = _setting(
+    smoother_trusted: float = setting(
         0.1,
         "share of the cost",
         "most that a step which was not taken may promise to gain and be believed",
         "a quadratic model of the cost is trusted near its point alone (trust regions: Nocedal and "
         "Wright (2006), Numerical Optimization, chapter 4)",
     )
-    smoother_damping: float = _setting(
+    smoother_damping: float = setting(
         1e-10,
         "diagonal scaled to one",
         "least damping of a step, and the one of the evidence",
         "what keeps a singular block solvable in double precision, without weight in the result",
     )
-    smoother_damping_falls: float = _setting(
+    smoother_damping_falls: float = setting(
         0.01, "ratio", "by which the damping falls behind a step that was taken", COST
     )
-    smoother_damping_rises: float = _setting(
+    smoother_damping_rises: float = setting(
         30.0, "ratio", "by which the damping rises behind a step that failed", COST
     )
-    smoother_damping_raised: float = _setting(
+    smoother_damping_raised: float = setting(
         1e-4, "diagonal scaled to one", "... to this at least", COST
     )
 
     # ---- regimes, bands and windows (localise)
-
-    regime_bins: int = _setting(12, "count", "quantiles of a signal between which regimes lie")
-    regime_gain: float = _setting(
+    regime_bins: int = setting(12, "count", "quantiles of a signal between which regimes lie")
+    regime_gain: float = setting(
         0.15, "share", "a regime holds this much more of the gap than of the time", SHOWN_ONLY
     )
-    regime_bound: float = _setting(
+    regime_bound: float = setting(
         0.01,
         "share of the gap",
         "what a bound has to bring, unless zero or the range's end",
         SHOWN_ONLY,
     )
-    regime_order: float = _setting(
+    regime_order: float = setting(
         0.002, "share of the gap", "what a signal has to bring beyond the plainer one", SHOWN_ONLY
     )
-    regime_overlap: float = _setting(
+    regime_overlap: float = setting(
         0.5, "share of the samples", "regimes that share more are one", SHOWN_ONLY
     )
-    regimes_most: int = _setting(4, "count", "regimes stated", SHOWN_ONLY)
-    smoothed: float = _setting(
+    regimes_most: int = setting(4, "count", "regimes stated", SHOWN_ONLY)
+    smoothed: float = setting(
         0.025,
         "correlation times",
         "half of what measured signals are smoothed over before they state a regime",
         SHOWN_ONLY,
     )
-    spectrum_segment: float = _setting(
+    spectrum_segment: float = setting(
         13.0, "correlation times", "a segment of the spectrum that states the band", SHOWN_ONLY
     )
-    still: float = _setting(
+    still: float = setting(
         0.02, "usual speed (95th percentile)", "a slower motion reverses nothing", SHOWN_ONLY
     )
-    band_share: float = _setting(
+    band_share: float = setting(
         0.8, "share of the gap's power", "inside the frequency band stated, its middle", SHOWN_ONLY
     )
-    worst_windows: int = _setting(3, "count", "windows stated", SHOWN_ONLY)
+    worst_windows: int = setting(3, "count", "windows stated", SHOWN_ONLY)
 
     # ---- an effect that no file of the catalogue explains (unknown)
-
-    formula_bags: int = _setting(24, "count", "bootstrap samples of the sparse regression", COST)
-    formula_threshold: float = _setting(
+    formula_bags: int = setting(24, "count", "bootstrap samples of the sparse regression", COST)
+    formula_threshold: float = setting(
         0.08,
         "standard deviations of the target",
         "smaller coefficients are set to zero (sequentially thresholded least squares, Brunton, "
         "Proctor and Kutz 2016)",
         SHOWN_ONLY,
     )
-    formula_slices: int = _setting(40, "slices", "fewer are not described", SHOWN_ONLY)
-    formula_explains: float = _setting(
+    formula_slices: int = setting(40, "slices", "fewer are not described", SHOWN_ONLY)
+    formula_explains: float = setting(
         0.5, "share of the variance", "what is described worse depends on the past", SHOWN_ONLY
     )
-    parity_factor: float = _setting(
+    parity_factor: float = setting(
         3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN_ONLY
     )
-    formula_ridge: float = _setting(
+    formula_ridge: float = setting(
         1e-3,
         "share of the rows",
         "ridge of the sparse regression, whose columns are of unit size",
         SHOWN_ONLY,
     )
-    formula_sign: float = _setting(
+    formula_sign: float = setting(
         0.05,
         "usual speed (95th percentile)",
         "a slower motion counts as less than one sign: sign(v) = tanh(v / this)",
         SHOWN_ONLY,
     )
-    parity_bins: int = _setting(
+    parity_bins: int = setting(
         8, "count", "ranges of size in which both directions are compared", SHOWN_ONLY
     )
-    form_share: float = _setting(
+    form_share: float = setting(
         0.5, "share of the gap", "what a free form has to remove for its family to be said"
     )
-    form_tail: float = _setting(0.5, "per cent of the samples", "beyond either end of its curve")
-    missing_rows: int = _setting(4000, "rows", "of missing.csv at most", SHOWN_ONLY)
+    form_tail: float = setting(0.5, "per cent of the samples", "beyond either end of its curve")
+    missing_rows: int = setting(4000, "rows", "of missing.csv at most", SHOWN_ONLY)
 
     # ---- how far, and what next (transfer, next_experiment)
-
-    amplitude_factor: float = _setting(
+    amplitude_factor: float = setting(
         1.5, "ratio", "spreads of an output that differ by more are other amplitudes", SHOWN_ONLY
     )
-    experiment_models: int = _setting(3, "models", "to be set apart at most", COST)
-    experiment_tail: float = _setting(
+    experiment_models: int = setting(3, "models", "to be set apart at most", COST)
+    experiment_tail: float = setting(
         2.0,
         "per cent of the samples",
         "left out on either side of the range that counts as recorded, for spikes",
     )
-    experiment_range: float = _setting(
+    experiment_range: float = setting(
         0.5, "recorded span", "how far a rig without a loop may leave where it was recorded"
     )
-    experiment_ways: tuple[tuple[float, int], ...] = _setting(
+    experiment_ways: tuple[tuple[float, int], ...] = setting(
         ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1)),
         "share of the recorded range, times faster",
         "in which an experiment without a loop is tried",
         COST,
     )
-    experiment_old: float = _setting(
+    experiment_old: float = setting(
         16.0, "correlation times", "of every old recording that a re-adjustment looks at", COST
     )
-    experiment_steps: int = _setting(
+    experiment_steps: int = setting(
         3, "Gauss-Newton steps", "of each of the two fits of a re-adjustment", COST
     )
-    experiment_tolerance: float = _setting(
+    experiment_tolerance: float = setting(
         2e-2, "share of the cost", "a step that gains less ends it", COST
     )
-    experiment_visible: float = _setting(
+    experiment_visible: float = setting(
         1.0,
         "standard deviations of the noise",
         "below it an experiment is said not to separate clearly",

@@ -10,10 +10,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from pamid.planning.power import EffectPower, Power
+from pamid.planning.detectable_effects import EffectPower, Power
 from pamid.report.style import Drawing, colour, label
 
-ROW_IN, HEAD_IN = 0.2, 1.2
+EFFECT_ROW_IN, HEAD_IN = 0.2, 1.2
 PLAINEST = 100.0  # error over the noise floor at which the colours end
 MARKS = (2.0, 5.0, 10.0, 20.0, 50.0, PLAINEST)
 
@@ -49,5 +49,5 @@ def power_drawing(found: Power, effects: Sequence[EffectPower], title: str) -> D
         bar.ax.yaxis.set_minor_locator(NullLocator())
         bar.set_label("error over the noise floor [-]")
 
-    height = HEAD_IN + ROW_IN * len(shown)
+    height = HEAD_IN + EFFECT_ROW_IN * len(shown)
     return Drawing("power", title, draw, height, height)

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 from pamid.schemas.estimates import RIG, SEED, UNIT
 from pamid.schemas.model import ListOf, MapOf, Model, Number, Text
 
-VISIBLE = "error of the refitted model over the noise floor"
+SEEN_BY = "error of the refitted model over the noise floor"
 
 
 class UsualAmount(Model):
@@ -29,11 +29,11 @@ class ShownEffect(Model):
     port: Text = Field(description="group of ports that it acts on")
     amount: UsualAmount | None
     visible: ListOf[Number] = Field(
-        description=f"{VISIBLE}, worst channel, at every one of `sizes`; empty where it failed"
+        description=f"{SEEN_BY}, worst channel, at every one of `sizes`; empty where it failed"
     )
     standard_errors: ListOf[Number] = Field(description="its size in standard errors, likewise")
     by_channel: MapOf[Number] = Field(
-        description=f"{VISIBLE} at the usual size if that sensor were the only one"
+        description=f"{SEEN_BY} at the usual size if that sensor were the only one"
     )
     confused: ListOf[Text] = Field(
         description="effects of other families that would be taken for it at its usual size"

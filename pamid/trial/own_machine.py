@@ -67,7 +67,7 @@ FINENESS = 7  # steps of the machine in one of a fit
 NOISE_SHARE = 0.002  # of a reading's usual deviation, where the rig states no noise
 CONVERTER_STEPS = (0.2, 2.0)  # of the converters, in standard deviations of the noise
 OPEN_SHARE = 0.25  # of the cases, on a rig that runs in both ways
-SHOWN = 2.0  # times noise and roughness, by which what is planted is to change a reading,
+SHOWN_FLOORS = 2.0  # times noise and roughness, by which what is planted is to change a reading,
 MOST_SCALED = 4.0  # if it takes no more than this times its drawn size
 GENTLER = 6  # of what makes the machine fly apart
 PROBE_SEED = 0  # of the excitation over which sizes are looked at
@@ -243,9 +243,9 @@ class RigSpecimen:
                 / np.hypot(self.conditions.noise * self.rig.noise[c], _rms(rough[c] - smooth[c]))
                 for c in self.rig.outputs
             )
-            if shown >= SHOWN:
+            if shown >= SHOWN_FLOORS:
                 return times
-            times, raised = times * min(SHOWN / max(shown, 1e-12), MOST_SCALED), True
+            times, raised = times * min(SHOWN_FLOORS / max(shown, 1e-12), MOST_SCALED), True
         raise UsageError(f"the machine flies apart with {name}", "leave out its port")
 
     def _run(

@@ -37,7 +37,9 @@ def result(
         "screened_family": "friction",
         "diagnosis": {
             "verdict": "explained" if causes else "unknown-effect",
-            "causes": [{"effect": c, "family": c, "port": "joint"} for c in causes],
+            "causes": [
+                {"effect": c, "family": c, "port": "joint", "probability": 0.9} for c in causes
+            ],
             "ranking": [
                 {"effect": a, "family": a, "port": "joint", "probability": 0.1} for a in alone
             ],

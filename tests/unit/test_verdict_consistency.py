@@ -19,7 +19,7 @@ import pamid.diagnosis.consistency as consistency
 import pamid.diagnosis.decision as decision
 from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide
-from pamid.diagnosis.verdict_grounds import Misfit
+from pamid.diagnosis.verdict_grounds import LeftOver
 from pamid.diagnosis.verdict_words import RECORD_MORE, sentence
 from pamid.report import captions
 from pamid.report.answers import how_far_answer, left_answer, where_answer, which_answer
@@ -55,8 +55,8 @@ def shares(draw: st.DrawFn) -> Share:
 
 
 @st.composite
-def misfits(draw: st.DrawFn) -> Misfit:
-    return Misfit(
+def misfits(draw: st.DrawFn) -> LeftOver:
+    return LeftOver(
         floors=draw(st.floats(1.0, 1e5)),
         of_signal=draw(st.floats(1e-4, 3.0)),
         missing=10.0 ** draw(st.floats(-4.0, 5.0)),
@@ -82,7 +82,7 @@ def weighed_effects(draw: st.DrawFn, most: int = 3) -> list[Weighed]:
 
 
 @st.composite
-def questions(draw: st.DrawFn) -> tuple[Misfit, Misfit, list[Weighed], list[Weighed], str]:
+def questions(draw: st.DrawFn) -> tuple[LeftOver, LeftOver, list[Weighed], list[Weighed], str]:
     """What `decide` is asked: ties are sought among single effects, and hold the first."""
     every = draw(weighed_effects())
     tied = draw(st.booleans())
@@ -98,7 +98,7 @@ def questions(draw: st.DrawFn) -> tuple[Misfit, Misfit, list[Weighed], list[Weig
 @MANY
 @given(questions())
 def test_a_decision_never_contradicts_what_it_was_asked(
-    asked: tuple[Misfit, Misfit, list[Weighed], list[Weighed], str],
+    asked: tuple[LeftOver, LeftOver, list[Weighed], list[Weighed], str],
 ) -> None:
     before, after, weighed, tied, doubt = asked
     found = decide(before, after, weighed, tied, doubt=doubt)
@@ -123,7 +123,7 @@ def test_a_decision_never_contradicts_what_it_was_asked(
 @MANY
 @given(questions(), st.integers(0, 2), CHANCES)
 def test_what_becomes_more_probable_is_not_dropped_for_it(
-    asked: tuple[Misfit, Misfit, list[Weighed], list[Weighed], str], which: int, more: float
+    asked: tuple[LeftOver, LeftOver, list[Weighed], list[Weighed], str], which: int, more: float
 ) -> None:
     before, after, weighed, tied, doubt = asked
     one = (tied or weighed)[which % len(tied or weighed)]
