@@ -10,6 +10,9 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_words import RECORD_MORE
 from pamid.schemas.diagnosis_file import CAUSED, BestMember, Cause, DiagnosisFile
 
+#: how a note on it begins, in the file itself
+CONTRADICTS = "This result contradicts itself"
+
 
 def inconsistencies(found: DiagnosisFile, settings: Settings = DEFAULT) -> list[str]:
     """What contradicts what, in words; empty where nothing does."""

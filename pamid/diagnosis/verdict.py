@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.consistency import inconsistencies, unnamed
+from pamid.diagnosis.consistency import CONTRADICTS, inconsistencies, unnamed
 from pamid.diagnosis.decision import Share
 from pamid.diagnosis.judgement import calibration, forecast_interval
 from pamid.diagnosis.judging import Member
@@ -67,9 +67,7 @@ def diagnosis_file(
         **_judgement(d),
     )
     said = found.model_copy(update={"sentence": sentence(found)})
-    against = [
-        f"This result contradicts itself: {one}." for one in inconsistencies(said, d.settings)
-    ]
+    against = [f"{CONTRADICTS}: {one}." for one in inconsistencies(said, d.settings)]
     held_back = [
         f"{m.effect} is probable (P {chance_figure(m.probability or 0.0)}), but not named: "
         f"{'; '.join(why)}."
