@@ -113,7 +113,8 @@ class ScreenedResponses:
         x, free = np.zeros(len(at)), np.ones(len(at), bool)
         while free.any():
             held = A[np.ix_(free, ~free)] @ x[~free]
-            x[free] = -np.linalg.solve(A[np.ix_(free, free)], g[free] + held)
+            # of least squares: where two columns are one to rounding, A is singular
+            x[free] = -np.linalg.lstsq(A[np.ix_(free, free)], g[free] + held, rcond=None)[0]
             beyond = np.where(free, np.maximum(low - x, x - high), 0.0)
             worst = int(beyond.argmax())
             if beyond[worst] <= 0.0:

@@ -215,9 +215,9 @@ def _missing_in(m: Marked) -> list[tuple[Features, bool]]:
     if g is None or (m.truth and not m.visible):
         return []
     found = [(g.before.features(), bool(m.truth))]
-    right = {str(one["family"]) for one in m.found["members"] if m.is_right(one)}
+    right = {str(one["family"]) for one in m.members if m.is_right(one)}
     steps = [ForwardStep(**one) for one in m.found["further"]]
-    if m.stratum in ("single", "double") and right and len(right) == len(m.found["members"]):
+    if m.stratum in ("single", "double") and right and len(right) == len(m.members):
         planted = {str(t["family"]) for t in m.truth}
         if right == planted:
             found.append((g.after(steps).features(), False))
@@ -233,8 +233,8 @@ def _causes_in(m: Marked) -> list[tuple[Features, bool]]:
     for one in m.ranking:
         leading.setdefault(str(one["family"]), one)
     weighed = [*list(leading.values())[:FAMILIES]]
-    if len(m.found["members"]) > 1:
-        weighed += m.found["members"]
+    if len(m.members) > 1:
+        weighed += m.members
     return [
         (Signature(**one["signature"]).features(), m.is_right(one))
         for one in weighed
@@ -245,7 +245,8 @@ def _causes_in(m: Marked) -> list[tuple[Features, bool]]:
 def _further_in(m: Marked) -> list[tuple[Features, bool]]:
     """Is an effect, weighed beside a first one, of a planted family?"""
     planted = {t["family"] for t in m.truth} if m.stratum in ("single", "double") else set()
-    return [(ForwardStep(**one).features(), one["family"] in planted) for one in m.found["further"]]
+    steps = m.found.get("further") or ()
+    return [(ForwardStep(**one).features(), one["family"] in planted) for one in steps]
 
 
 def _named_in_vain(lessons: Sequence[Lesson], line: Line) -> list[float]:

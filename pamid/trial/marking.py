@@ -79,6 +79,11 @@ class Marked:
         found: list[dict[str, Any]] = self.found["causes"]
         return found
 
+    @property
+    def members(self) -> list[dict[str, Any]]:
+        """Effects of the best model, whether or not the verdict names them."""
+        return list(self.found.get("members") or ())
+
     def is_right(self, one: dict[str, Any]) -> bool:
         """Is an effect (with its family and port) planted, or one of the same family at the same
         port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
