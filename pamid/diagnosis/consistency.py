@@ -90,7 +90,9 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     if where is None or not where.ports:
         return
     together = {cause.port}.union(*(g for g in where.indistinguishable if cause.port in g))
-    if sum(one.share for one in where.ports if one.port in together) < settings.port_negligible:
+    # an effect at several ports together is reported at what their names have in common
+    here = [one for one in where.ports if one.port in together or one.port.startswith(cause.port)]
+    if sum(one.share for one in here) < settings.port_negligible:
         yield "next to nothing of the gap enters at its port"
 
 

@@ -168,14 +168,14 @@ def _member(
 
 def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Member) -> Weighed:
     rig = search.evidence.rig
-    group = m.effect.group(rig)
+    groups = {rig.group_of(port) for port in m.effect.ports}
     return Weighed(
         m.effect.label,
         m.effect.family(rig),
         m.probability,
         m.removes,
         at_bounds(model, search.settings, m.effect.label),
-        located.shares(rig, group)[group],
+        min(1.0, sum(located.shares(rig, group)[group] for group in groups)),
     )
 
 
