@@ -244,6 +244,9 @@ def _candidates(run: RunData) -> Iterator[Block]:
     yield Details(
         f"All {len(diagnosis.ranking)} candidates that were refitted", (ranking_table(diagnosis),)
     )
+    if diagnosis.notes:
+        yield Heading("What to know before believing a figure", 3)
+        yield Bullets(tuple(formatting.clean(one) for one in diagnosis.notes))
     classes = [
         formatting.join(map(formatting.effect_label, group))
         for group in diagnosis.look_alikes

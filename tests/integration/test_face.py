@@ -19,6 +19,7 @@ from pamid_cli import frame
 from small_cart import FEW, RIG, record_cart
 
 import pamid
+from pamid.base.card import escaped
 from pamid.base.errors import DataError, FileError, UsageError
 from pamid.model.registry import effects
 
@@ -276,7 +277,10 @@ def test_a_diagnosis_answers_where_which_how_far(found: pamid.DiagnosisResult) -
     assert found.errors["position_m"].with_cause < found.errors["position_m"].refitted  # type: ignore[operator]
     assert found.parameters["mass_kg"].value == pytest.approx(1.2, rel=0.05)
     card = found._repr_html_()
-    for words in (found.sentence, "Where: force", "coulomb-friction", "position"):
+    assert cause.removes is not None and 0.0 < cause.removes.low <= cause.removes.share
+    assert found.remainder is not None and not found.remainder.real
+    shown = (escaped(found.sentence), "Where: force", "coulomb-friction", "position", "Left: ")
+    for words in (*shown, cause.removes_text()):
         assert words in card, words
     assert "DiagnosisResult explained" in repr(found) and "coulomb-friction" in repr(found)
 

@@ -122,6 +122,15 @@ def test_a_remark_on_the_recordings_is_the_whole_answer(tmp_path: Path) -> None:
     assert "What is left" not in text and "A probability is" not in text
 
 
+def test_what_the_terminal_notes_stands_on_the_page(tmp_path: Path) -> None:
+    note = "Background force_map_1 stands at 3.0 tolerances: length-asymmetry would look like this."
+    diagnosis = {**diagnosis_json("explained"), "notes": [note]}
+    text = text_of(make_run(tmp_path / "RUN", diagnosis=diagnosis, without=NO_TRACES))
+    assert note in re.sub(r" (?=[,.):;])", "", text)
+    bare = text_of(make_run(tmp_path / "BARE", without=NO_TRACES))
+    assert "What to know before believing" not in bare
+
+
 def test_two_causes_share_what_they_remove(tmp_path: Path) -> None:
     diagnosis = diagnosis_json("partly-explained")
     diagnosis["causes"] += [cause("leak", "leak", "pressure", 0.07, 0.81, 0.05)]
