@@ -49,7 +49,8 @@ class Weighed:
 
     probability: that its family is really there; removes: share of the gap, beside the others;
     at_bound: parameters at a bound that physics did not set; here: share of the gap that enters at
-    its port or at one that the sensors cannot tell from it
+    its port or at one that the sensors cannot tell from it, or the evidence there over the largest
+    at any port, whichever is more
     """
 
     effect: str

@@ -175,7 +175,8 @@ def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Me
         m.probability,
         m.removes,
         at_bounds(model, search.settings, m.effect.label),
-        min(1.0, sum(located.shares(rig, group)[group] for group in groups)),
+        # shares are worked out for the leading ports alone: evidence tells of the others
+        max(m.signature.at_port, sum(located.shares(rig, group)[group] for group in groups)),
     )
 
 
