@@ -66,7 +66,7 @@ class TrialFile(Model):
         {}, description="planted family -> answer -> number of visible single faults"
     )
     baselines: MapOf[Rate] = Field({}, description="rates of answers that look at nothing")
-    rig: Text = Field(default="one-dof", description="name of the rig")
+    rig: Text = Field(default="one-dof", description="name of the rig, or of its file")
     cases_sha256: Text = Field("", description="digest of all cases and their labels")
     failures: dict[Text, Text] = Field({}, description="number of a case -> why it failed")
     failed_jobs: ListOf[FailedJob] = Field((), description="cases, or jobs of their diagnosis")
