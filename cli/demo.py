@@ -53,12 +53,14 @@ def command(
     the network. What is withheld is drawn from all that fits its ports, and need not show.
     """
     from pamid.base.run_folder import Run
+    from pamid.model.registry import code_files
     from pamid.replications.demonstration import run_demo
 
     run = Run.create(
         output,
         command=frame.command_line(),
         seed=seed,
+        inputs=code_files(rig, ()),
         overwrite=overwrite,
         options={"jobs": jobs, **({"duration_s": duration} if rig == "one-dof" else {"rig": rig})},
     )

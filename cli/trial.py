@@ -136,6 +136,7 @@ def command(
     """
     from pamid.api.workers import worker_pool
     from pamid.base.json_file import write_json
+    from pamid.model.registry import code_files
     from pamid.trial.calibration import calibration_json, learnt_text, lesson_of
     from pamid.trial.case_runs import CaseSelection, run_trial
     from pamid.trial.figure_table import trial_text
@@ -151,10 +152,11 @@ def command(
     options: dict[str, Any] = {"cases": cases, "only": only}
     if excitation is not None:
         options["excitation"] = str(excitation)
+    inputs = [*code_files(rig, ()), *([] if excitation is None else [excitation])]
     with worker_pool(jobs, cluster) as pool:
         if index is not None:
-            return _share(output, tried, fixed, options, _share_of(index), pool)
-        run = _begun(output, fixed, options, resume)
+            return _share(output, tried, fixed, options, inputs, _share_of(index), pool)
+        run = _begun(output, fixed, options, inputs, resume)
         try:
             with progress_line("trial") as progress:
                 found = run_trial(
@@ -212,6 +214,7 @@ def _share(
     tried: str | OwnMachine,
     fixed: dict[str, Any],
     options: dict[str, Any],
+    inputs: list[Path],
     share: tuple[int, int],
     pool: WorkerPool,
 ) -> frame.Result:
@@ -221,7 +224,7 @@ def _share(
     from pamid.trial.case_runs import CaseSelection, run_cases
     from pamid.trial.scoring import failed_jobs
 
-    _joined(output, fixed, options)
+    _joined(output, fixed, options, inputs)
     number, count = share
     every_case = CaseSelection(
         fixed["part"],
@@ -255,7 +258,9 @@ def _scoring(output: Path, options: dict[str, Any]) -> str:
     return " ".join(["pamid trial", *asked, f"--output {quoted(output)} --resume"])
 
 
-def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume: bool) -> Run:
+def _begun(
+    output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path], resume: bool
+) -> Run:
     """The trial's folder, new or gone on with; FileError if it holds another trial or no trial at
     all."""
     from pamid.base.errors import FileError
@@ -266,6 +271,7 @@ def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume:
             output,
             command=frame.command_line(),
             seed=fixed["seed"],
+            inputs=inputs,
             options={"trial": fixed, **options},
         )
     run = _same(Run.open(output), fixed)
@@ -279,7 +285,9 @@ def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume:
     return run
 
 
-def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run:
+def _joined(
+    output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
+) -> Run:
     """The trial's folder for one of several that begin it at the same time."""
     from pamid.base.errors import FileError
     from pamid.base.run_folder import Run
@@ -292,6 +300,7 @@ def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run
                 output,
                 command=frame.command_line(),
                 seed=fixed["seed"],
+                inputs=inputs,
                 options={"trial": fixed, **options},
             )
             run.finish("shared")

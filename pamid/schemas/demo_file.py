@@ -41,5 +41,7 @@ class DemoOutput(Model):
     causes: ListOf[Cause] = Field(description="as in diagnosis.json")
     parameters: MapOf[Estimate] = Field(description="those that were off, by name with unit")
     how_far: MapOf[Reach] = Field(description="as in diagnosis.json, by channel")
-    network: MapOf[ChannelErrors] | None = Field(description="as `mae` in network.json")
+    network: MapOf[ChannelErrors] | None = Field(
+        description="as `mae` in network.json; null on another rig than one-dof"
+    )
     page: Text = Field(description="path of the report")

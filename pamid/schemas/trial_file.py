@@ -70,7 +70,7 @@ class TrialFile(Model):
         description="gate -> number of visible pairs of faults of which it lost one",
     )
     baselines: MapOf[Rate] = Field({}, description="rates of answers that look at nothing")
-    rig: Text = Field(default="one-dof", description="name of the rig")
+    rig: Text = Field(default="one-dof", description="name of the rig, or of its file")
     cases_sha256: Text = Field("", description="digest of all cases and their labels")
     failures: dict[Text, Text] = Field({}, description="number of a case -> why it failed")
     failed_jobs: ListOf[FailedJob] = Field((), description="cases, or jobs of their diagnosis")

@@ -23,12 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, UsageError, nearest
+from pamid.base.files import sha256_of
 from pamid.base.trust import is_code
 from pamid.base.units import split_column, to_si
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Bound, Sizes
-from pamid.model.registry import in_catalogue, name_of, rig_named
+from pamid.model.registry import code_files, in_catalogue, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.parallel.result_store import digest
@@ -181,9 +182,10 @@ def machine_of(rig: str | Rig, excitation: Recording | None = None) -> OwnMachin
     """A machine made of a rig; errors as of `machine_given`."""
     made, about = rig_named(rig), name_of(rig)
     sent = [] if excitation is None else [dict(excitation.columns), dict(excitation.known)]
-    return OwnMachine(
-        made, Path(about).name if is_code(about) else about, excitation, digest(made, *sent)
-    )
+    # the file as it stands: of a class a process digests the file once
+    files = [sha256_of(file) for file in code_files(rig, ())]
+    name = Path(about).name if is_code(about) else about
+    return OwnMachine(made, name, excitation, digest(made, *files, *sent))
 
 
 @dataclass(frozen=True, eq=False)
