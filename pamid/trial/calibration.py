@@ -3,8 +3,9 @@
 The probabilities are those of Platt's calibration (1999, Advances in Large Margin Classifiers),
 with several features in the place of one score: logistic regression with a ridge penalty, which
 keeps the weights finite where the cases can be separated without error (le Cessie and van
-Houwelingen 1992, Applied Statistics 41:191). From which probability on an answer is given (`yes`)
-follows from the rates of error that are allowed below. Only the statistics and labels of
+Houwelingen 1992, Applied Statistics 41:191). A cause is named where it is more probable
+than not; from which probability on what is left counts as real follows from the rate of false
+alarms that is allowed below. Only the statistics and labels of
 calibration parts are used, of any number of machines; test parts stay unseen.
 """
 
@@ -53,7 +54,7 @@ LOOKS_AT = {
     "further": ("of_left", "sure"),
 }
 FALSE_ALARMS = 0.02  # of models that leave nothing but noise and tolerances: figure_table.py
-EVEN_ODDS = 0.5  # what is less probable than not is no cause
+EVEN_ODDS = 0.5  # what is less probable than not is not named
 FAMILIES = 3  # leading families of a ranking from which it is learnt what no cause looks like
 COVERAGE = 0.95  # of the intervals of the shrinkage
 
@@ -125,7 +126,7 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
     silent += [0.0] * sum(not m.truth and not _grounds(m) for k in lessons for m in k.cases)
     yes = {
         "missing": _reached_by(silent),
-        "cause": max(EVEN_ODDS, _reached_by(_named_in_vain(lessons, lines["cause"]))),
+        "cause": EVEN_ODDS,
         "further": _most_right(examples["further"], lines["further"]),
     }
     digests = "".join(k.digest for k in lessons)
@@ -262,16 +263,6 @@ def _further_in(m: Marked) -> list[tuple[Features, bool]]:
     planted = {t["family"] for t in m.truth} if m.stratum in ("single", "double") else set()
     steps = m.found.get("further") or ()
     return [(ForwardStep(**one).features(), one["family"] in planted) for one in steps]
-
-
-def _named_in_vain(lessons: Sequence[Lesson], line: Line) -> list[float]:
-    """The largest probability of any effect in every case in which nothing was planted."""
-    return [
-        max((line.probability(f) for f, _ in _causes_in(m)), default=0.0)
-        for k in lessons
-        for m in k.cases
-        if not m.truth
-    ]
 
 
 def _reached_by(wrong: Sequence[float]) -> float:
