@@ -79,7 +79,8 @@ class Weighed:
 class Decision:
     """verdict; named: effects that it names; gap, remainder: probabilities that what the refitted
     model and the best one leave is more than noise and tolerances, with the p-values of the
-    opposite; known: probability that one of those named is right, or of the best where none is."""
+    opposite, and whether it counts as more; known: probability that one of those named is right, or
+    of the best where none is."""
 
     verdict: str
     named: tuple[str, ...]
@@ -88,17 +89,14 @@ class Decision:
     gap_p_value: float
     remainder_p_value: float
     known: float
+    gap_real: bool = True
+    remainder_real: bool = True
     why: str = ""  # of cannot-tell
 
     @property
     def left_over(self) -> bool:
         """Is more than noise and tolerances left, with the causes or because there is none?"""
         return self.verdict == "unknown-effect" or (bool(self.named) and self.remainder_real)
-
-    @property
-    def remainder_real(self) -> bool:
-        """Is what remains more than noise and tolerances?"""
-        return self.remainder >= calibration().lines["missing"].yes
 
 
 def at_noise_floor(budget: Budget, seed: int) -> bool:
@@ -149,6 +147,14 @@ def is_confirmed(
     return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
 
 
+def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
+    """Is what a model leaves more than noise and tolerances? Nothing at the noise floor is; above
+    it the line decides, which may not overrule plain evidence."""
+    beyond = left.floors >= 1.0 + settings.gap_margin
+    probable = probability >= calibration().lines["missing"].yes
+    return beyond and (probable or left.missing >= settings.plain_missing)
+
+
 def decide(
     before: LeftOver,
     after: LeftOver,
@@ -163,7 +169,8 @@ def decide(
     be said of the model whatever the figures are ("" where there is no such reason)."""
     c = calibration()
     gap, rest = (c.lines["missing"].probability(m.features()) for m in (before, after))
-    yes, real = c.lines["cause"].yes, c.lines["missing"].yes
+    yes = c.lines["cause"].yes
+    gap_real, rest_real = (is_real(p, m, settings) for p, m in ((gap, before), (rest, after)))
     fit = [w for w in weighed if not w.objections(settings)]
     named = [w for w in fit if w.probability >= yes]
     one_of = [w for w in tied if not w.objections(settings)]
@@ -175,9 +182,9 @@ def decide(
     elif len({w.family for w in one_of}) > 1 and together >= yes:
         verdict, named, known = "ambiguous", one_of, together
     elif named:
-        verdict = "partly-explained" if rest >= real else "explained"
+        verdict = "partly-explained" if rest_real else "explained"
         known = max(w.probability for w in named)
-    elif gap >= real:
+    elif gap_real:
         # probable enough, and lost to the width of an interval alone: more data would tell
         unsure = [w for w in weighed if w.probability >= yes and w.removes.low <= 0.0]
         verdict = "cannot-tell" if unsure else "unknown-effect"
@@ -192,5 +199,7 @@ def decide(
         c.p_value(gap),
         c.p_value(rest),
         known,
+        gap_real,
+        rest_real,
         why,
     )

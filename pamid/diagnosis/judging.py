@@ -24,6 +24,7 @@ from pamid.diagnosis.signature import Signature, alone, cause_probability, signa
 from pamid.diagnosis.verdict_grounds import VerdictStatistics, verdict_statistics
 from pamid.estimation.restart import escape_local_minimum
 from pamid.model.attachment import Attachment
+from pamid.model.isolability import isolability
 from pamid.simulation.data_split import DataSplit
 
 
@@ -83,49 +84,86 @@ def judge(
     units = scale_doubt(search.evidence, base, best, settings)
     empty = explains_nothing(search.budget, best, search.seed)
     doubt = "units" if units else "empty" if empty else ""
-    while True:
-        grounds = verdict_statistics(
-            search.budget, search.chosen, ranking, best, located, after, search.seed
-        )
-        alike = indistinguishable_from_first(search, ranking, classes)
-        halves = crossed(search, ranking, best, alike, classes)
-        tied = tuple(
-            (c, _member(search, c.attached[0], c, base, s, halves))
-            for c, s in zip(ranking, signatures, strict=True)
-            if c in alike or (halves and not halves.steady and c is halves.other)
-        )
-        members = _members(search, ranking, signatures, best, located, halves)
-        decision = decide(
-            grounds.before,
-            grounds.after(found.forward_steps),
-            [_weighed(search, located, best, m) for m in members],
-            [_weighed(search, located, c, m) for c, m in _of_families(tied, best)],
-            doubt=doubt,
-            settings=settings,
-        )
-        if len(members) == 1 or not 0 < len(decision.named) < len(members):
-            break
-        # what may not be named does not stay in the model that the figures are of
-        kept = tuple(a for a in best.attached if a.label in decision.named)
-        best = _alone_or_refitted(search, ranking, kept, best)
+    compared = _Compared(ranking, signatures, classes, located, found.forward_steps, doubt)
+    weighed = _weighed_up(search, compared, best, after)
+    named = weighed.decision.named
+    if 0 < len(named) < len(weighed.members) and weighed.decision.verdict != "ambiguous":
+        # what may not be named does not stay in the model that the figures are of, unless the rest
+        # is nothing without it
+        kept = tuple(a for a in best.attached if a.label in named)
+        smaller = _alone_or_refitted(search, ranking, kept, best)
         leaders = [k[0] for k in located.classes]
-        after = locate(search.evidence, best, search.pool, leaders, settings=settings)
+        beside = locate(search.evidence, smaller, search.pool, leaders, settings=settings)
+        again = _weighed_up(search, compared, smaller, beside)
+        weighed = again if again.decision.named else weighed
     return Judged(
-        decision,
-        grounds,
+        weighed.decision,
+        weighed.grounds,
         ranking,
         signatures,
         tuple(cause_probability(s) for s in signatures),
-        best,
-        members,
-        after,
-        tied,
-        halves,
+        weighed.best,
+        weighed.members,
+        weighed.after,
+        weighed.tied,
+        weighed.halves,
         tuple(tuple(k) for k in classes),
         found.forward_steps,
         empty,
         units,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """What every verdict on a best model is weighed against."""
+
+    ranking: tuple[CandidateModel, ...]
+    signatures: tuple[Signature, ...]
+    classes: list[list[str]]
+    located: PortEvidence
+    forward_steps: tuple[ForwardStep, ...]
+    doubt: str
+
+
+@dataclass(frozen=True, eq=False)
+class _WeighedUp:
+    """A best model with what is made of it."""
+
+    best: CandidateModel
+    after: PortEvidence
+    grounds: VerdictStatistics
+    halves: Crossed | None
+    tied: tuple[Tied, ...]
+    members: tuple[Member, ...]
+    decision: Decision
+
+
+def _weighed_up(
+    search: Search, c: _Compared, best: CandidateModel, after: PortEvidence
+) -> _WeighedUp:
+    """Grounds, members and verdict of a best model; after: where something is missing beside it."""
+    base = search.budget.baseline
+    grounds = verdict_statistics(
+        search.budget, search.chosen, c.ranking, best, c.located, after, search.seed
+    )
+    alike = indistinguishable_from_first(search, c.ranking, c.classes)
+    halves = crossed(search, c.ranking, best, alike, c.classes)
+    tied = tuple(
+        (one, _member(search, one.attached[0], one, base, own, halves))
+        for one, own in zip(c.ranking, c.signatures, strict=True)
+        if one in alike or (halves and not halves.steady and one is halves.other)
+    )
+    members = _members(search, c.ranking, c.signatures, best, c.located, halves)
+    decision = decide(
+        grounds.before,
+        grounds.after(c.forward_steps),
+        [_weighed(search, c.located, best, m) for m in members],
+        [_weighed(search, c.located, one, m) for one, m in _of_families(tied, best)],
+        doubt=c.doubt,
+        settings=search.settings,
+    )
+    return _WeighedUp(best, after, grounds, halves, tied, members, decision)
 
 
 def _members(
@@ -168,7 +206,10 @@ def _member(
 
 def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Member) -> Weighed:
     rig = search.evidence.rig
-    groups = {rig.group_of(port) for port in m.effect.ports}
+    own = {rig.group_of(port) for port in m.effect.ports}
+    alike = isolability(rig, search.evidence.channels).groups
+    together = own.union(*(group for group in alike if own & set(group)))
+    shares = located.shares(rig, *own)
     return Weighed(
         m.effect.label,
         m.effect.family(rig),
@@ -176,7 +217,7 @@ def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Me
         m.removes,
         at_bounds(model, search.settings, m.effect.label),
         # shares are worked out for the leading ports alone: evidence tells of the others
-        max(m.signature.at_port, sum(located.shares(rig, group)[group] for group in groups)),
+        max(m.signature.at_port, sum(shares[group] for group in together)),
     )
 
 

@@ -55,16 +55,16 @@ class Settings:
         0.02, "share of the error", "what a cause has to remove to be named at all"
     )
     unbacked_probability: float = setting(
-        0.5,
-        "probability",
-        "most that is given to a cause where the other half of what is held out chooses another",
-        "even odds: two halves of one recording that disagree say no more",
+        0.5, "probability", "most of a cause where the other half of the windows chooses another"
+    )
+    plain_missing: float = setting(
+        200.0,
+        "nats per sample",
+        "so much latent evidence is more than tolerances, whatever the line says",
+        "the most of 40 machines with tolerances alone: 59 (`pamid trial --part calibration`)",
     )
     port_negligible: float = setting(
-        0.01,
-        "share of the gap",
-        "a cause whose port, with the ports that the sensors cannot tell from it, carries less is "
-        "not named",
+        0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"
     )
     black_box_samples: int = setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST

@@ -13,7 +13,7 @@ from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.consistency import CONTRADICTS, inconsistencies, unnamed
 from pamid.diagnosis.decision import Share
-from pamid.diagnosis.judgement import calibration, forecast_interval
+from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes
@@ -264,7 +264,7 @@ def _remainder(
         else (j.decision.gap, j.decision.gap_p_value)
     )
     # of recordings that do not suffice, too: what they leave is there, only not its cause
-    unsure = d.verdict == "cannot-tell" and chance >= calibration().lines["missing"].yes
+    unsure = d.verdict == "cannot-tell" and j.decision.gap_real
     described = unknown if unknown and left_over(d) else {}
     at = described.get("port", "")
     port = at if d.cause else leading
