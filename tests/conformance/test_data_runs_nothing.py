@@ -342,6 +342,11 @@ def _simulate(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> Non
     )
 
 
+@reads("power")
+def _power(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
+    recordings(trap, capsys, made, ("power", "--excitation", "rec.csv", "--jobs", "1"))
+
+
 @reads("fit")
 def _fit(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     recordings(trap, capsys, made, ("fit", "rec.csv", "--output", "out"))

