@@ -98,7 +98,8 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
 
 
 def _where(found: DiagnosisFile) -> Iterator[str]:
-    """The port that is named is the first cause's, or the one with the largest share."""
+    """The port that is named is the first cause's, or the one with the largest share, or one that
+    the sensors cannot tell from it."""
     where, rest = found.where, found.remainder
     if where is None or not where.ports:
         return
@@ -107,7 +108,8 @@ def _where(found: DiagnosisFile) -> Iterator[str]:
             yield f"the gap is said to enter at {where.port}, where no cause acts"
         return
     largest = max(one.share for one in where.ports)
-    own = sum(one.share for one in where.ports if one.port == where.port)
+    together = {where.port}.union(*(g for g in where.indistinguishable if where.port in g))
+    own = max((one.share for one in where.ports if one.port in together), default=0.0)
     if own < largest * (1.0 - 1e-9):
         yield f"the gap is said to enter at {where.port}, and more of it enters elsewhere"
     if rest is not None and rest.port not in ("", where.port):

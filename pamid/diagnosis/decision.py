@@ -152,7 +152,8 @@ def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     it the line decides, which may not overrule plain evidence."""
     beyond = left.floors >= 1.0 + settings.gap_margin
     probable = probability >= calibration().lines["missing"].yes
-    return beyond and (probable or left.missing >= settings.plain_missing)
+    plain = settings.plain_beside if left.beside_tolerances else settings.plain_missing
+    return beyond and (probable or left.missing >= plain)
 
 
 def decide(

@@ -58,10 +58,13 @@ class Settings:
         0.5, "probability", "most of a cause where the other half of the windows chooses another"
     )
     plain_missing: float = setting(
-        200.0,
+        300.0,
         "nats per sample",
         "so much latent evidence is more than tolerances, whatever the line says",
-        "the most of 40 machines with tolerances alone: 59 (`pamid trial --part calibration`)",
+        "machines with tolerances alone left 229 at most (`pamid trial --part calibration`)",
+    )
+    plain_beside: float = setting(
+        10.0, "nats per sample", "the same of a rig with a background", "there the most was 4.6"
     )
     port_negligible: float = setting(
         0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"

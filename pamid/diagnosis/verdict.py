@@ -46,7 +46,7 @@ def diagnosis_file(
     altogether where none is named (`pamid.diagnosis.unknown`)."""
     shares = _where_shares(d)
     causes = _causes(d)
-    port = _leading_port(shares, causes, unknown)
+    port = _leading_port(d, shares, causes, unknown)
     found = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
@@ -143,18 +143,22 @@ def _where(d: Diagnosis, port: str, shares: tuple[result.PortShare, ...]) -> res
 
 
 def _leading_port(
+    d: Diagnosis,
     shares: tuple[result.PortShare, ...],
     causes: tuple[result.Cause, ...],
     unknown: dict[str, Any] | None,
 ) -> str:
     """The port of the cause that removes most, which carries most of the gap among those that the
     sensors cannot tell from it; without a cause the one with the largest share, of several with the
-    same the one whose signals describe best what is missing."""
+    same, or that the sensors cannot tell from it, the one whose signals describe best what is
+    missing."""
     if causes:
         return causes[0].port
     largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
+    groups = isolability(d.evidence.rig, d.evidence.channels).groups
+    alike = {port for group in groups if shares[0].port in group for port in group}
     described = (unknown or {}).get("port", "")
-    return described if described in largest else largest[0]
+    return described if described in alike.union(largest) else largest[0]
 
 
 def family_forms(d: Diagnosis) -> tuple[result.FamilyForm, ...]:

@@ -28,6 +28,7 @@ class LeftOver:
     missing: float  # latent evidence, nats per sample
     next_sure: float  # gain of the next effect, in standard errors; 0 where none was worth a try
     next_removes: float  # share of the error, or of what is left, that it removes
+    beside_tolerances: bool = False  # has the model a background, which takes these up?
 
     def features(self) -> dict[str, float]:
         """As the logistic function takes them: ratios in decades, within the range of the trial."""
@@ -72,7 +73,9 @@ class VerdictStatistics:
     @property
     def before(self) -> LeftOver:
         """Of the refitted model."""
-        return LeftOver(self.visible, self.of_signal, self.missing, self.sure, self.shrinkage)
+        return LeftOver(
+            self.visible, self.of_signal, self.missing, self.sure, self.shrinkage, self.pull > 0.0
+        )
 
     def after(self, steps: Sequence[ForwardStep]) -> LeftOver:
         """Of the best model; steps: the effects that were tried beside those found."""
@@ -83,6 +86,7 @@ class VerdictStatistics:
             self.unexplained,
             next_one.sure if next_one else 0.0,
             next_one.of_left if next_one else 0.0,
+            self.pull > 0.0,
         )
 
 

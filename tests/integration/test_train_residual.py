@@ -95,8 +95,8 @@ def without_loop(folder: Path) -> None:
 
 def test_the_first_papers_network(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
     folder = run()
-    # ten seconds teach a network little: from seeds 0 to 5 it leaves 45 to 89 %, from this one least
-    assert train(folder, "--iterations", "40", "--seed", "1", "--json") == 0
+    # ten seconds teach a network little: from seeds 0 to 5 it leaves 45 to 89 %
+    assert train(folder, "--iterations", "40", "--seed", "2", "--json") == 0
     found = said(capsys)
     assert found == read_json(folder / "network.json")
     assert (found["kind"], found["n_weights"], found["model"]) == ("elman", 171, "loop")

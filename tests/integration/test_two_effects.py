@@ -28,6 +28,11 @@ def found_with(folder: Path, *planted: str, settings: Settings = DEFAULT) -> Dia
     return diagnose(cart_evidence(record_cart(folder, planted)), catalogue, settings=settings)
 
 
+def steps_of(d: Diagnosis) -> tuple[ForwardStep, ...]:
+    assert d.judged is not None
+    return d.judged.forward_steps
+
+
 def named(d: Diagnosis) -> set[str]:
     return {c.effect for c in diagnosis_file(d, None, 0).causes}
 
@@ -41,7 +46,7 @@ def test_a_pair_without_a_first_effect_to_build_on(subsets: int, tmp_path: Path)
     assert d.verdict == "explained" and named(d) == set(LATE_AND_RUBBING)
     friction = d.singles["coulomb-friction"]
     assert d.budget.shrinkage(friction.absolutes, d.chosen) < d.settings.worth
-    step = d.forward_steps[0]
+    step = steps_of(d)[0]
     assert {"sensor-dynamics", "friction"} == set(step.tried[0])
     assert step.removed > 1.0, "beside the first it removes more than the gap"
 
@@ -51,7 +56,7 @@ def test_a_slight_one_beside_a_plain_one(tmp_path: Path) -> None:
     missing beside the delay."""
     d = found_with(tmp_path, "coulomb-friction:force_n=0.05", "dead-time")
     assert named(d) == set(LATE_AND_RUBBING)
-    assert "friction" in d.forward_steps[0].closed
+    assert "friction" in steps_of(d)[0].closed
 
 
 @pytest.mark.parametrize("planted", ["dead-time", "quadratic-drag"])

@@ -16,7 +16,7 @@ import pamid.diagnosis.decision as decision
 from pamid.base.errors import DataError
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.decision import Share, Weighed, decide, gap_share
+from pamid.diagnosis.decision import Share, Weighed, decide, gap_share, is_real
 from pamid.diagnosis.forward_selection import ForwardStep
 from pamid.diagnosis.judgement import (
     QUESTIONS,
@@ -25,6 +25,7 @@ from pamid.diagnosis.judgement import (
     calibration,
     forecast_interval,
 )
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.verdict_grounds import LeftOver, VerdictStatistics
 from pamid.trial.calibration import calibration_json, lesson
@@ -387,3 +388,11 @@ def test_the_shipped_calibration_names_its_cases() -> None:
     )
     assert all(0.0 < line.yes < 1.0 for line in c.lines.values())
     assert list(c.silent) == sorted(c.silent) and c.spread >= 0.0
+
+
+def test_plain_evidence_is_not_overruled_and_nothing_at_the_floor_is_real() -> None:
+    """A line that says no to everything: only what no tolerance leaves is a gap."""
+    rough = LeftOver(floors=12.0, of_signal=0.01, missing=59.0, next_sure=0.0, next_removes=0.0)
+    plain = replace(rough, missing=2.0 * DEFAULT.plain_missing)
+    assert not is_real(0.0, rough, DEFAULT) and is_real(0.0, plain, DEFAULT)
+    assert not is_real(1.0, replace(plain, floors=1.05), DEFAULT)
