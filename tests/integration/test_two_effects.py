@@ -102,7 +102,7 @@ def weighed(
     """A second effect weighed that gains so much in log loss, beside one of another family that
     gains `other`, each with this standard error; the logistic line says no."""
     draws = spread * np.where(np.arange(1000) % 2, 1.0, -1.0)
-    of = {"first": 0.0 * draws, "second": -gain + draws, "third": -other - draws}
+    of = {"first": 0.0 * draws, "second": -gain + draws, "third": -other + 0.0 * draws}
     search: Any = SimpleNamespace(
         settings=settings,
         family=lambda a: a.family(None),
