@@ -99,18 +99,17 @@ def select_forward(
     chosen = search.settings
     best, steps = with_finer_steps(search, ranking[0]), list[ForwardStep]()
     responses: ScreenedResponses | None = None
-    been: dict[frozenset[str], PortEvidence] = {}
+    exchanged = False  # was an effect that had been added dropped for another?
     while True:
         search.progress(f"looking where something is missing beside {best.label}")
         leaders = [k[0] for k in located.classes]
         after = locate(search.evidence, best, search.pool, leaders, settings=chosen)
-        been[_labels(best)] = after
         # too little to look into: a share of what was missing at first, within fixed bounds
         little = max(
             min(chosen.further_share * located.most, chosen.further_always * best.samples),
             chosen.further_never * best.samples,
         )
-        if len(best.attached) == chosen.effects_most or after.most < little:
+        if exchanged or len(best.attached) == chosen.effects_most or after.most < little:
             break
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
@@ -121,11 +120,12 @@ def select_forward(
         if not steps[-1].taken:
             break
         known = {_labels(c) for c in larger}
+        before = len(best.attached)
         best = _best_first(search, ranking, _backward_check(search, larger[0]), known)
         best = with_finer_steps(search, best)
-        if _labels(best) in been:  # what was added was dropped again
-            break
-    return ForwardSelection(best, been[_labels(best)], tuple(steps))
+        # one effect for another is the end: where any of them will do, exchanges go on and on
+        exchanged = len(best.attached) <= before
+    return ForwardSelection(best, after, tuple(steps))
 
 
 def _labels(c: CandidateModel) -> frozenset[str]:
@@ -226,8 +226,8 @@ def _weighed(
     )
     line = calibration().lines["further"]
     probability = line.probability(found.features())
-    # one of several families that do as well would be named by chance
-    plain = found.sure >= chosen.further_sure and found.margin >= chosen.tie_errors
+    # where another family does nearly as well, what is left is certain, but not whose it is
+    plain = found.sure >= chosen.further_sure and found.margin >= chosen.simpler_errors
     backed = probability >= line.yes or plain
     taken = backed and found.removed >= chosen.further_least
     return replace(found, probability=probability, taken=taken)

@@ -107,7 +107,7 @@ def weighed(
     """A second effect weighed that gains so much in log loss, beside one of another family that
     gains `other`, each with this standard error; the logistic line says no."""
     draws = spread * np.where(np.arange(1000) % 2, 1.0, -1.0)
-    of = {"first": 0.0 * draws, "second": -gain + draws, "third": -other - draws}
+    of = {"first": 0.0 * draws, "second": -gain + draws, "third": -other + 0.0 * draws}
     search: Any = SimpleNamespace(
         settings=settings,
         family=lambda a: a.family(None),
@@ -141,3 +141,33 @@ def test_what_removes_next_to_nothing_is_not_taken_however_sure(
 
 def test_one_of_two_that_do_as_well_is_left_to_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not weighed(monkeypatch, gain=1.19, other=1.1).taken
+
+
+def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where any second effect will do, and the first is dropped for it again and again, the search
+    would never end."""
+    names = iter(range(100))
+
+    def dropped(*given: Any) -> Any:
+        return model(f"other {next(names)}", "play", 0.3)
+
+    step = SimpleNamespace(taken=True)
+    evidence: Any = SimpleNamespace(most=1e9, classes=(("guide",),))
+    for name, stand_in in {
+        "with_finer_steps": lambda search, c: c,
+        "locate": lambda *given, **how: evidence,
+        "responses_of": lambda *given: None,
+        "_larger": lambda *given: ([dropped()], ()),
+        "_weighed": lambda *given: step,
+        "_backward_check": dropped,
+        "_best_first": lambda search, ranking, best, known: best,
+    }.items():
+        monkeypatch.setattr(forward_selection, name, stand_in)
+    search: Any = SimpleNamespace(
+        settings=DEFAULT, evidence=None, pool=None, progress=lambda text: None
+    )
+    first: Any = SimpleNamespace(reference=None, screened=[])
+    found = forward_selection.select_forward(
+        search, (model("first", "friction", 0.4),), evidence, first
+    )
+    assert found.forward_steps == (step,) and found.best.label.startswith("other")
