@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pamid.base.share_words import chance_text, percent_text, percents_text
+from pamid.diagnosis.settings import DEFAULT
 from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if found.verdict == "no-structural-gap":
         return (
             "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was "
-            "found."
+            f"found.{_tolerated(rest)}"
         )
     if found.verdict == "unknown-effect":
         port = found.where.port if found.where else ""
@@ -123,6 +124,17 @@ def weight_of(rest: Remainder) -> str:
             f"; of 100 machines on which nothing is missing, {often} would leave as much or more"
         )
     return text
+
+
+def _tolerated(rest: Remainder | None) -> str:
+    """How much tolerances are made to answer for, where it is plainly more than noise; begins with
+    a space."""
+    if rest is None or rest.floors is None or rest.floors < DEFAULT.naive_near_floor:
+        return ""
+    return (
+        f" What is left, {rest.floors:.2g} times the noise floor, machines leave as well on which "
+        "nothing is missing."
+    )
 
 
 def _entering(rest: Remainder, spelling: Spelling) -> str:

@@ -241,7 +241,7 @@ def test_a_withheld_effect_keeps_its_family() -> None:
 
 def test_what_is_no_function_of_the_signals_has_no_family() -> None:
     """A force from outside, which depends on the time alone."""
-    d = diagnose(recorded("external-vibration"), {"offset": effects()["offset"]})
+    d = diagnose(recorded("external-vibration:sine_value=3"), {"offset": effects()["offset"]})
     assert d.verdict == "unknown-effect" and d.free_forms == ()
 
 
