@@ -64,6 +64,12 @@ class Judged:
     empty: bool  # the best model predicts no better than a guess without a model
     units: dict[str, Any] | None  # why units and signs are in doubt
 
+    @property
+    def named(self) -> tuple[Member, ...]:
+        """Effects of the best model that the verdict names: all of them, unless one of them is
+        nothing without another that may not be named."""
+        return tuple(m for m in self.members if m.effect.label in self.decision.named)
+
 
 def judge(
     search: Search, located: PortEvidence, screened: Round, models: list[CandidateModel]

@@ -68,9 +68,18 @@ class Diagnosis:
 
     @property
     def removed(self) -> Share | None:
-        """Share of the gap that the causes remove together."""
-        if self.cause is None:
+        """Share of the gap that the causes remove together; beside an effect that is not named,
+        what each removes."""
+        if self.cause is None or self.judged is None:
             return None
+        named = [m.removes for m in self.judged.named]
+        if 0 < len(named) < len(self.judged.members):
+            sums = (
+                sum(s.share for s in named),
+                sum(s.low for s in named),
+                sum(s.high for s in named),
+            )
+            return Share(*(min(x, 1.0) for x in sums))
         left, rows = self.reported(self.cause)
         return gap_share(self.budget, self.budget.baseline.absolutes, left, rows, self.seed)
 

@@ -205,8 +205,8 @@ def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
     if d.verdict == "ambiguous":
         tied = [one for one in j.tied if one[1].effect.label in j.decision.named]
         return tuple(_cause(c, m, 1.0 / len(tied)) for c, m in tied)
-    shares = _cause_shares(d, [m.effect.label for m in j.members])
-    ordered = sorted(j.members, key=lambda m: -shares[m.effect.label])
+    shares = _cause_shares(d, [m.effect.label for m in j.named])
+    ordered = sorted(j.named, key=lambda m: -shares[m.effect.label])
     return tuple(_cause(d.cause, m, shares[m.effect.label]) for m in ordered)
 
 
