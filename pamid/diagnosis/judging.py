@@ -183,8 +183,10 @@ def _members(
     """The effects of the best model, each beside the others."""
     base = search.budget.baseline
     if len(best.attached) == 1:
-        place = next(i for i, c in enumerate(ranking) if c.label == best.label)
-        return (_member(search, best.attached[0], best, base, signatures[place], halves),)
+        # what was found beside another may never have been refitted alone
+        known = (own for c, own in zip(ranking, signatures, strict=True) if c.label == best.label)
+        own = next(known, None) or alone(search, (best, *ranking), located)[0]
+        return (_member(search, best.attached[0], best, base, own, halves),)
     found = []
     for a in best.attached:
         others = tuple(k for k in best.attached if k is not a)

@@ -19,6 +19,7 @@ from pamid.api.given import evidence_of
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.family_forms import FreeForm, _span, free_forms, reached_at
+from pamid.diagnosis.judging import _members
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.diagnosis.tournament import Diagnosis, diagnose
@@ -306,3 +307,18 @@ def test_a_form_needs_something_to_be_drawn_over() -> None:
     left = {a.effect.name for a in forms if _span(a, d.evidence.rig, known) is not None}
     assert "free-friction" in left and "free-map" in left
     assert not {"free-position-force", "free-hysteresis"} & left
+
+
+def test_an_effect_that_was_never_refitted_alone_is_weighed_nevertheless() -> None:
+    """Found beside another and left without it, it is in no ranking of single effects."""
+    names = ("coulomb-friction", "viscous-friction", "offset")
+    d = diagnose(recorded("coulomb-friction"), {name: effects()[name] for name in names})
+    assert d.judged is not None and d.located is not None
+    best, others = d.judged.best, [c for c in d.ranking if c.label != d.judged.best.label]
+    kept = tuple(
+        own for c, own in zip(d.ranking, d.judged.signatures, strict=True) if c.label != best.label
+    )
+    (found,) = _members(search_of(d), tuple(others), kept, best, d.located, None)
+    (known,) = d.judged.members
+    assert found.effect.label == known.effect.label == "coulomb-friction"
+    assert found.signature == known.signature
