@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.screening import Screened, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.linear_rows import linear_rows
+from pamid.estimation.linear_rows import linear_rows, orthonormal_span
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -138,7 +138,7 @@ def responses_of(
         base.fit.stepping,
         reference.settings.subset_rows,
     )
-    spanned = _span(np.column_stack([ground.by_parameters, ground.by_starts]))
+    spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
     found = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
     kept = [
         (s, r)
@@ -154,13 +154,6 @@ def responses_of(
         np.concatenate([np.zeros((0, 2)), *(r.room for _, r in kept)]),
         [range(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)],
     )
-
-
-def _span(columns: Array) -> Array:
-    """Orthonormal columns with the same span, to working precision."""
-    sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    u, values, _ = np.linalg.svd(sized, full_matrices=False)
-    return u[:, values > np.sqrt(np.finfo(float).eps) * values[0]]
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class LinearRows:
     """away (m,): what a fit squares and adds up; by_parameters (m, free), in prior spreads;
-    by_starts (m, window starts); the last `free` rows are the data sheet's."""
+    by_starts (m, window starts); channel (m,): of every residual, -1 for joints between windows and
+    for the data sheet, whose `free` rows are the last."""
 
     away: Array
     by_parameters: Array
     by_starts: Array
+    channel: NDArray[np.intp]
 
     @property
     def finite(self) -> bool:
@@ -49,6 +51,7 @@ def linear_rows(
     k, columns = len(free), sum(x.size for x in starts)
     every = max(1, -(-sum(t.y.size for t in problem.tracks) // most))
     blocks, at = list[tuple[Array, Array]](), 0  # residuals, derivatives by everything
+    channel = list[NDArray[np.intp]]()
     for track, x, joint in zip(problem.tracks, starts, continuity, strict=True):
         runner = Runner(problem.assembly, track, stepping, problem.free)
         own, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
@@ -59,19 +62,29 @@ def linear_rows(
             rows = np.zeros((len(r), k + columns))
             rows[:, :k], rows[:, k + at : k + at + n] = A[:, :k], A[:, k : k + n]
             blocks.append((r, rows))
+            channel.append(np.tile(np.arange(track.y.shape[1]), len(r) // track.y.shape[1]))
             if w + 1 < len(windows):
                 inverse, rows = np.sqrt(joint), np.zeros((n, k + columns))
                 end = inverse[:, None] * memory.S[:n, : k + n]
                 rows[:, :k], rows[:, k + at : k + at + n] = -end[:, :k], -end[:, k:]
                 rows[:, k + at + n : k + at + 2 * n] = np.diag(inverse)
                 blocks.append((inverse * (x[w + 1] - memory.x[:n]), rows))
+                channel.append(np.full(n, -1))
             at += n
     sheet = np.eye(k, k + columns)
     away = np.concatenate([*(r for r, _ in blocks), scale.inside(p[free])])
     by = np.concatenate([rows for _, rows in blocks])
     by[:, :k] *= scale.slope(p[free])
     by = np.concatenate([by, sheet])
-    return LinearRows(away, by[:, :k], by[:, k:])
+    channel.append(np.full(k, -1))
+    return LinearRows(away, by[:, :k], by[:, k:], np.concatenate(channel))
+
+
+def orthonormal_span(columns: Array) -> Array:
+    """Orthonormal columns with the same span, to working precision."""
+    sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    u, values, _ = np.linalg.svd(sized, full_matrices=False)
+    return np.asarray(u[:, values > np.sqrt(np.finfo(float).eps) * values.max(initial=0.0)])
 
 
 def _residuals(

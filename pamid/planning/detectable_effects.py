@@ -26,15 +26,16 @@ models.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.candidate_model import transferred
+from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.grey_box import model_with
-from pamid.estimation.linear_rows import LinearRows, linear_rows
+from pamid.estimation.linear_rows import LinearRows, linear_rows, orthonormal_span
 from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
@@ -53,15 +54,15 @@ Array = NDArray[np.float64]
 class PowerSettings:
     """sizes: multiples of an effect's usual size at which the experiment is tried, 1 among them;
     margin: by how much more than the noise floor the error has to be (a diagnosis calls less no
-    gap: `gap_margin`); sure: standard errors below which nothing is said of an effect, nor two told
-    apart; alike: share of an effect that is left where another is taken for it (`alike_share` of
-    the look-alikes); rows: residuals at most, thinned evenly; finer: times that the steps are
-    halved where an effect is too stiff."""
+    gap); sure: standard errors below which nothing is said of an effect, nor two told apart; alike:
+    share of an effect that is left where another is taken for it, as of look-alikes; rows:
+    residuals at most, thinned evenly; finer: times that the steps are halved where an effect is too
+    stiff."""
 
     sizes: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
-    margin: float = 0.10
+    margin: float = DEFAULT.gap_margin
     sure: float = 3.0
-    alike: float = 0.25
+    alike: float = DEFAULT.alike_share
     rows: int = 6000
     finer: int = 3
 
@@ -151,42 +152,42 @@ def experiment_power(
     assembly = model_with(evidence, (), sizes)
     tracks = evidence.tracks(assembly)
     base = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
-    work = _Responding(evidence, base, sizes, settings)
+    ground = linearised(evidence, base, assembly, base.p, settings)
+    work = _Responding(evidence, base, sizes, settings, ground.away)
     candidates = attachments(evidence.rig, catalogue.values())
     found = pool.run(work, candidates, progress)
     responses = {
-        a.label: r for a, r in zip(candidates, found, strict=True) if not isinstance(r, Failed)
+        a.label: r.columns
+        for a, r in zip(candidates, found, strict=True)
+        if not isinstance(r, Failed)
     }
     progress("comparing effects")
-    ground = work.rows(assembly, base.p)
     everything = _Projected.of(ground, np.ones(len(ground.away), bool))
     channels = evidence.channels
-    of = _channel_of_rows(base, ground, settings)
-    own = {c: of == k for k, c in enumerate(channels)}
-    only = {c: _Projected.of(ground, rows | (of < 0)) for c, rows in own.items()}
+    own = {c: ground.channel == k for k, c in enumerate(channels)}
+    only = {c: _Projected.of(ground, rows | (ground.channel < 0)) for c, rows in own.items()}
     samples = {c: float(sum(t.seen[k] * len(t) for t in tracks)) for k, c in enumerate(channels)}
     usual = settings.sizes.index(1.0)
     inner = _inner(everything, responses, usual, len(settings.sizes))
     effects = []
     for a, r in zip(candidates, found, strict=True):
-        about = (
-            a.label,
-            a.family(evidence.rig),
-            a.group(evidence.rig),
-            _amount(evidence, a, sizes),
-        )
-        if isinstance(r, Failed) or a.label not in inner:
-            why = r.why if isinstance(r, Failed) else "the rig with it becomes unstable"
-            effects.append(EffectPower(*about, failed=why))
+        about = (a.label, a.family(evidence.rig), a.group(evidence.rig))
+        if isinstance(r, Failed):
+            effects.append(EffectPower(*about, None, failed=r.why))
             continue
-        tried = [everything(r[:, k]) for k in range(len(settings.sizes))]
+        if a.label not in inner:
+            why = "the rig with it becomes unstable"
+            effects.append(EffectPower(*about, r.amount, failed=why))
+            continue
+        tried = [everything(r.columns[:, k]) for k in range(len(settings.sizes))]
         effects.append(
             EffectPower(
                 *about,
+                r.amount,
                 tuple(float(np.linalg.norm(x)) for x in tried),
                 tuple(max(visibility(x[own[c]], samples[c]) for c in channels) for x in tried),
                 {
-                    c: visibility(q(r[:, usual])[own[c][q.counted]], samples[c])
+                    c: visibility(q(r.columns[:, usual])[own[c][q.counted]], samples[c])
                     for c, q in only.items()
                 },
                 _confused(evidence, candidates, inner, a, settings),
@@ -201,57 +202,68 @@ def visibility(changed: Array, samples: float) -> float:
     return float(np.sqrt(1.0 + changed @ changed / max(samples, 1.0)))
 
 
+def linearised(
+    evidence: DataSplit, base: Fit, assembly: Assembly, p: Array, settings: PowerSettings
+) -> LinearRows:
+    """The rows of a model at p, beside a fit; with finer steps where an effect is too stiff for
+    those of the rig."""
+    tracks = evidence.tracks(assembly)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    stepping = base.stepping
+    for _ in range(settings.finer):
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = linear_rows(
+                problem, p, base.starts, base.weights, base.continuity, stepping, settings.rows
+            )
+        if found.finite:
+            break
+        stepping = stepping.doubled()
+    return found
+
+
 @dataclass(frozen=True, eq=False)
-class _Responding(Work[Attachment, Array]):
-    """What an effect changes in the rows: a column per size, then one per parameter of its own."""
+class _Change:
+    """What an effect changes in the rows, a column per size, then one per parameter of its own."""
+
+    columns: Array
+    amount: Amount | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Responding(Work[Attachment, _Change]):
+    """ground: the rows of the fit."""
 
     what = "response to"
     evidence: DataSplit
     base: Fit
     sizes: Sizes
     settings: PowerSettings
-
-    def rows(self, assembly: Assembly, p: Array) -> LinearRows:
-        """With finer steps where an effect is too stiff for those of the rig."""
-        tracks = self.evidence.tracks(assembly)
-        problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-        b, stepping = self.base, self.base.stepping
-        for _ in range(self.settings.finer):
-            with np.errstate(over="ignore", invalid="ignore"):
-                found = linear_rows(
-                    problem,
-                    p,
-                    b.starts,
-                    b.weights,
-                    b.continuity,
-                    stepping,
-                    self.settings.rows,
-                )
-            if found.finite:
-                break
-            stepping = stepping.doubled()
-        return found
+    ground: Array
 
     def __call__(self, item: Attachment) -> Plain:
         assembly = model_with(self.evidence, (item,), self.sizes)
-        ground = self.rows(self.base.problem.assembly, self.base.p)
         own = [b for b in assembly.parameters if b.owner == item.label]
-        columns, tangents = list[Array](), np.zeros((len(ground.away), 0))
+        columns, tangents = list[Array](), np.zeros((len(self.ground), 0))
         for size in self.settings.sizes:
             p = transferred(assembly, (self.base.problem.assembly, self.base.p))
-            for b in _amounts(own):
-                usual = b.null + size * (b.value - b.null) if b.null is not None else b.value
-                p[assembly.keys[b.key]] = min(max(usual, b.low), b.high)
-            rows = self.rows(assembly, p)
+            for b in own:
+                if b.null is not None:
+                    usual = b.null + size * (b.value - b.null)
+                    p[assembly.keys[b.key]] = min(max(usual, b.low), b.high)
+            rows = linearised(self.evidence, self.base, assembly, p, self.settings)
             kept, mine = _split(rows, assembly, self.base.problem, item.label)
-            columns.append(rows.away[kept] - ground.away)
+            columns.append(rows.away[kept] - self.ground)
             if size == 1.0:
                 tangents = rows.by_parameters[kept][:, mine]
-        return {"columns": np.column_stack([*columns, tangents])}
+        amount = _amount(own)
+        return {
+            "columns": np.column_stack([*columns, tangents]),
+            "amount": asdict(amount) if amount else {},
+        }
 
-    def restored(self, item: Attachment, found: Plain) -> Array:
-        columns: Array = found["columns"]
-        return columns
+    def restored(self, item: Attachment, found: Plain) -> _Change:
+        amount = found["amount"]
+        return _Change(found["columns"], Amount(**amount) if amount else None)
 
     def name(self, item: Attachment) -> str:
         return item.label
@@ -271,16 +283,9 @@ def _split(
     return np.array(kept), mine
 
 
-def _amounts(own: Sequence[Bound]) -> list[Bound]:
-    return [b for b in own if b.null is not None]
-
-
-def _amount(evidence: DataSplit, a: Attachment, sizes: Sizes) -> Amount | None:
+def _amount(own: Sequence[Bound]) -> Amount | None:
     """The first of an effect's parameters at whose null it vanishes."""
-    assembly = model_with(evidence, (a,), sizes)
-    first = next(
-        (b for b in assembly.parameters if b.owner == a.label and b.null is not None), None
-    )
+    first = next((b for b in own if b.null is not None), None)
     return Amount(first.name, first.unit, first.value / first.factor) if first else None
 
 
@@ -294,29 +299,11 @@ class _Projected:
     @classmethod
     def of(cls, ground: LinearRows, counted: NDArray[np.bool_]) -> _Projected:
         columns = np.column_stack([ground.by_parameters, ground.by_starts])[counted]
-        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        u, s, _ = np.linalg.svd(columns / scale, full_matrices=False)
-        return cls(counted, u[:, s > 1e-9 * s[0]] if len(s) else u)
+        return cls(counted, orthonormal_span(columns))
 
     def __call__(self, columns: Array) -> Array:
         own = columns[self.counted]
         return np.asarray(own - self.spanned @ (self.spanned.T @ own))
-
-
-def _channel_of_rows(base: Fit, ground: LinearRows, settings: PowerSettings) -> NDArray[np.intp]:
-    """Channel of every row; -1 for joints between windows and the data sheet."""
-    problem, channels = base.problem, base.problem.tracks[0].y.shape[1]
-    every = max(1, -(-sum(t.y.size for t in problem.tracks) // settings.rows))
-    found = list[NDArray[np.intp]]()
-    for track, starts in zip(problem.tracks, base.starts, strict=True):
-        windows = problem.windows(track)
-        for w, window in enumerate(windows):
-            samples = -(-(window.stop - window.start) // every)
-            found.append(np.tile(np.arange(channels), samples))
-            if w + 1 < len(windows):
-                found.append(np.full(starts.shape[1], -1))
-    found.append(np.full(ground.by_parameters.shape[1], -1))
-    return np.concatenate(found)
 
 
 def _inner(
@@ -329,9 +316,7 @@ def _inner(
         if not np.isfinite(columns).all():
             continue
         own = projected(np.column_stack([columns[:, usual], columns[:, count:]]))
-        scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
-        u, s, _ = np.linalg.svd(own / scale, full_matrices=False)
-        found[label] = own[:, 0], u[:, s > 1e-6 * s[0]]
+        found[label] = own[:, 0], orthonormal_span(own)
     return found
 
 
