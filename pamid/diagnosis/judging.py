@@ -90,7 +90,8 @@ def judge(
     units = scale_doubt(search.evidence, base, best, settings)
     empty = explains_nothing(search.budget, best, search.seed)
     doubt = "units" if units else "empty" if empty else ""
-    compared = _Compared(ranking, signatures, classes, located, found.forward_steps, doubt)
+    groups = isolability(search.evidence.rig, search.evidence.channels).groups
+    compared = _Compared(ranking, signatures, classes, located, found.forward_steps, groups, doubt)
     weighed = _weighed_up(search, compared, best, after)
     named = weighed.decision.named
     if 0 < len(named) < len(weighed.members) and weighed.decision.verdict != "ambiguous":
@@ -129,6 +130,7 @@ class _Compared:
     classes: list[list[str]]
     located: PortEvidence
     forward_steps: tuple[ForwardStep, ...]
+    groups: tuple[tuple[str, ...], ...]  # of ports that the sensors cannot tell apart
     doubt: str
 
 
@@ -164,8 +166,8 @@ def _weighed_up(
     decision = decide(
         grounds.before,
         grounds.after(c.forward_steps),
-        [_weighed(search, c.located, best, m) for m in members],
-        [_weighed(search, c.located, one, m) for one, m in _of_families(tied, best)],
+        [_weighed(search, c, best, m) for m in members],
+        [_weighed(search, c, one, m) for one, m in _of_families(tied, best)],
         doubt=c.doubt,
         settings=search.settings,
     )
@@ -212,12 +214,11 @@ def _member(
     return Member(a, own, min(cause_probability(own), most), removes)
 
 
-def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Member) -> Weighed:
+def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> Weighed:
     rig = search.evidence.rig
     own = {rig.group_of(port) for port in m.effect.ports}
-    alike = isolability(rig, search.evidence.channels).groups
-    together = own.union(*(group for group in alike if own & set(group)))
-    shares = located.shares(rig, *own)
+    together = own.union(*(group for group in c.groups if own & set(group)))
+    shares = c.located.shares(rig, *own)
     return Weighed(
         m.effect.label,
         m.effect.family(rig),

@@ -25,7 +25,7 @@ from pamid.diagnosis.transfer import transfer
 from pamid.diagnosis.unknown import left_over
 from pamid.diagnosis.verdict_words import chance_figure, remark, sentence
 from pamid.estimation.intervals import background_pull, estimates
-from pamid.model.isolability import isolability
+from pamid.model.isolability import Isolability, isolability
 from pamid.schemas import diagnosis_file as result
 from pamid.schemas import grounds
 
@@ -46,7 +46,8 @@ def diagnosis_file(
     altogether where none is named (`pamid.diagnosis.unknown`)."""
     shares = _where_shares(d)
     causes = _causes(d)
-    port = _leading_port(d, shares, causes, unknown)
+    isolable = isolability(d.evidence.rig, d.evidence.channels)
+    port = _leading_port(isolable, shares, causes, unknown)
     found = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
@@ -54,7 +55,7 @@ def diagnosis_file(
         causes=causes,
         remainder=_remainder(d, port, unknown),
         ranking=(*_ranking(d, seed), *(_unfitted(label, why) for label, why in d.failed)),
-        where=_where(d, port, shares),
+        where=_where(d, isolable, port, shares),
         how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
         transfer=tuple(result.Transfer(**one) for one in transfer(d)),
         next_experiment=proposal_result(proposal),
@@ -129,13 +130,15 @@ def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
     }
 
 
-def _where(d: Diagnosis, port: str, shares: tuple[result.PortShare, ...]) -> result.Where:
+def _where(
+    d: Diagnosis, isolable: Isolability, port: str, shares: tuple[result.PortShare, ...]
+) -> result.Where:
     base = d.budget.baseline
     after = list(d.cause.replays) if d.cause else None
     return result.Where(
         port=port,
         ports=shares,
-        **_isolable(d),
+        **_isolable(d, isolable),
         regimes=tuple(regimes(d.evidence, base, d.cause, d.settings)),
         frequency_hz=tuple(frequency_band(list(base.replays), after, d.evidence.noise, d.settings)),
         windows_s=tuple((begin, end) for begin, end in worst_windows(list(base.replays), d.budget)),
@@ -143,7 +146,7 @@ def _where(d: Diagnosis, port: str, shares: tuple[result.PortShare, ...]) -> res
 
 
 def _leading_port(
-    d: Diagnosis,
+    isolable: Isolability,
     shares: tuple[result.PortShare, ...],
     causes: tuple[result.Cause, ...],
     unknown: dict[str, Any] | None,
@@ -155,8 +158,7 @@ def _leading_port(
     if causes:
         return causes[0].port
     largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
-    groups = isolability(d.evidence.rig, d.evidence.channels).groups
-    alike = {port for group in groups if shares[0].port in group for port in group}
+    alike = {port for group in isolable.groups if shares[0].port in group for port in group}
     described = (unknown or {}).get("port", "")
     return described if described in alike.union(largest) else largest[0]
 
@@ -378,10 +380,9 @@ def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
     )
 
 
-def _isolable(d: Diagnosis) -> dict[str, Any]:
+def _isolable(d: Diagnosis, found: Isolability) -> dict[str, Any]:
     """What these sensors cannot separate by structure, what the recordings leave tied, and sensors
     that would help."""
-    found = isolability(d.evidence.rig, d.evidence.channels)
     together = [list(g) for g in found.groups if len(g) > 1]
     port = d.evidence.rig.group_of
     leading = d.located.classes[0] if d.located else ()

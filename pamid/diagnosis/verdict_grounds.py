@@ -94,19 +94,18 @@ def verdict_statistics(
     budget: Budget,
     chosen: NDArray[np.bool_],
     ranking: tuple[CandidateModel, ...],
-    best: CandidateModel | None,
+    best: CandidateModel,
     located: PortEvidence,
     after: PortEvidence,
     seed: int,
 ) -> VerdictStatistics:
-    """What the verdict rests on; where no candidate was refitted, of the baseline alone."""
+    """What the verdict rests on; where no candidate was refitted, the baseline is the best."""
     base, rows = budget.baseline, chosen
     gap = budget.excess(base.absolutes, rows)
     spread, error = spread_of(base.replays), seen_mean(base.absolutes[rows])
-    model = best or base
     first = ranking[0] if ranking else base
     other = next((c for c in ranking if c.family != first.family), base) if ranking else base
-    losses = bootstrap_losses([base, model, first, other], chosen, seed, budget.settings)
+    losses = bootstrap_losses([base, best, first, other], chosen, seed, budget.settings)
     gain, margin = losses[0] - losses[1], losses[3] - losses[2]
     channels = base.squares.shape[1]
     everyone = (
@@ -125,14 +124,14 @@ def verdict_statistics(
         ),
         default=0.0,
     )
-    strains = [e.strain for e in estimates(model.fit) if not e.bound.owner]
+    strains = [e.strain for e in estimates(best.fit) if not e.bound.owner]
     return VerdictStatistics(
         visible=float(np.nanmax(error / seen_mean(budget.floor[rows]))),
         gap=gap,
         of_signal=float(np.nanmax(error / spread)),
-        left=budget.excess(model.absolutes, rows) / gap if gap > 0.0 else 0.0,
+        left=budget.excess(best.absolutes, rows) / gap if gap > 0.0 else 0.0,
         ceiling=budget.excess(budget.black_box, rows) / gap if gap > 0.0 else 0.0,
-        shrinkage=budget.shrinkage(model.absolutes, rows),
+        shrinkage=budget.shrinkage(best.absolutes, rows),
         gain=float(gain.mean()) / channels,
         sure=in_errors(gain),
         helps=float((losses[2] < losses[0]).mean()),
@@ -145,10 +144,8 @@ def verdict_statistics(
         unexplained=after.most / base.samples,
         at_port=here / before if before > 0.0 else 1.0,
         strain=max(strains, default=0.0),
-        pull=max(background_pull(model.fit).values(), default=0.0),
+        pull=max(background_pull(best.fit).values(), default=0.0),
         channels=channels,
-        remaining=float(
-            np.nanmax(seen_mean(model.absolutes[rows]) / seen_mean(budget.floor[rows]))
-        ),
-        remaining_of_signal=float(np.nanmax(seen_mean(model.absolutes[rows]) / spread)),
+        remaining=float(np.nanmax(seen_mean(best.absolutes[rows]) / seen_mean(budget.floor[rows]))),
+        remaining_of_signal=float(np.nanmax(seen_mean(best.absolutes[rows]) / spread)),
     )

@@ -3,10 +3,10 @@
 The probabilities are those of Platt's calibration (1999, Advances in Large Margin Classifiers),
 with several features in the place of one score: logistic regression with a ridge penalty, which
 keeps the weights finite where the cases can be separated without error (le Cessie and van
-Houwelingen 1992, Applied Statistics 41:191). A cause is named where it is more probable
-than not; from which probability on what is left counts as real follows from the rates of error
-that are allowed below. Only the statistics and labels of
-calibration parts are used, of any number of machines; test parts stay unseen.
+Houwelingen 1992, Applied Statistics 41:191). A cause is named where it is more probable than not;
+from which probability on what is left counts as real follows from the rates of error that are
+allowed below. Only the statistics and labels of calibration parts are used, of any number of
+machines; test parts stay unseen.
 """
 
 from __future__ import annotations
