@@ -18,8 +18,10 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
     """True where the model beats no guess in any channel. To explain one it must be better, by the
     margin and with 95 % confidence, than the median of everything scored. Unless it is near the
     noise floor it must also beat the forecasts from the first part of a window, on which its start
-    was estimated: the median of that part, and the line through it."""
+    was estimated: the median of that part, and the line through it. A model without states has no
+    start, so that it has seen nothing of that part: such a forecast would know more than it."""
     margin, near = budget.settings.naive_margin, budget.settings.naive_near_floor
+    started = bool(model.assembly.rig.states)
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
     )
@@ -28,7 +30,7 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
         own, flat = model.absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
         if _better(own, flat, seed, margin) and (
-            own.mean() < near * floor or _better(own, guess, seed, margin)
+            not started or own.mean() < near * floor or _better(own, guess, seed, margin)
         ):
             return False
     return True

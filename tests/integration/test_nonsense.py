@@ -101,16 +101,25 @@ def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -
     assert found["how_far"]["position_m"]["shrinkage"] > 0.5
 
 
-@pytest.mark.parametrize(("error", "nothing"), [(0.02, False), (1.0, True)])
+@pytest.mark.parametrize(
+    ("error", "states", "nothing"),
+    [
+        (0.02, ("position",), False),
+        (1.0, ("position",), True),
+        (0.3, ("position",), True),  # a line through the first part of a window does better ...
+        (0.3, (), False),  # ... knowing that part, which a model without a start does not
+        (1.0, (), True),
+    ],
+)
 def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
-    error: float, nothing: bool
+    error: float, states: tuple[str, ...], nothing: bool
 ) -> None:
     """Two recordings, each of which lacks the sensor of the other."""
     time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
     replays: list[Any] = []
     for has in (0, 1):
         y = np.full((4000, 2), np.nan)
-        y[:, has] = np.sin(7.0 * time)
+        y[:, has] = np.sin(0.7 * time)
         replays.append(
             SimpleNamespace(track=SimpleNamespace(y=y), scored=np.ones(4000, bool), windows=windows)
         )
@@ -119,5 +128,8 @@ def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
     budget: Any = SimpleNamespace(
         floor=np.where(np.isnan(absolutes), np.nan, 0.02), settings=DEFAULT
     )
-    model: Any = SimpleNamespace(absolutes=absolutes, replays=replays)
+    rig = SimpleNamespace(states=states)
+    model: Any = SimpleNamespace(
+        absolutes=absolutes, replays=replays, assembly=SimpleNamespace(rig=rig)
+    )
     assert explains_nothing(budget, model, 0) == nothing
