@@ -5,7 +5,8 @@ one, too. The word of the verdict follows from them:
 
     explained           causes, and a remainder not told from noise and tolerances
     partly-explained    causes, and a remainder that is more than these
-    ambiguous           one of several families, which these recordings cannot tell apart
+    ambiguous           one of several families, which these recordings cannot tell apart, or of
+                        which none is probable alone
     unknown-effect      no cause that may be named, and a gap that is real
     no-structural-gap   nothing beyond retuned parameters and tolerances
     cannot-tell         data too few, too quiet or too doubtful to say
@@ -156,18 +157,33 @@ def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     return beyond and (probable or left.missing >= plain)
 
 
+def more_probable_than_not(
+    rivals: Sequence[Weighed], settings: Settings = DEFAULT
+) -> list[Weighed]:
+    """The fewest families of which one is there more probably than not: a single cause has one
+    family, so that their probabilities add up. Empty where that takes too many of them, or one
+    alone would do."""
+    fit = [w for w in rivals if not w.objections(settings)]
+    fit = sorted(fit, key=lambda w: w.probability, reverse=True)[: settings.ambiguous_families]
+    sums = np.cumsum([w.probability for w in fit])
+    enough = np.flatnonzero(sums >= calibration().lines["cause"].yes)
+    return fit[: int(enough[0]) + 1] if enough.size and enough[0] > 0 else []
+
+
 def decide(
     before: LeftOver,
     after: LeftOver,
     weighed: Sequence[Weighed],
     tied: Sequence[Weighed] = (),
+    rivals: Sequence[Weighed] = (),
     *,
     doubt: str = "",
     settings: Settings = DEFAULT,
 ) -> Decision:
     """The verdict. weighed: effects of the best model; tied: where it has a single one, it and the
-    first of every other family that these recordings cannot tell from it; doubt: why nothing can
-    be said of the model whatever the figures are ("" where there is no such reason)."""
+    first of every other family that these recordings cannot tell from it; rivals: the first of
+    every family, of which some together may be probable where none is alone; doubt: why nothing
+    can be said of the model whatever the figures are ("" where there is no such reason)."""
     c = calibration()
     gap, rest = (c.lines["missing"].probability(m.features()) for m in (before, after))
     yes = c.lines["cause"].yes
@@ -185,6 +201,9 @@ def decide(
     elif named:
         verdict = "partly-explained" if rest_real else "explained"
         known = max(w.probability for w in named)
+    elif gap_real and (several := more_probable_than_not(rivals, settings)):
+        verdict, named = "ambiguous", several
+        known = min(1.0, sum(w.probability for w in several))
     elif gap_real:
         # probable enough, and lost to the width of an interval alone: more data would tell
         unsure = [w for w in weighed if w.probability >= yes and w.removes.low <= 0.0]

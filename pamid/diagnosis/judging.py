@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from pamid.diagnosis.candidate_model import CandidateModel, replayed
 from pamid.diagnosis.cross_fitting import Crossed, crossed, reported
@@ -14,6 +14,7 @@ from pamid.diagnosis.forward_selection import (
     refitted_with,
     select_forward,
 )
+from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
@@ -39,6 +40,7 @@ class Member:
     removes: Share
 
 
+T = TypeVar("T")
 Tied = tuple[CandidateModel, Member]
 
 
@@ -93,16 +95,16 @@ def judge(
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
     compared = _Compared(ranking, signatures, classes, located, found.forward_steps, groups, doubt)
     weighed = _weighed_up(search, compared, best, after)
-    named = weighed.decision.named
-    if 0 < len(named) < len(weighed.members) and weighed.decision.verdict != "ambiguous":
-        # what may not be named does not stay in the model that the figures are of, unless the rest
-        # is nothing without it
-        kept = tuple(a for a in best.attached if a.label in named)
-        smaller = _alone_or_refitted(search, ranking, kept, best)
+    instead = _instead(search, compared, weighed)
+    if instead is not None:
         leaders = [k[0] for k in located.classes]
-        beside = locate(search.evidence, smaller, search.pool, leaders, settings=settings)
-        again = _weighed_up(search, compared, smaller, beside)
+        beside = locate(search.evidence, instead, search.pool, leaders, settings=settings)
+        again = _weighed_up(search, compared, instead, beside)
         weighed = again if again.decision.named else weighed
+    if weighed.best in ranking:
+        of = dict(zip(ranking, signatures, strict=True))
+        ranking = _with_best(ranking, weighed.best)
+        signatures = tuple(of[c] for c in ranking)
     return Judged(
         weighed.decision,
         weighed.grounds,
@@ -143,6 +145,7 @@ class _WeighedUp:
     grounds: VerdictStatistics
     halves: Crossed | None
     tied: tuple[Tied, ...]
+    rivals: tuple[Tied, ...]
     members: tuple[Member, ...]
     decision: Decision
 
@@ -163,15 +166,44 @@ def _weighed_up(
         if one in alike or (halves and not halves.steady and one is halves.other)
     )
     members = _members(search, c.ranking, c.signatures, best, c.located, halves)
+    rivals = tuple(
+        (one, _member(search, one.attached[0], one, base, own, halves))
+        for one, own in _of_families(tuple(zip(c.ranking, c.signatures, strict=True)), best)
+    )
     decision = decide(
         grounds.before,
         grounds.after(c.forward_steps),
         [_weighed(search, c, best, m) for m in members],
         [_weighed(search, c, one, m) for one, m in _of_families(tied, best)],
+        [_weighed(search, c, one, m) for one, m in rivals],
         doubt=c.doubt,
         settings=search.settings,
     )
-    return _WeighedUp(best, after, grounds, halves, tied, members, decision)
+    if decision.verdict == "ambiguous":
+        tied = tuple(t for t in dict((*rivals, *tied)).items() if t[0].label in decision.named)
+    return _WeighedUp(best, after, grounds, halves, tied, rivals, members, decision)
+
+
+def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
+    """The model that the figures are to be of instead of the best one. What may not be named does
+    not stay in it, unless the rest is nothing without it; where nothing may be, the first effect is
+    judged alone, and where that one may not be either, the first that is probable."""
+    found, named = weighed.decision, weighed.decision.named
+    if found.verdict in ("ambiguous", "cannot-tell") or len(named) == len(weighed.members):
+        return None
+    if len(weighed.members) > 1:
+        best = weighed.best
+        kept = tuple(a for a in best.attached if a.label in named) or best.attached[:1]
+        return _alone_or_refitted(search, c.ranking, kept, best)
+    probable = calibration().lines["cause"].yes
+    return next(
+        (
+            one
+            for one, m in weighed.rivals
+            if m.probability >= probable and not _weighed(search, c, one, m).objections()
+        ),
+        None,
+    )
 
 
 def _members(
@@ -241,11 +273,13 @@ def _alone_or_refitted(
     return own or refitted_with(search, attached, source)
 
 
-def _of_families(tied: tuple[Tied, ...], best: CandidateModel) -> list[Tied]:
-    """The first of every family among the tied, where the best model has a single effect: ties are
-    sought among single effects."""
-    first = {c.family: c for c, _ in reversed(tied)}
-    return [(c, m) for c, m in tied if first[c.family] is c] if len(best.attached) == 1 else []
+def _of_families(
+    models: tuple[tuple[CandidateModel, T], ...], best: CandidateModel
+) -> list[tuple[CandidateModel, T]]:
+    """The first of every family among models of one effect each, where the best has one: neither
+    ties nor rivals are sought among several effects."""
+    first = {c.family: c for c, _ in reversed(models)}
+    return [(c, m) for c, m in models if first[c.family] is c] if len(best.attached) == 1 else []
 
 
 def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:

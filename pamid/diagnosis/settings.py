@@ -42,8 +42,7 @@ class Settings:
     naive_near_floor: float = setting(
         2.0,
         "noise floors",
-        "a model this near to the floor need not beat a straight line: it has followed it, too",
-        "tests/integration/test_nonsense.py holds what it has to refuse and to let pass",
+        "a model this near to the floor need not beat a line: it has followed it (same tests)",
     )
     misfit_noise: float = setting(
         3.0,
@@ -65,6 +64,9 @@ class Settings:
     )
     plain_beside: float = setting(
         2.0, "nats per sample", "the same beside a background", "there 17 machines left 0.5 at most"
+    )
+    ambiguous_families: int = setting(
+        3, "families", "of which one may be said to be there, at most"
     )
     port_negligible: float = setting(
         0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"

@@ -66,6 +66,7 @@ SPEAKING = Signature(
     bounds=0.0,
     converged=1.0,
     beside=0.0,
+    beyond=0.6,
 )
 SPEECHLESS = replace(
     SPEAKING,
@@ -75,6 +76,7 @@ SPEECHLESS = replace(
     steady=0.5,
     lead=-0.2,
     lead_sure=-6.0,
+    beyond=-0.4,
     wins=0.0,
     at_port=0.3,
     evidence=1.0,
@@ -159,6 +161,24 @@ def test_families_that_tie_are_ambiguous_where_one_of_them_is_probable() -> None
     assert decide(GAP, GAP, few[:1], few).verdict == "unknown-effect"
     twins = [FRICTION, replace(FRICTION, effect="lugre-friction")]
     assert decide(GAP, SILENT, twins[:1], twins).verdict == "explained", "of one family"
+
+
+@pytest.mark.usefixtures("plain")
+def test_families_that_are_probable_together_are_named_together() -> None:
+    """One of them is there more probably than not, though none is by itself."""
+    drag = replace(FRICTION, effect="quadratic-drag", family="drag", probability=0.1)
+    one, other = replace(FRICTION, probability=0.3), replace(LEAK, probability=0.25)
+    rivals = [drag, other, one]
+    found = decide(GAP, SILENT, [one], [], rivals)
+    assert (found.verdict, found.known) == ("ambiguous", pytest.approx(0.55))
+    assert found.named == (one.effect, other.effect), "the most probable first, no more than needed"
+    assert decide(SILENT, SILENT, [one], [], rivals).verdict == "no-structural-gap"
+    few = [replace(r, probability=0.12) for r in rivals]
+    assert decide(GAP, GAP, few[:1], [], few).verdict == "unknown-effect"
+    held = [replace(other, at_bound=("level",)), one, drag]
+    assert decide(GAP, GAP, [one], [], held).verdict == "unknown-effect"
+    plain = decide(GAP, SILENT, [FRICTION], [], [FRICTION, other])
+    assert plain.verdict == "explained", "a probable cause needs no company"
 
 
 @pytest.mark.usefixtures("plain")
