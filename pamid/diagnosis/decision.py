@@ -160,14 +160,13 @@ def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
 def more_probable_than_not(
     rivals: Sequence[Weighed], settings: Settings = DEFAULT
 ) -> list[Weighed]:
-    """The fewest families of which one is there more probably than not: a single cause has one
-    family, so that their probabilities add up. Empty where that takes too many of them, or one
-    alone would do."""
+    """The fewest families, two at least, of which one is there more probably than not: a single
+    cause has one family, so that their probabilities add up. Empty where that takes too many."""
     fit = [w for w in rivals if not w.objections(settings)]
     fit = sorted(fit, key=lambda w: w.probability, reverse=True)[: settings.ambiguous_families]
     sums = np.cumsum([w.probability for w in fit])
     enough = np.flatnonzero(sums >= calibration().lines["cause"].yes)
-    return fit[: int(enough[0]) + 1] if enough.size and enough[0] > 0 else []
+    return fit[: max(int(enough[0]) + 1, 2)] if enough.size and len(fit) > 1 else []
 
 
 def decide(

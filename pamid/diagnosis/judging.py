@@ -14,7 +14,6 @@ from pamid.diagnosis.forward_selection import (
     refitted_with,
     select_forward,
 )
-from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
@@ -95,16 +94,12 @@ def judge(
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
     compared = _Compared(ranking, signatures, classes, located, found.forward_steps, groups, doubt)
     weighed = _weighed_up(search, compared, best, after)
-    instead = _instead(search, compared, weighed)
-    if instead is not None:
+    smaller = _smaller(search, compared, weighed)
+    if smaller is not None:
         leaders = [k[0] for k in located.classes]
-        beside = locate(search.evidence, instead, search.pool, leaders, settings=settings)
-        again = _weighed_up(search, compared, instead, beside)
+        beside = locate(search.evidence, smaller, search.pool, leaders, settings=settings)
+        again = _weighed_up(search, compared, smaller, beside)
         weighed = again if again.decision.named else weighed
-    if weighed.best in ranking:
-        of = dict(zip(ranking, signatures, strict=True))
-        ranking = _with_best(ranking, weighed.best)
-        signatures = tuple(of[c] for c in ranking)
     return Judged(
         weighed.decision,
         weighed.grounds,
@@ -145,7 +140,6 @@ class _WeighedUp:
     grounds: VerdictStatistics
     halves: Crossed | None
     tied: tuple[Tied, ...]
-    rivals: tuple[Tied, ...]
     members: tuple[Member, ...]
     decision: Decision
 
@@ -181,29 +175,21 @@ def _weighed_up(
     )
     if decision.verdict == "ambiguous":
         tied = tuple(t for t in dict((*rivals, *tied)).items() if t[0].label in decision.named)
-    return _WeighedUp(best, after, grounds, halves, tied, rivals, members, decision)
+    return _WeighedUp(best, after, grounds, halves, tied, members, decision)
 
 
-def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
-    """The model that the figures are to be of instead of the best one. What may not be named does
-    not stay in it, unless the rest is nothing without it; where nothing may be, the first effect is
-    judged alone, and where that one may not be either, the first that is probable."""
-    found, named = weighed.decision, weighed.decision.named
-    if found.verdict in ("ambiguous", "cannot-tell") or len(named) == len(weighed.members):
+def _smaller(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
+    """The model that the figures are to be of instead of the best one: what may not be named does
+    not stay in it, unless the rest is nothing without it; where nothing may be, the first effect
+    is judged alone. Of several families it is the first that is named."""
+    best, named = weighed.best, weighed.decision.named
+    if weighed.decision.verdict == "ambiguous":
+        one_of = [c for c, _ in weighed.tied if c.label in named]
+        return None if best in one_of else one_of[0]
+    if not len(named) < len(best.attached) > 1:
         return None
-    if len(weighed.members) > 1:
-        best = weighed.best
-        kept = tuple(a for a in best.attached if a.label in named) or best.attached[:1]
-        return _alone_or_refitted(search, c.ranking, kept, best)
-    probable = calibration().lines["cause"].yes
-    return next(
-        (
-            one
-            for one, m in weighed.rivals
-            if m.probability >= probable and not _weighed(search, c, one, m).objections()
-        ),
-        None,
-    )
+    kept = tuple(a for a in best.attached if a.label in named) or best.attached[:1]
+    return _alone_or_refitted(search, c.ranking, kept, best)
 
 
 def _members(

@@ -28,6 +28,7 @@ class LeftOver:
     missing: float  # latent evidence, nats per sample
     next_sure: float  # gain of the next effect, in standard errors; 0 where none was worth a try
     next_removes: float  # share of the error, or of what is left, that it removes
+    network: float  # share of the gap that a network fitted to the same windows takes beyond it
     beside_tolerances: bool = False  # has the model a background, which takes these up?
 
     def features(self) -> dict[str, float]:
@@ -38,6 +39,7 @@ class LeftOver:
             "missing": decades(self.missing, 1e-2, 1e3),
             "next_sure": within(self.next_sure, 0.0, 20.0) / 10.0,
             "next_removes": within(self.next_removes, -0.2, 1.0),
+            "network": within(self.network, -1.0, 1.0),
         }
 
 
@@ -74,7 +76,13 @@ class VerdictStatistics:
     def before(self) -> LeftOver:
         """Of the refitted model."""
         return LeftOver(
-            self.visible, self.of_signal, self.missing, self.sure, self.shrinkage, self.pull > 0.0
+            self.visible,
+            self.of_signal,
+            self.missing,
+            self.sure,
+            self.shrinkage,
+            1.0 - self.ceiling,
+            self.pull > 0.0,
         )
 
     def after(self, steps: Sequence[ForwardStep]) -> LeftOver:
@@ -86,6 +94,7 @@ class VerdictStatistics:
             self.unexplained,
             next_one.sure if next_one else 0.0,
             next_one.of_left if next_one else 0.0,
+            self.left - self.ceiling,
             self.pull > 0.0,
         )
 

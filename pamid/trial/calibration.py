@@ -40,8 +40,17 @@ CALIBRATION_SCHEMA = "pamid.calibration/1"
 RIDGE = {"missing": 4.0, "cause": 2.0, "further": 4.0}
 #: question -> features it looks at; more of them fit the machines at hand and mislead on others
 LOOKS_AT = {
-    "missing": ("floors", "of_signal", "missing", "next_sure", "next_removes"),
-    "cause": ("removed", "sure", "lead", "lead_sure", "wins", "evidence", "bounds"),
+    "missing": ("floors", "of_signal", "missing", "next_sure", "next_removes", "network"),
+    "cause": (
+        "of_left",
+        "sure",
+        "steady",
+        "lead_sure",
+        "wins",
+        "evidence",
+        "bounds",
+        "beyond",
+    ),
     "further": ("of_left", "sure"),
 }
 # targets of figure_table.py: alarms where only noise and tolerances are left, real gaps missed

@@ -45,8 +45,12 @@ PLAIN = Calibration(
     cases={},
 )
 #: a gap, and what nothing but noise and tolerances leaves
-GAP = LeftOver(floors=6.0, of_signal=0.05, missing=30.0, next_sure=15.0, next_removes=0.75)
-SILENT = LeftOver(floors=1.03, of_signal=0.01, missing=0.02, next_sure=0.5, next_removes=0.01)
+GAP = LeftOver(
+    floors=6.0, of_signal=0.05, missing=30.0, next_sure=15.0, next_removes=0.75, network=0.4
+)
+SILENT = LeftOver(
+    floors=1.03, of_signal=0.01, missing=0.02, next_sure=0.5, next_removes=0.01, network=0.0
+)
 FRICTION = Weighed("coulomb-friction", "friction", 0.97, Share(0.64, 0.55, 0.7), (), 0.8)
 LEAK = Weighed("leak", "leak", 0.8, Share(0.2, 0.1, 0.3), (), 0.15)
 #: what speaks for an effect that is there, and for one that is not
@@ -270,13 +274,14 @@ def test_a_p_value_counts_the_silent_cases_that_reach_as_much() -> None:
 
 def test_features_stay_within_what_the_trial_has_seen() -> None:
     """Whatever a rig brings, no feature runs away with a probability."""
-    x = LeftOver(1e6, 50.0, 1e9, 1e4, -7.0).features()
+    x = LeftOver(1e6, 50.0, 1e9, 1e4, -7.0, 3.0).features()
     assert x == {
         "floors": 2.0,
         "of_signal": 0.0,
         "missing": 3.0,
         "next_sure": 2.0,
         "next_removes": -0.2,
+        "network": 1.0,
     }
     lines = calibration().lines
     assert set(lines) == set(QUESTIONS) and set(lines["missing"].weights) <= set(x)
@@ -412,7 +417,9 @@ def test_the_shipped_calibration_names_its_cases() -> None:
 
 def test_plain_evidence_is_not_overruled_and_nothing_at_the_floor_is_real() -> None:
     """A line that says no to everything: only what no tolerance leaves is a gap."""
-    rough = LeftOver(floors=12.0, of_signal=0.01, missing=59.0, next_sure=0.0, next_removes=0.0)
+    rough = LeftOver(
+        floors=12.0, of_signal=0.01, missing=59.0, next_sure=0.0, next_removes=0.0, network=0.0
+    )
     plain = replace(rough, missing=2.0 * DEFAULT.plain_missing)
     assert not is_real(0.0, rough, DEFAULT) and is_real(0.0, plain, DEFAULT)
     assert not is_real(1.0, replace(plain, floors=1.05), DEFAULT)

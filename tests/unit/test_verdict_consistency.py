@@ -62,6 +62,7 @@ def misfits(draw: st.DrawFn) -> LeftOver:
         missing=10.0 ** draw(st.floats(-4.0, 5.0)),
         next_sure=draw(st.floats(-3.0, 30.0)),
         next_removes=draw(st.floats(-1.0, 1.0)),
+        network=draw(st.floats(-1.0, 1.0)),
     )
 
 
@@ -101,7 +102,7 @@ def test_a_decision_never_contradicts_what_it_was_asked(
     asked: tuple[LeftOver, LeftOver, list[Weighed], list[Weighed], str],
 ) -> None:
     before, after, weighed, tied, doubt = asked
-    found = decide(before, after, weighed, tied, doubt=doubt)
+    found = decide(before, after, weighed, tied, tied, doubt=doubt)
     known = {w.effect: w for w in (*weighed, *tied)}
     named = [known[effect] for effect in found.named]
     assert (found.verdict in CAUSED) == bool(named)
@@ -137,6 +138,11 @@ def test_what_becomes_more_probable_is_not_dropped_for_it(
     first = decide(before, after, weighed, tied, doubt=doubt)
     then = decide(before, after, raised(weighed), raised(tied), doubt=doubt)
     assert set(first.named) <= set(then.named)
+    beside = decide(before, after, raised(weighed), [], raised(tied), doubt=doubt)
+    assert (
+        one.effect in beside.named
+        or one.effect not in decide(before, after, weighed, [], tied, doubt=doubt).named
+    )
     assert then.known >= first.known or first.verdict != then.verdict
 
 
