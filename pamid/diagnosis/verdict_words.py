@@ -86,11 +86,21 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
 
 
 def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """ "of the friction family, in a form not in the catalogue"; empty where no free form takes
-    it up."""
+    """ "of the friction family, in a form not in the catalogue", with the nearest that is in it;
+    empty where no free form takes it up."""
     forms = found.unknown.free_forms if found.unknown is not None else ()
-    names = dict.fromkeys(spelling.effect(one.family) for one in forms)
-    return f"of the {_joined(names, 'or')} family, in a form not in the catalogue" if forms else ""
+    families = {one.family for one in forms}
+    if not families:
+        return ""
+    names = _joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
+    text = f"of the {names} family, in a form not in the catalogue"
+    nearest = found.members[0] if len(found.members) == 1 and not found.causes else None
+    if nearest is None or nearest.family not in families or nearest.removes is None:
+        return text
+    if nearest.removes.share is None or (nearest.removes.low or 0.0) <= 0.0:
+        return text
+    share = percent_text(nearest.removes.share)
+    return f"{text} (the nearest in it is {_with_chance(nearest, spelling)}, {share} of the gap)"
 
 
 def size_of(rest: Remainder, *, beside: bool) -> str:
