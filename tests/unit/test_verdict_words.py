@@ -1,0 +1,41 @@
+"""What the sentence of a verdict says of a family without a law."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from synthetic_run import diagnosis_json
+
+from pamid.diagnosis.verdict_words import free_families, sentence
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.model import read
+
+FORM = "of the friction family, in a form not in the catalogue"
+
+
+def said(**changes: Any) -> DiagnosisFile:
+    """Of an effect that is unknown; changes: of the best model's only member."""
+    made = diagnosis_json("unknown-effect")
+    return read(DiagnosisFile, made | {"members": [made["members"][0] | changes]})
+
+
+def test_the_nearest_of_the_catalogue_is_named_beside_a_form_that_is_not_in_it() -> None:
+    found = said()
+    assert free_families(found).startswith(f"{FORM} (the nearest in it is coulomb-friction")
+    assert free_families(found).endswith("(P 0.12), 86 % of the gap)")
+    assert free_families(found) in sentence(found)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"family": "drag"},
+        {"removes": None},
+        {"removes": {"share": 0.4, "low": -0.1, "high": 0.7}},
+    ],
+)
+def test_what_is_of_another_family_or_not_sure_to_help_is_not_the_nearest(
+    other: dict[str, Any],
+) -> None:
+    assert free_families(said(**other)) == FORM
