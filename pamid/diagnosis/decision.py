@@ -157,6 +157,12 @@ def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     return beyond and (probable or left.missing >= plain)
 
 
+def _plausible(tied: list[Weighed], settings: Settings) -> list[Weighed]:
+    """Those that the other figures do not speak against, beside the most probable one."""
+    most = max((w.probability for w in tied), default=0.0)
+    return [w for w in tied if w.probability >= settings.ambiguous_share * most]
+
+
 def more_probable_than_not(
     rivals: Sequence[Weighed], settings: Settings = DEFAULT
 ) -> list[Weighed]:
@@ -189,7 +195,7 @@ def decide(
     gap_real, rest_real = (is_real(p, m, settings) for p, m in ((gap, before), (rest, after)))
     fit = [w for w in weighed if not w.objections(settings)]
     named = [w for w in fit if w.probability >= yes]
-    one_of = [w for w in tied if not w.objections(settings)]
+    one_of = _plausible([w for w in tied if not w.objections(settings)], settings)
     together = min(1.0, sum(w.probability for w in one_of))
     known = max((w.probability for w in weighed), default=0.0)
     why = doubt

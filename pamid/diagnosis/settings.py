@@ -45,10 +45,7 @@ class Settings:
         "a model this near to the floor need not beat a line: it has followed it (same tests)",
     )
     misfit_noise: float = setting(
-        3.0,
-        "standard deviations of the noise",
-        "an error above it is none of the sensor's: units and signs may be in doubt",
-        "the usual three standard deviations: 0.3 % of Gaussian noise lie beyond",
+        3.0, "standard deviations of the noise", "an error above it is none of the sensor's"
     )
     least_shrinkage: float = setting(
         0.02, "share of the error", "what a cause has to remove to be named at all"
@@ -67,6 +64,9 @@ class Settings:
     )
     ambiguous_families: int = setting(
         3, "families", "of which one may be said to be there, at most"
+    )
+    ambiguous_share: float = setting(
+        0.25, "share of the largest probability", "tied families with less are not named beside it"
     )
     port_negligible: float = setting(
         0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"
@@ -427,10 +427,7 @@ class Settings:
         SHOWN_ONLY,
     )
     formula_sign: float = setting(
-        0.05,
-        "usual speed (95th percentile)",
-        "a slower motion counts as less than one sign: sign(v) = tanh(v / this)",
-        SHOWN_ONLY,
+        0.05, "usual speed (95th percentile)", "of the sign: tanh(v / this)", SHOWN_ONLY
     )
     parity_bins: int = setting(
         8, "count", "ranges of size in which both directions are compared", SHOWN_ONLY
