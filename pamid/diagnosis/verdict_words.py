@@ -79,7 +79,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
         return f"{names} {verb} the gap."
     said = f"{names} {verb} {percent_text(1.0 - rest.share)} of the gap"
     if found.verdict == "ambiguous":
-        said += ": these recordings cannot tell them apart"
+        said += ": these recordings do not decide between them"
     if not rest.real:
         return f"{said}; what remains is within noise and tolerances."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
