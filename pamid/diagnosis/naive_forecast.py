@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.simulation.replay import Replay, warm_up
 
 Array = NDArray[np.float64]
@@ -16,11 +17,11 @@ Array = NDArray[np.float64]
 
 def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
     """True where the model beats no guess in any channel. To explain one it must be better, by the
-    margin and with 95 % confidence, than the median of everything scored. Unless it is near the
-    noise floor it must also beat the forecasts from the first part of a window, on which its start
-    was estimated: the median of that part, and the line through it. A model without states has no
-    start, so that it has seen nothing of that part: such a forecast would know more than it."""
-    margin, near = budget.settings.naive_margin, budget.settings.naive_near_floor
+    margin and with 95 % confidence or by plainly more, than the median of everything scored. Unless
+    it is near the noise floor it must also beat the forecasts from the first part of a window, on
+    which its start was estimated: the median of that part, and the line through it. A model without
+    states has no start, so that it has seen nothing of that part: such a forecast would know more
+    than it."""
     started = bool(model.assembly.rig.states)
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
@@ -29,20 +30,23 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
         seen = ~np.isnan(model.absolutes[:, c])  # a recording may lack the channel
         own, flat = model.absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
-        if _better(own, flat, seed, margin) and (
-            not started or own.mean() < near * floor or _better(own, guess, seed, margin)
+        near = own.mean() < budget.settings.naive_near_floor * floor
+        if _better(own, flat, seed, budget.settings) and (
+            not started or near or _better(own, guess, seed, budget.settings)
         ):
             return False
     return True
 
 
-def _better(own: Array, guess: Array, seed: int, margin: float) -> bool:
-    """By the margin, with 95 % confidence; windows whose guess is exact say nothing of a model."""
-    return bool(
-        guess.sum() > 0.0
-        and own.sum() < (1.0 - margin) * guess.sum()
-        and moving_block_interval(own, guess + 1e-9 * guess.mean(), seed=seed)[1] < 1.0 - margin
-    )
+def _better(own: Array, guess: Array, seed: int, settings: Settings = DEFAULT) -> bool:
+    """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
+    guess is exact say nothing of a model."""
+    most = 1.0 - settings.naive_margin
+    if guess.sum() <= 0.0 or own.sum() >= most * guess.sum():
+        return False
+    if own.sum() < settings.naive_plain * guess.sum():
+        return True
+    return bool(moving_block_interval(own, guess + 1e-9 * guess.mean(), seed=seed)[1] < most)
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:

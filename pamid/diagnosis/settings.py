@@ -40,9 +40,10 @@ class Settings:
         "to refuse and to let pass",
     )
     naive_near_floor: float = setting(
-        2.0,
-        "noise floors",
-        "a model this near to the floor need not beat a line: it has followed it (same tests)",
+        2.0, "noise floors", "a model this near to the floor need not beat a line (same tests)"
+    )
+    naive_plain: float = setting(
+        0.5, "share of the error", "a model with less is better, however few windows there are"
     )
     misfit_noise: float = setting(
         3.0, "standard deviations of the noise", "an error above it is none of the sensor's"

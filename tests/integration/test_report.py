@@ -97,8 +97,8 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         ],
         "ambiguous": [
             "Coulomb friction at the joint port (P 0.91) or leak at the pressure port (P 0.38) "
-            "explains 86 % of the gap: these recordings do not decide between them; what remains is "
-            "within noise and tolerances.",
+            "explains 86 % of the gap: these recordings do not decide between them; what remains "
+            "is within noise and tolerances.",
         ],
         "unknown-effect": [
             "Something material is missing from the model, and no effect of the catalogue "
