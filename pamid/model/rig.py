@@ -42,7 +42,7 @@ from pamid.base.units import NONE, compatible, si_symbol, split_column, unit, wi
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BETWEEN
-from pamid.symbolic.vocabulary import Number
+from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 
@@ -173,6 +173,10 @@ class Rig:
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """Every output, in the unit declared for it."""
         raise NotImplementedError
+
+    def told(self) -> dict[str, Expr]:
+        """What equations see beside the states, by name; nothing by default."""
+        return {}
 
     def start(self, p: Any) -> dict[str, float]:
         """State (SI) in which a recording begins, where it differs from the states' own start; p

@@ -75,7 +75,8 @@ class _Tracer:
         self.cells: list[Cell] = []
 
     def run(self) -> Traced:
-        x = Names({s.name: symbol("state", s.name) for s in self.rig.states}, "state")
+        states = {s.name: symbol("state", s.name) for s in self.rig.states}
+        x = Names(states | self.rig.told(), "state")
         p = Names({q.name: symbol("parameter", q.name) for q in self.rig.parameters}, "parameter")
         columns: dict[str, Expr] = {c: symbol("input", c) for c in self.rig.inputs}
         if self.controller:

@@ -1,0 +1,318 @@
+"""A rig that is stepped: a simulation as it is, in place of equations.
+
+    class Cart(StepRig):
+        inputs = {"force_n": "N"}
+        outputs = {"position_m": "m"}
+        ports = {
+            "force": Port("motion", "N", signals=("velocity", "position")),
+            "sensor": Port("reading", "m"),
+        }
+        states = (State("position", "m"), State("velocity", "m/s"))
+        parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
+
+        def drive(self, x, u, p, port):
+            return {"push": port("force", u.force_n, velocity=x.velocity, position=x.position)}
+
+        def step(self, x, f, p, h):
+            velocity = x.velocity + h * f.push / p.mass_kg
+            return {"position": x.position + h * velocity, "velocity": velocity}
+
+        def measure(self, x, u, p, port):
+            return {"position_m": port("sensor", x.position)}
+
+`drive` and `measure` are equations, as `rates` and `measure` of a Rig are: they say what goes into the
+simulation and what is read from it, through which ports, and effects act there. `step` is any
+Python: it is given numbers (SI), returns the states h seconds later, and may call what it likes, so
+long as the same arguments lead to the same states. `read(x, p)` says what the equations see besides,
+its names and units in `readings`.
+
+What acts from outside is held over an exchange, which is `exchange_s` long, or a sample where that is
+shorter: state it where the machine is fast beside its sampling.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError, nearest
+from pamid.engine.stepped import slopes_of
+from pamid.model.rig import Rig
+from pamid.symbolic.expression import Expr, expression, symbol
+from pamid.symbolic.vocabulary import Number
+
+Array = NDArray[np.float64]
+
+STEPPED = "simulated"  # the operator of what only a simulation knows
+DRAWS = 4  # points at which it is tried what depends on what
+# of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
+# there at all, of the largest in its row
+BY_WAY, THERE = 0.5, 1e-5
+
+
+class StepRig(Rig):
+    """Base of all rigs that are stepped. See the module's docstring for a whole one.
+
+    What it needs and what cannot be sent to another process (a window, a library's handle) belongs
+    into a `cached_property`: it is made again there.
+    """
+
+    # what `read` returns: name -> SI unit
+    readings: ClassVar[dict[str, str]] = {}
+    # longest time, s, over which what goes in is held; a sample where that is shorter
+    exchange_s: ClassVar[float] = float("inf")
+    # typical magnitude (SI) of a state, or of what goes in, where it is far from 1: differences
+    # are taken over a millionth of it
+    scales: ClassVar[dict[str, float]] = {}
+
+    def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        """What goes into the simulation (SI), held over an exchange: commands, forces from
+        outside."""
+        raise FileError("there is no drive()", _WHOLE)
+
+    def step(self, x: Any, f: Any, p: Any, h: float) -> Mapping[str, float] | Sequence[float]:
+        """States h seconds after x, under f (of `drive`) with parameters p, by name or in the order
+        of `states`; all numbers, SI."""
+        raise FileError("there is no step()", _WHOLE)
+
+    def read(self, x: Any, p: Any) -> Mapping[str, float] | Sequence[float]:
+        """What else the equations see of states x: numbers, SI, by name or in the order of
+        `readings`."""
+        raise FileError("there are readings, but no read()", _WHOLE)
+
+    def steps(
+        self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
+    ) -> tuple[Array, Array]:
+        """See `pamid.engine.stepped.Simulator`; one copy after the other. into: names of what goes
+        in."""
+        states, told = _names(self)[0], (into, _names(self)[1])
+        after = np.empty_like(x)
+        for row, force, values, out in zip(x, f, p, after, strict=True):
+            out[:] = self._called("step", states, row, told, (force, values), h)
+        return after, self.reads(after, p)
+
+    def reads(self, x: Array, p: Array) -> Array:
+        """See `pamid.engine.stepped.Simulator`; one copy after the other."""
+        names, told = tuple(self.readings), (_names(self)[1],)
+        out = np.empty((len(x), len(names)))
+        if names:
+            for row, values, found in zip(x, p, out, strict=True):
+                found[:] = self._called("read", names, row, told, (values,))
+        return out
+
+    def _called(
+        self,
+        method: str,
+        wanted: tuple[str, ...],
+        x: Array,
+        names: tuple[tuple[str, ...], ...],
+        values: tuple[Array, ...],
+        *rest: float,
+    ) -> Sequence[float]:
+        """What `step` or `read` returns for states x and what else it is given, in the wanted
+        order. FileError for whatever is wrong with it."""
+        given = [SimpleNamespace(**dict(zip(_names(self)[0], x.tolist(), strict=True)))]
+        for some, numbers in zip(names, values, strict=True):
+            given.append(SimpleNamespace(**dict(zip(some, numbers.tolist(), strict=True))))
+        try:
+            found = getattr(self, method)(*given, *rest)
+            if isinstance(found, Mapping):
+                found = [found[name] for name in wanted] if len(found) == len(wanted) else found
+            row = [float(value) for value in found]
+        except Exception as error:
+            raise self._failed(method, wanted, given, error) from error
+        if len(row) != len(wanted):
+            raise FileError(
+                f"rig {self.name!r}, {method}() returned {len(row)} values, not {len(wanted)}",
+                f"return them by name, or in the order {', '.join(wanted)}",
+                code="simulation",
+            )
+        return row
+
+    def _failed(
+        self, method: str, wanted: tuple[str, ...], given: list[SimpleNamespace], error: Exception
+    ) -> FileError:
+        """What a user's own code raised: where, why, and at which states."""
+        where_ = f"rig {self.name!r}, {method}()"
+        if isinstance(error, FileError):
+            return FileError(f"{where_}: {error.message}", error.hint, code=error.code)
+        if isinstance(error, KeyError) and error.args and error.args[0] in wanted:
+            return FileError(
+                f"{where_} returned nothing for {error.args[0]!r}",
+                f"names: {', '.join(wanted)}",
+                code="simulation",
+            )
+        frames = traceback.extract_tb(error.__traceback__)
+        line = f", line {frames[-1].lineno} of {frames[-1].filename}" if len(frames) > 1 else ""
+        states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
+        hint = "it must return numbers for any states that a fit may try, NaN where there are none"
+        if isinstance(error, AttributeError) and error.name:
+            known = [name for one in given for name in vars(one)]
+            hint = nearest(error.name, known) or f"there are {', '.join(known)}"
+        return FileError(
+            f"{where_}{line}: {type(error).__name__}: {error} (at {states})", hint, code="simulation"
+        )
+
+    # ---- what the equations see -------------------------------------------------------------------
+
+    def told(self) -> dict[str, Expr]:
+        """Readings, of which it is known which states they depend on."""
+        states = _names(self)[0]
+        by = self._shown if self.readings else np.zeros((0, len(states)), bool)
+        return {
+            name: Expr(STEPPED, _chosen(states, row), ("read", name))
+            for name, row in zip(self.readings, by, strict=True)
+        }
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        """Of every state's rate what it depends on; what it is, only the simulation knows."""
+        into = self.drive(x, u, p, port)
+        if not isinstance(into, dict) or not into:
+            raise FileError(
+                f"drive() returned {into!r:.60}, not a dict of name: expression", _WHOLE
+            )
+        forces = {name: expression(value) for name, value in into.items()}
+        states, names = _names(self)[0], tuple(forces)
+        by_state, by_force = self._links(names)
+        found: dict[str, Number] = {}
+        for state, own, driven in zip(states, by_state, by_force, strict=True):
+            used = tuple(name for name, there in zip(names, driven, strict=True) if there)
+            args = (*_chosen(states, own), *(forces[name] for name in used))
+            found[state] = Expr(STEPPED, args, ("rate", state, used, names))
+        return found
+
+    @cached_property
+    def _shown(self) -> NDArray[np.bool_]:
+        """Which readings (rows) depend on which states, found by trying it."""
+        linked = np.zeros((len(self.readings), len(self.states)), bool)
+        for x in _draws(self):
+            n = len(x)
+            by = np.maximum(np.abs(x), self.sizes(())[0]) * 1e-6
+            rows = self.reads(x + np.concatenate([np.zeros((1, n)), np.diag(by)]), _sheet(self, 1 + n))
+            linked |= _there(((rows[1:] - rows[0]).T / by) * self.sizes(())[0])
+        return linked
+
+    def _links(self, into: tuple[str, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which states' rates (rows) depend on which states, and on what goes in: by differences
+        over two steps, at points about the start. What acts by way of another state fades with the
+        step and is none; what moves nothing there is taken to move everything."""
+        known: dict[tuple[str, ...], Any] = self.__dict__.setdefault("_known_links", {})
+        if into in known:
+            return known[into]  # type: ignore[no-any-return]
+        n, sizes = len(self.states), np.concatenate(self.sizes(into))
+        _check_repeats(self, into)
+        linked = np.zeros((n, n + len(into)), bool)
+        none = np.zeros(0, np.intp)
+        simulation = Simulation(self, into)
+        longest = min(self.period_s, self.exchange_s)
+        random = np.random.default_rng(1)
+        for x in _draws(self):
+            f = sizes[n:] * random.standard_normal(len(into))
+            rates = []
+            for h in (longest, 0.25 * longest):
+                s = slopes_of(simulation, x, f, _sheet(self, 1)[0], h, none)
+                by = np.concatenate([s.by_state, s.by_force], axis=1)[len(self.readings) :]
+                by[:, :n] -= np.eye(n)
+                rates.append(np.abs(by / h * sizes))
+            whole, quarter = rates
+            linked |= _there(quarter) & (quarter > BY_WAY * whole)
+        linked[:, n:] |= ~linked[:, n:].any(axis=0)
+        known[into] = linked[:, :n], linked[:, n:]
+        return linked[:, :n], linked[:, n:]
+
+    def sizes(self, into: tuple[str, ...]) -> tuple[Array, Array]:
+        """Typical magnitudes (SI) of the states, and of what goes in."""
+        states, forces = (
+            np.array([self.scales.get(name, 1.0) for name in names])
+            for names in (_names(self)[0], into)
+        )
+        return states, forces
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process without what was made in this one."""
+        kept = (k for k in vars(self) if k != "_known_links" and not _is_made(type(self), k))
+        return {k: vars(self)[k] for k in kept}
+
+
+class Simulation:
+    """A stepped rig as the engine drives it (`pamid.engine.stepped.Simulator`)."""
+
+    def __init__(self, rig: StepRig, into: tuple[str, ...]) -> None:
+        self.rig, self.into = rig, into
+        self.sizes, self.longest_s = rig.sizes(into), rig.exchange_s
+
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        return self.rig.steps(x, f, p, h, self.into)
+
+    def reads(self, x: Array, p: Array) -> Array:
+        return self.rig.reads(x, p)
+
+
+_WHOLE = "a stepped rig has drive(x, u, p, port), step(x, f, p, h) and measure(x, u, p, port)"
+
+
+def _names(rig: StepRig) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Of the states and of the parameters."""
+    return tuple(s.name for s in rig.states), tuple(q.name for q in rig.parameters)
+
+
+def _chosen(states: tuple[str, ...], row: NDArray[np.bool_]) -> tuple[Expr, ...]:
+    return tuple(symbol("state", name) for name, there in zip(states, row, strict=True) if there)
+
+
+def _sheet(rig: StepRig, copies: int) -> Array:
+    """The data sheet's parameters, SI (copies x parameters)."""
+    return np.tile([q.value * q.factor for q in rig.parameters], (copies, 1))
+
+
+def _draws(rig: StepRig) -> list[Array]:
+    """The states at the start of a recording, and points about them; SI."""
+    values = dict(zip(_names(rig)[1], _sheet(rig, 1)[0].tolist(), strict=True))
+    given = rig.start(SimpleNamespace(**values))
+    start = np.array([given.get(s.name, s.start) for s in rig.states])
+    away = np.random.default_rng(0).standard_normal((DRAWS, len(start)))
+    return [start, *(start + 0.3 * rig.sizes(())[0] * away)]
+
+
+def _there(slopes: Array) -> NDArray[np.bool_]:
+    """Which slopes are more than what rounding leaves, row by row."""
+    size = np.abs(np.nan_to_num(slopes, nan=np.inf))
+    largest = size.max(axis=1, initial=0.0, keepdims=True)
+    return (size > THERE * largest) & (size > 0.0)
+
+
+def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
+    """Refuse a simulation that gives no numbers where a recording starts, or that remembers more
+    than its states."""
+    here, other = _draws(rig)[:2] if rig.states else (np.zeros(0), np.zeros(0))
+    h, p = min(rig.period_s, rig.exchange_s), _sheet(rig, 1)
+    still, pushed = np.zeros((1, len(into))), np.ones((1, len(into)))
+    first, _ = rig.steps(here[None], still, p, h, into)
+    for name, value in zip(_names(rig)[0], first[0], strict=True):
+        if not np.isfinite(value):
+            raise FileError(
+                f"rig {rig.name!r}, step() returned {value} for {name!r} in the first step of "
+                f"{h:g} s from the start",
+                "mend the start, a parameter, or a step that is too long for it: exchange_s",
+                code="simulation",
+            )
+    rig.steps(other[None], pushed, p, h, into)
+    again, _ = rig.steps(here[None], still, p, h, into)
+    if not np.array_equal(first, again):
+        name = _names(rig)[0][int(np.argmax(first[0] != again[0]))]
+        raise FileError(
+            f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
+            "another call: it remembers something that is none of its states",
+            "set everything from x at the beginning of step(), or declare it as a state",
+            code="simulation",
+        )
+
+
+def _is_made(kind: type, name: str) -> bool:
+    return any(isinstance(vars(c).get(name), cached_property) for c in kind.__mro__)
