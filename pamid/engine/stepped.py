@@ -1,4 +1,4 @@
-"""A model of two parts: a simulator that steps by itself, and equations around it, compiled as ever.
+"""A model of two parts: a simulator that steps by itself, and compiled equations around it.
 
 The equations are given what the simulator shows (its states, and what it reads besides) and say
 what goes into it; at the start of every exchange, of length h,
@@ -10,10 +10,10 @@ what goes into it; at the start of every exchange, of length h,
 States of the simulator and readings are states of the equations whose rate is zero, set anew after
 every exchange: so the driver of compiled equations (`pamid.engine.integrator`) serves the equations
 unchanged, sensitivities included. Those of the whole follow by the chain rule from the slopes of
-the step, finite differences over copies of the simulator or its own, and are those of the recursion
-as it was computed. What is held over h makes it a method of order 1 in h for what acts from
-outside: coupled explicitly, it wants h below 2 m/c for a damping c on a mass m (Kuebler and Schiehlen
-2000, Mathematical and Computer Modelling of Dynamical Systems 6(2), 93-113).
+the step, finite differences over copies of the simulator, and are those of the recursion as it was
+computed. What is held over h makes it a method of order 1 in h for what acts from outside; coupled
+explicitly, a damping c on a mass m wants h below 2 m/c (Kuebler and Schiehlen 2000, Mathematical
+and Computer Modelling of Dynamical Systems 6(2), 93-113).
 """
 
 from __future__ import annotations
@@ -197,7 +197,11 @@ class SteppedProgram:
             memory.copy(), S=wide, buffer_S=np.zeros((*memory.buffers.shape, wide.shape[1]))
         )
         shown = _Course(
-            self, np.concatenate([np.zeros(first), memory.x]), np.eye(first + nx, nx, -first), p, none
+            self,
+            np.concatenate([np.zeros(first), memory.x]),
+            np.eye(first + nx, nx, -first),
+            p,
+            none,
         )
         shown.read()
         inside = replace(memory.copy(), x=shown.x)

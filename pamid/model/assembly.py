@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
-from pamid.engine.program import Program
-from pamid.engine.stepped import SteppedProgram
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import (
     PERIODS,
@@ -26,7 +24,7 @@ from pamid.model.bound_parameter import (
     within,
 )
 from pamid.model.effect import Effect
-from pamid.model.executable import program_of
+from pamid.model.executable import Executable, program_of
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
 from pamid.symbolic.vocabulary import Expr
@@ -180,7 +178,7 @@ class Assembly:
         return nuisance + attached
 
     @cached_property
-    def program(self) -> Program | SteppedProgram:
+    def program(self) -> Executable:
         return self.program_with({})
 
     @cached_property
@@ -209,7 +207,7 @@ class Assembly:
         outputs: Array = self.program.run(memory, u[None, :], p, period_s=self.rig.period_s)[0]
         return outputs[0]
 
-    def program_with(self, extra: dict[str, Expr]) -> Program | SteppedProgram:
+    def program_with(self, extra: dict[str, Expr]) -> Executable:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
         t = self.traced
         outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}

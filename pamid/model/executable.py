@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 from pamid.base.errors import UsageError
 from pamid.engine.program import Program, build_program
@@ -16,6 +17,8 @@ from pamid.symbolic.expression import ZERO, substitute, symbol, walk
 from pamid.symbolic.memory_cells import expand_memory
 from pamid.symbolic.vocabulary import Expr
 
+Executable: TypeAlias = Program | SteppedProgram
+
 
 def program_of(
     rig: Rig,
@@ -23,7 +26,7 @@ def program_of(
     outputs: Mapping[str, Expr],
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None = None,
-) -> Program | SteppedProgram:
+) -> Executable:
     """What computes these outputs; parameters: all keys, the rig's own first. See
     `pamid.engine.program.build_program`."""
     if isinstance(rig, StepRig):

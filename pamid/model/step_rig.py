@@ -20,20 +20,20 @@
         def measure(self, x, u, p, port):
             return {"position_m": port("sensor", x.position)}
 
-`drive` and `measure` are equations, as `rates` and `measure` of a Rig are: they say what goes into the
-simulation and what is read from it, through which ports, and effects act there. `step` is any
+`drive` and `measure` are equations, as `rates` and `measure` of a Rig are: they say what goes into
+the simulation and what is read from it, through which ports, and effects act there. `step` is any
 Python: it is given numbers (SI), returns the states h seconds later, and may call what it likes, so
-long as the same arguments lead to the same states. `read(x, p)` says what the equations see besides,
-its names and units in `readings`.
+long as the same arguments lead to the same states. `read(x, p)` says what the equations see
+besides, its names and units in `readings`.
 
-What acts from outside is held over an exchange, which is `exchange_s` long, or a sample where that is
-shorter: state it where the machine is fast beside its sampling.
+What acts from outside is held over an exchange, which is `exchange_s` long, or a sample where that
+is shorter: state it where the machine is fast beside its sampling.
 """
 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.engine.stepped import slopes_of
+from pamid.engine.stepped import DIFFERENCE, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -91,45 +91,46 @@ class StepRig(Rig):
     ) -> tuple[Array, Array]:
         """See `pamid.engine.stepped.Simulator`; one copy after the other. into: names of what goes
         in."""
-        states, told = _names(self)[0], (into, _names(self)[1])
-        after = np.empty_like(x)
-        for row, force, values, out in zip(x, f, p, after, strict=True):
-            out[:] = self._called("step", states, row, told, (force, values), h)
-        return after, self.reads(after, p)
+        names, step = self._names, self.step
+        rows = zip(x.tolist(), f.tolist(), p.tolist(), strict=True)
+        after = [
+            self._called(step, names[0], (names[0], into, names[1]), values, h) for values in rows
+        ]
+        return np.array(after), self.reads(np.array(after), p)
 
     def reads(self, x: Array, p: Array) -> Array:
         """See `pamid.engine.stepped.Simulator`; one copy after the other."""
-        names, told = tuple(self.readings), (_names(self)[1],)
-        out = np.empty((len(x), len(names)))
-        if names:
-            for row, values, found in zip(x, p, out, strict=True):
-                found[:] = self._called("read", names, row, told, (values,))
-        return out
+        wanted = tuple(self.readings)
+        if not wanted:
+            return np.empty((len(x), 0))
+        rows = zip(x.tolist(), p.tolist(), strict=True)
+        return np.array([self._called(self.read, wanted, self._names, values) for values in rows])
 
     def _called(
         self,
-        method: str,
+        method: Callable[..., Any],
         wanted: tuple[str, ...],
-        x: Array,
         names: tuple[tuple[str, ...], ...],
-        values: tuple[Array, ...],
+        values: tuple[list[float], ...],
         *rest: float,
-    ) -> Sequence[float]:
-        """What `step` or `read` returns for states x and what else it is given, in the wanted
-        order. FileError for whatever is wrong with it."""
-        given = [SimpleNamespace(**dict(zip(_names(self)[0], x.tolist(), strict=True)))]
-        for some, numbers in zip(names, values, strict=True):
-            given.append(SimpleNamespace(**dict(zip(some, numbers.tolist(), strict=True))))
+    ) -> list[float]:
+        """What `step` or `read` returns for these values of what is named, in the wanted order.
+        FileError for whatever is wrong with it."""
+        given = [
+            SimpleNamespace(**dict(zip(some, numbers, strict=True)))
+            for some, numbers in zip(names, values, strict=True)
+        ]
         try:
-            found = getattr(self, method)(*given, *rest)
-            if isinstance(found, Mapping):
+            found = method(*given, *rest)
+            if isinstance(found, dict):
                 found = [found[name] for name in wanted] if len(found) == len(wanted) else found
             row = [float(value) for value in found]
         except Exception as error:
-            raise self._failed(method, wanted, given, error) from error
+            raise self._failed(method.__name__, wanted, given, error) from error
         if len(row) != len(wanted):
             raise FileError(
-                f"rig {self.name!r}, {method}() returned {len(row)} values, not {len(wanted)}",
+                f"rig {self.name!r}, {method.__name__}() returned {len(row)} values, not "
+                f"{len(wanted)}",
                 f"return them by name, or in the order {', '.join(wanted)}",
                 code="simulation",
             )
@@ -156,14 +157,21 @@ class StepRig(Rig):
             known = [name for one in given for name in vars(one)]
             hint = nearest(error.name, known) or f"there are {', '.join(known)}"
         return FileError(
-            f"{where_}{line}: {type(error).__name__}: {error} (at {states})", hint, code="simulation"
+            f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
+            hint,
+            code="simulation",
         )
 
-    # ---- what the equations see -------------------------------------------------------------------
+    @cached_property
+    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Of the states and of the parameters."""
+        return tuple(s.name for s in self.states), tuple(q.name for q in self.parameters)
+
+    # ---- what the equations see ----------------------------------------------------------
 
     def told(self) -> dict[str, Expr]:
         """Readings, of which it is known which states they depend on."""
-        states = _names(self)[0]
+        states = self._names[0]
         by = self._shown if self.readings else np.zeros((0, len(states)), bool)
         return {
             name: Expr(STEPPED, _chosen(states, row), ("read", name))
@@ -178,7 +186,7 @@ class StepRig(Rig):
                 f"drive() returned {into!r:.60}, not a dict of name: expression", _WHOLE
             )
         forces = {name: expression(value) for name, value in into.items()}
-        states, names = _names(self)[0], tuple(forces)
+        states, names = self._names[0], tuple(forces)
         by_state, by_force = self._links(names)
         found: dict[str, Number] = {}
         for state, own, driven in zip(states, by_state, by_force, strict=True):
@@ -192,10 +200,11 @@ class StepRig(Rig):
         """Which readings (rows) depend on which states, found by trying it."""
         linked = np.zeros((len(self.readings), len(self.states)), bool)
         for x in _draws(self):
-            n = len(x)
-            by = np.maximum(np.abs(x), self.sizes(())[0]) * 1e-6
-            rows = self.reads(x + np.concatenate([np.zeros((1, n)), np.diag(by)]), _sheet(self, 1 + n))
-            linked |= _there(((rows[1:] - rows[0]).T / by) * self.sizes(())[0])
+            n, size = len(x), self.sizes(())[0]
+            by = DIFFERENCE * np.maximum(np.abs(x), size)
+            moved = x + np.concatenate([np.zeros((1, n)), np.diag(by)])
+            rows = self.reads(moved, _sheet(self, 1 + n))
+            linked |= _there((rows[1:] - rows[0]).T / by * size)
         return linked
 
     def _links(self, into: tuple[str, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -230,7 +239,7 @@ class StepRig(Rig):
         """Typical magnitudes (SI) of the states, and of what goes in."""
         states, forces = (
             np.array([self.scales.get(name, 1.0) for name in names])
-            for names in (_names(self)[0], into)
+            for names in (self._names[0], into)
         )
         return states, forces
 
@@ -257,11 +266,6 @@ class Simulation:
 _WHOLE = "a stepped rig has drive(x, u, p, port), step(x, f, p, h) and measure(x, u, p, port)"
 
 
-def _names(rig: StepRig) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Of the states and of the parameters."""
-    return tuple(s.name for s in rig.states), tuple(q.name for q in rig.parameters)
-
-
 def _chosen(states: tuple[str, ...], row: NDArray[np.bool_]) -> tuple[Expr, ...]:
     return tuple(symbol("state", name) for name, there in zip(states, row, strict=True) if there)
 
@@ -273,7 +277,7 @@ def _sheet(rig: StepRig, copies: int) -> Array:
 
 def _draws(rig: StepRig) -> list[Array]:
     """The states at the start of a recording, and points about them; SI."""
-    values = dict(zip(_names(rig)[1], _sheet(rig, 1)[0].tolist(), strict=True))
+    values = dict(zip(rig._names[1], _sheet(rig, 1)[0].tolist(), strict=True))
     given = rig.start(SimpleNamespace(**values))
     start = np.array([given.get(s.name, s.start) for s in rig.states])
     away = np.random.default_rng(0).standard_normal((DRAWS, len(start)))
@@ -294,7 +298,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     h, p = min(rig.period_s, rig.exchange_s), _sheet(rig, 1)
     still, pushed = np.zeros((1, len(into))), np.ones((1, len(into)))
     first, _ = rig.steps(here[None], still, p, h, into)
-    for name, value in zip(_names(rig)[0], first[0], strict=True):
+    for name, value in zip(rig._names[0], first[0], strict=True):
         if not np.isfinite(value):
             raise FileError(
                 f"rig {rig.name!r}, step() returned {value} for {name!r} in the first step of "
@@ -305,7 +309,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     rig.steps(other[None], pushed, p, h, into)
     again, _ = rig.steps(here[None], still, p, h, into)
     if not np.array_equal(first, again):
-        name = _names(rig)[0][int(np.argmax(first[0] != again[0]))]
+        name = rig._names[0][int(np.argmax(first[0] != again[0]))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
             "another call: it remembers something that is none of its states",
