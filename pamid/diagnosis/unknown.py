@@ -19,6 +19,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit

@@ -69,22 +69,21 @@ def slopes_of(
     h: float,
     chosen: NDArray[np.intp],
 ) -> Slopes:
-    """By forward differences over copies: one plain, then one for each value that is moved."""
-    nx, nf, moved = len(x), len(f), len(x) + len(f) + len(chosen)
-    xs, fs, ps = (np.tile(v, (1 + moved, 1)) for v in (x, f, p))
-    by_size, by_force = simulator.sizes
-    tiny = np.abs(p[chosen])
-    steps = DIFFERENCE * np.concatenate(
-        [np.maximum(np.abs(x), by_size), np.maximum(np.abs(f), by_force), tiny + (tiny == 0.0)]
+    """By forward differences over copies: one plain, then one for each value that is moved.
+    chosen: places of parameters."""
+    nx, nf = len(x), len(f)
+    at = np.concatenate([np.arange(nx + nf), nx + nf + chosen])
+    plain = np.concatenate([x, f, p])
+    by = DIFFERENCE * np.maximum(np.abs(plain), np.concatenate([*simulator.sizes, p == 0.0]))[at]
+    copies = np.empty((1 + len(at), len(plain)))
+    copies[:] = plain
+    copies[np.arange(1, 1 + len(at)), at] += by
+    after, readings = simulator.steps(
+        copies[:, :nx], copies[:, nx : nx + nf], copies[:, nx + nf :], h
     )
-    at = np.arange(1, 1 + moved)
-    xs[at[:nx], np.arange(nx)] += steps[:nx]
-    fs[at[nx : nx + nf], np.arange(nf)] += steps[nx : nx + nf]
-    ps[at[nx + nf :], chosen] += steps[nx + nf :]
-    after, readings = simulator.steps(xs, fs, ps, h)
     both = np.concatenate([readings, after], axis=1)
-    by = (both[1:] - both[0]).T / steps
-    return Slopes(both[0], by[:, :nx], by[:, nx : nx + nf], by[:, nx + nf :])
+    slopes = (both[1:] - both[0]).T / by
+    return Slopes(both[0], slopes[:, :nx], slopes[:, nx : nx + nf], slopes[:, nx + nf :])
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
 from pamid.correction.identified_model import BESIDE, Identified
 from pamid.engine.llvm_ir import extract_derived, with_partials
 from pamid.model.bound_parameter import Bound
+from pamid.model.step_rig import StepRig
 from pamid.model.trace import Names
 from pamid.symbolic.expression import (
     ONE,
@@ -140,6 +141,12 @@ def step_of(model: Identified) -> SampleStep:
         raise UsageError(
             "This network corrects the model in its own control loop, not on given commands.",
             "Leave it out with --which refitted.",
+        )
+    if isinstance(model.assembly.rig, StepRig):
+        raise UsageError(
+            f"Rig {model.assembly.rig.name!r} is stepped by its own simulation: it has no "
+            "equations that could be exported.",
+            "Run it with `pamid simulate --model`.",
         )
     if moving := model.equations.linear:
         raise UsageError(

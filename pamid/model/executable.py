@@ -46,7 +46,7 @@ def _stepped(
 ) -> SteppedProgram:
     own = tuple(s.name for s in rig.states)
     simulated = [e for e in traced.rates.values() if e.op == STEPPED]
-    if len(simulated) > len(own) or not own:
+    if len(simulated) > len(own):
         raise UsageError(
             f"rig {rig.name!r} is stepped: it cannot be computed twice in one model",
             "a correction at a port wants a rig with equations; one behind a channel does not",

@@ -63,6 +63,7 @@ class StepRig(Rig):
     into a `cached_property`: it is made again there.
     """
 
+    written_as = {"rates": "drive"}
     # what `read` returns: name -> SI unit
     readings: ClassVar[dict[str, str]] = {}
     # longest time, s, over which what goes in is held; a sample where that is shorter
@@ -74,70 +75,68 @@ class StepRig(Rig):
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """What goes into the simulation (SI), held over an exchange: commands, forces from
         outside."""
-        raise FileError("there is no drive()", _WHOLE)
+        raise FileError("there is none", _WHOLE)
 
     def step(self, x: Any, f: Any, p: Any, h: float) -> Mapping[str, float] | Sequence[float]:
         """States h seconds after x, under f (of `drive`) with parameters p, by name or in the order
         of `states`; all numbers, SI."""
-        raise FileError("there is no step()", _WHOLE)
+        raise FileError("there is none", _WHOLE)
 
     def read(self, x: Any, p: Any) -> Mapping[str, float] | Sequence[float]:
         """What else the equations see of states x: numbers, SI, by name or in the order of
         `readings`."""
-        raise FileError("there are readings, but no read()", _WHOLE)
+        raise FileError("there is none, but there are readings", _WHOLE)
 
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
     ) -> tuple[Array, Array]:
         """See `pamid.engine.stepped.Simulator`; one copy after the other. into: names of what goes
         in."""
-        names, step = self._names, self.step
-        rows = zip(x.tolist(), f.tolist(), p.tolist(), strict=True)
-        after = [
-            self._called(step, names[0], (names[0], into, names[1]), values, h) for values in rows
-        ]
-        return np.array(after), self.reads(np.array(after), p)
+        states, own = self._names
+        after, pushed, known = list[list[float]](), _Given(into), _Given(own)
+        for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
+            given = SimpleNamespace(**dict(zip(states, row, strict=True)))
+            after.append(
+                self._called(self.step, states, given, pushed.of(forces), known.of(values), h)
+            )
+        told = np.array(after)
+        return told, self.reads(told, p)
 
     def reads(self, x: Array, p: Array) -> Array:
         """See `pamid.engine.stepped.Simulator`; one copy after the other."""
         wanted = tuple(self.readings)
         if not wanted:
             return np.empty((len(x), 0))
-        rows = zip(x.tolist(), p.tolist(), strict=True)
-        return np.array([self._called(self.read, wanted, self._names, values) for values in rows])
+        states, known = self._names[0], _Given(self._names[1])
+        out = list[list[float]]()
+        for row, values in zip(x.tolist(), p.tolist(), strict=True):
+            given = SimpleNamespace(**dict(zip(states, row, strict=True)))
+            out.append(self._called(self.read, wanted, given, known.of(values)))
+        return np.array(out)
 
     def _called(
-        self,
-        method: Callable[..., Any],
-        wanted: tuple[str, ...],
-        names: tuple[tuple[str, ...], ...],
-        values: tuple[list[float], ...],
-        *rest: float,
+        self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
     ) -> list[float]:
-        """What `step` or `read` returns for these values of what is named, in the wanted order.
-        FileError for whatever is wrong with it."""
-        given = [
-            SimpleNamespace(**dict(zip(some, numbers, strict=True)))
-            for some, numbers in zip(names, values, strict=True)
-        ]
+        """What `step` or `read` returns, in the wanted order. FileError for whatever is wrong with
+        it."""
+        what = "step" if method == self.step else "read"
         try:
-            found = method(*given, *rest)
+            found = method(*given)
             if isinstance(found, dict):
                 found = [found[name] for name in wanted] if len(found) == len(wanted) else found
-            row = [float(value) for value in found]
+            row = list(map(float, found))
         except Exception as error:
-            raise self._failed(method.__name__, wanted, given, error) from error
+            raise self._failed(what, wanted, given, error) from error
         if len(row) != len(wanted):
             raise FileError(
-                f"rig {self.name!r}, {method.__name__}() returned {len(row)} values, not "
-                f"{len(wanted)}",
+                f"rig {self.name!r}, {what}() returned {len(row)} values, not {len(wanted)}",
                 f"return them by name, or in the order {', '.join(wanted)}",
                 code="simulation",
             )
         return row
 
     def _failed(
-        self, method: str, wanted: tuple[str, ...], given: list[SimpleNamespace], error: Exception
+        self, method: str, wanted: tuple[str, ...], given: tuple[Any, ...], error: Exception
     ) -> FileError:
         """What a user's own code raised: where, why, and at which states."""
         where_ = f"rig {self.name!r}, {method}()"
@@ -154,7 +153,7 @@ class StepRig(Rig):
         states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
         hint = "it must return numbers for any states that a fit may try, NaN where there are none"
         if isinstance(error, AttributeError) and error.name:
-            known = [name for one in given for name in vars(one)]
+            known = [n for one in given if isinstance(one, SimpleNamespace) for n in vars(one)]
             hint = nearest(error.name, known) or f"there are {', '.join(known)}"
         return FileError(
             f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
@@ -180,11 +179,14 @@ class StepRig(Rig):
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """Of every state's rate what it depends on; what it is, only the simulation knows."""
+        if not self.states:
+            raise FileError(
+                "there are no states, so nothing can be stepped",
+                "name what step() needs to know of the past and returns: states = (State(...),)",
+            )
         into = self.drive(x, u, p, port)
         if not isinstance(into, dict) or not into:
-            raise FileError(
-                f"drive() returned {into!r:.60}, not a dict of name: expression", _WHOLE
-            )
+            raise FileError(f"returned {into!r:.60}, not a dict of name: expression", _WHOLE)
         forces = {name: expression(value) for name, value in into.items()}
         states, names = self._names[0], tuple(forces)
         by_state, by_force = self._links(names)
@@ -249,6 +251,19 @@ class StepRig(Rig):
         return {k: vars(self)[k] for k in kept}
 
 
+class _Given:
+    """Named numbers, made again only where they differ from the last ones."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names, self.last, self.made = names, list[float](), SimpleNamespace()
+
+    def of(self, values: list[float]) -> SimpleNamespace:
+        if values != self.last:
+            self.last = values
+            self.made = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
+        return self.made
+
+
 class Simulation:
     """A stepped rig as the engine drives it (`pamid.engine.stepped.Simulator`)."""
 
@@ -294,11 +309,10 @@ def _there(slopes: Array) -> NDArray[np.bool_]:
 def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     """Refuse a simulation that gives no numbers where a recording starts, or that remembers more
     than its states."""
-    here, other = _draws(rig)[:2] if rig.states else (np.zeros(0), np.zeros(0))
-    h, p = min(rig.period_s, rig.exchange_s), _sheet(rig, 1)
-    still, pushed = np.zeros((1, len(into))), np.ones((1, len(into)))
-    first, _ = rig.steps(here[None], still, p, h, into)
-    for name, value in zip(rig._names[0], first[0], strict=True):
+    here, other = _draws(rig)[:2]
+    h, f = min(rig.period_s, rig.exchange_s), np.outer([0.0, 1.0, 0.0], np.ones(len(into)))
+    first, _, again = rig.steps(np.stack([here, other, here]), f, _sheet(rig, 3), h, into)[0]
+    for name, value in zip(rig._names[0], first, strict=True):
         if not np.isfinite(value):
             raise FileError(
                 f"rig {rig.name!r}, step() returned {value} for {name!r} in the first step of "
@@ -306,10 +320,8 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
                 "mend the start, a parameter, or a step that is too long for it: exchange_s",
                 code="simulation",
             )
-    rig.steps(other[None], pushed, p, h, into)
-    again, _ = rig.steps(here[None], still, p, h, into)
     if not np.array_equal(first, again):
-        name = rig._names[0][int(np.argmax(first[0] != again[0]))]
+        name = rig._names[0][int(np.argmax(first != again))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
             "another call: it remembers something that is none of its states",

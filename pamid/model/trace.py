@@ -102,10 +102,12 @@ class _Tracer:
     def _call(
         self, method: str, x: Names, u: Names, p: Names, wanted: list[str]
     ) -> dict[str, Expr]:
-        where_ = f"rig {self.rig.name!r}, {method}()"
+        where_ = f"rig {self.rig.name!r}, {self.rig.written_as.get(method, method)}()"
         try:
             found = getattr(self.rig, method)(x, u, p, self.port)
         except PamidError as error:
+            if error.code == "simulation":  # says itself where it was
+                raise
             raise FileError(f"{where_}: {error}", error.hint) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
