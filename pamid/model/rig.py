@@ -156,6 +156,8 @@ class Rig:
     external: ClassVar[dict[str, float]] = {}
     # what the rate of change of an output is called, by the output without its unit
     rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
+    # what there is to know of it beside its tables: how it was made, what it leaves out
+    remarks: ClassVar[tuple[str, ...]] = ()
     # of the catalogue, the one that is meant where a recording names none
     usual: ClassVar[bool] = False
 

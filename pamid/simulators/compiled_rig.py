@@ -42,7 +42,6 @@ class CompiledMechanism(Rig):
         self.mechanism = m
         own.name = m.name
         own.inputs, own.outputs = m.inputs, m.outputs
-        own.optional = dict.fromkeys(m.inputs, 0.0)
         own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
         own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
         own.excited = {a.column: _amplitude(m, a) for a in m.actuators}
@@ -52,12 +51,9 @@ class CompiledMechanism(Rig):
         own.parameters = tuple(p.parameter for p in m.parameters)
         own.states = tuple(_states(m))
         own.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
-        self._names = {
-            (p.element, p.number, p.attribute): p.parameter.name for p in m.parameters
-        }
-        self._ports = {
-            (p.element, p.number, p.kind): p.name for p in m.ports
-        }
+        own.remarks = _remarks(m)
+        self._names = {(p.element, p.number, p.attribute): p.parameter.name for p in m.parameters}
+        self._ports = {(p.element, p.number, p.kind): p.name for p in m.ports}
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         return _Equations(self, x, u, p, port).rates()
@@ -74,6 +70,18 @@ class CompiledMechanism(Rig):
     def port_of(self, element: str, number: int, kind: str) -> str:
         """The name of an element's port of a kind."""
         return self._ports[element, number, kind]
+
+
+def _remarks(m: Mechanism) -> tuple[str, ...]:
+    """How the model goes, and what is left out."""
+    kinds = {"joint": m.joints, "tendon": m.tendons, "actuator": m.actuators, "sensor": m.sensors}
+    counted = ", ".join(f"{len(v)} {k}{'' if len(v) == 1 else 's'}" for k, v in kinds.items() if v)
+    fitted = sum(p.parameter.fitted for p in m.parameters)
+    return (
+        f"compiled into equations ({counted}, {fitted} parameters to fit): a tree of hinges and "
+        "slides without contacts or closed loops",
+        *map(str, m.findings),
+    )
 
 
 def _states(m: Mechanism) -> Iterator[State]:
@@ -128,9 +136,7 @@ class _Equations:
         a, told = self.m.actuators[i], self.command(i)
         state = getattr(self.x, a.state)
         if a.dynamics == "filter":
-            constant = self.rig.value(
-                self.p, "actuator", i, "time_constant", a.time_constant_s
-            )
+            constant = self.rig.value(self.p, "actuator", i, "time_constant", a.time_constant_s)
             told = (told - state) / maximum(constant, 1e-12)
         if a.activation_range is None:
             return told

@@ -89,15 +89,11 @@ class Spatial(NamedTuple):
 
     def cross(self, other: Spatial) -> Spatial:
         """Motion x motion."""
-        return Spatial(
-            cross(self.a, other.a), plus(cross(self.a, other.b), cross(self.b, other.a))
-        )
+        return Spatial(cross(self.a, other.a), plus(cross(self.a, other.b), cross(self.b, other.a)))
 
     def cross_force(self, force: Spatial) -> Spatial:
         """Motion x* force."""
-        return Spatial(
-            plus(cross(self.a, force.a), cross(self.b, force.b)), cross(self.a, force.b)
-        )
+        return Spatial(plus(cross(self.a, force.a), cross(self.b, force.b)), cross(self.a, force.b))
 
 
 STILL = Spatial(NOUGHT, NOUGHT)
@@ -172,9 +168,7 @@ class Coriolis(NamedTuple):
 
     def along(self, motion: Spatial) -> Spatial:
         """2 B motion"""
-        return Spatial(
-            through(self.square, motion.a), times(-2.0, cross(self.force, motion.a))
-        )
+        return Spatial(through(self.square, motion.a), times(-2.0, cross(self.force, motion.a)))
 
     def against(self, motion: Spatial) -> Vec:
         """motion' 2 B, of which the linear part is zero"""

@@ -38,7 +38,6 @@ from pamid.simulators.spatial import (
     coriolis,
     cross,
     dot,
-    mapped,
     minus,
     plus,
     product,
@@ -60,7 +59,7 @@ class _Frame:
     place: Vec
 
     def vector(self, own: Array) -> Vec:
-        return through(self.turn, _clean(self.fixed @ own))
+        return through(self.turn, vec(list(_clean(self.fixed @ own))))
 
     def point(self, own: Array) -> Vec:
         return plus(self.place, self.vector(own))
@@ -118,9 +117,7 @@ class Tree:
             frames.append(frame)
             last.append(at)
             if at >= 0 and body.mass_kg:
-                self.bodies[at].append(
-                    _Mass(number, self.masses[number], _each(body, frame))
-                )
+                self.bodies[at].append(_Mass(number, self.masses[number], _each(body, frame)))
 
     def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
         """The frame behind a joint; remembers the joint's motion vector."""
@@ -285,11 +282,7 @@ class Tree:
             s, turning, composite = self.axis[i], self.turning[i], self.composite[i]
             drag = b[i].against(s)  # s' 2 B
             second = self._second(i, acceleration)
-            pushed = (
-                b[i].along(turning)
-                + composite.momentum(second)
-                + s.cross_force(total[i])
-            )
+            pushed = b[i].along(turning) + composite.momentum(second) + s.cross_force(total[i])
             dragged = b[i].along(s) + composite.momentum(turning.by(2.0))
             for j in self.path(i):
                 sj, tj = self.axis[j], self.turning[j]
@@ -323,9 +316,7 @@ class Tree:
             found.append((one.mass, alone))
         return found
 
-    def accelerations(
-        self, force: Sequence[Expr], passed: Sequence[Expr | None]
-    ) -> list[Expr]:
+    def accelerations(self, force: Sequence[Expr], passed: Sequence[Expr | None]) -> list[Expr]:
         """q'' under these forces, with its exact derivatives.
 
         force: at each joint, without c. passed: where what reaches the joint is not force - c but
@@ -385,9 +376,9 @@ def rotation(quaternion: Sequence[float]) -> Array:
     )
 
 
-def _clean(own: Array) -> Vec:
+def _clean(own: Array) -> Array:
     near = np.round(own)
-    return np.where(np.abs(own - near) < 1e-15, near, own)  # type: ignore[return-value]
+    return np.where(np.abs(own - near) < 1e-15, near, own)
 
 
 def _aligned(axis: Array) -> Array:
@@ -409,7 +400,6 @@ def _each(body: Body, frame: _Frame) -> Inertia:
     about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
     about = np.where(np.abs(about) < 1e-15 * np.abs(about).max(), 0.0, about)
     s = constant(about)
-    own = Inertia(
-        expression(1.0), vec(list(_clean(centre))), (s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2])
-    )  # fmt: skip
+    second = (s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2])
+    own = Inertia(expression(1.0), vec(list(_clean(centre))), second)
     return own.moved(frame.turn, frame.place)
