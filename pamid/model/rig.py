@@ -158,6 +158,8 @@ class Rig:
     rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
     # the method that a user has written in the place of another one
     written_as: ClassVar[dict[str, str]] = {}
+    # what there is to know of it beside its tables: how it was made, what it leaves out
+    remarks: ClassVar[tuple[str, ...]] = ()
     # of the catalogue, the one that is meant where a recording names none
     usual: ClassVar[bool] = False
 
