@@ -92,7 +92,7 @@ class StepRig(Rig):
     ) -> tuple[Array, Array]:
         """See `pamid.engine.stepped.Simulator`; one copy after the other. into: names of what goes
         in."""
-        states, own = self._names
+        states, own = self._named
         after, pushed, known = list[list[float]](), _Given(into), _Given(own)
         for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
@@ -107,7 +107,7 @@ class StepRig(Rig):
         wanted = tuple(self.readings)
         if not wanted:
             return np.empty((len(x), 0))
-        states, known = self._names[0], _Given(self._names[1])
+        states, known = self._named[0], _Given(self._named[1])
         out = list[list[float]]()
         for row, values in zip(x.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
@@ -162,7 +162,7 @@ class StepRig(Rig):
         )
 
     @cached_property
-    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def _named(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Of the states and of the parameters."""
         return tuple(s.name for s in self.states), tuple(q.name for q in self.parameters)
 
@@ -170,7 +170,7 @@ class StepRig(Rig):
 
     def told(self) -> dict[str, Expr]:
         """Readings, of which it is known which states they depend on."""
-        states = self._names[0]
+        states = self._named[0]
         by = self._shown if self.readings else np.zeros((0, len(states)), bool)
         return {
             name: Expr(STEPPED, _chosen(states, row), ("read", name))
@@ -188,7 +188,7 @@ class StepRig(Rig):
         if not isinstance(into, dict) or not into:
             raise FileError(f"returned {into!r:.60}, not a dict of name: expression", _WHOLE)
         forces = {name: expression(value) for name, value in into.items()}
-        states, names = self._names[0], tuple(forces)
+        states, names = self._named[0], tuple(forces)
         by_state, by_force = self._links(names)
         found: dict[str, Number] = {}
         for state, own, driven in zip(states, by_state, by_force, strict=True):
@@ -241,7 +241,7 @@ class StepRig(Rig):
         """Typical magnitudes (SI) of the states, and of what goes in."""
         states, forces = (
             np.array([self.scales.get(name, 1.0) for name in names])
-            for names in (self._names[0], into)
+            for names in (self._named[0], into)
         )
         return states, forces
 
@@ -292,7 +292,7 @@ def _sheet(rig: StepRig, copies: int) -> Array:
 
 def _draws(rig: StepRig) -> list[Array]:
     """The states at the start of a recording, and points about them; SI."""
-    values = dict(zip(rig._names[1], _sheet(rig, 1)[0].tolist(), strict=True))
+    values = dict(zip(rig._named[1], _sheet(rig, 1)[0].tolist(), strict=True))
     given = rig.start(SimpleNamespace(**values))
     start = np.array([given.get(s.name, s.start) for s in rig.states])
     away = np.random.default_rng(0).standard_normal((DRAWS, len(start)))
@@ -312,7 +312,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     here, other = _draws(rig)[:2]
     h, f = min(rig.period_s, rig.exchange_s), np.outer([0.0, 1.0, 0.0], np.ones(len(into)))
     first, _, again = rig.steps(np.stack([here, other, here]), f, _sheet(rig, 3), h, into)[0]
-    for name, value in zip(rig._names[0], first, strict=True):
+    for name, value in zip(rig._named[0], first, strict=True):
         if not np.isfinite(value):
             raise FileError(
                 f"rig {rig.name!r}, step() returned {value} for {name!r} in the first step of "
@@ -321,7 +321,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
                 code="simulation",
             )
     if not np.array_equal(first, again):
-        name = rig._names[0][int(np.argmax(first != again))]
+        name = rig._named[0][int(np.argmax(first != again))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
             "another call: it remembers something that is none of its states",
