@@ -35,6 +35,7 @@ from pamid.symbolic.expression import (
     div,
     expression,
     mul,
+    plain,
     sub,
     substitute,
     symbol,
@@ -183,7 +184,7 @@ def step_of(model: Identified) -> SampleStep:
         [value for _, _, value in slopes],
     ]
     (values, seconds, rates, readings, partials), derived = extract_derived(
-        [substitute(g, settled) for g in groups]
+        [substitute(plain(g), settled) for g in groups]
     )
     lines = {cell.name: ceil(cell.buffer_s / h) + 3 for cell in lowered.cells if cell.buffer_s}
     start = substitute(_start(model, owned), outside)
