@@ -11,6 +11,7 @@ from pamid.simulators.compiled_rig import CompiledMechanism
 from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import SUFFIXES
 from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.simulators.stepped_mechanism import SteppedMechanism
 
 
 def rig(path: Path) -> Rig:
@@ -19,7 +20,8 @@ def rig(path: Path) -> Rig:
 
 
 def rig_of(mechanism: Mechanism) -> Rig:
-    """A mechanism as equations; FileError, with every hindrance, where it cannot be written so."""
+    """A mechanism as equations, or stepped by MuJoCo where it cannot be written so; FileError where
+    neither goes."""
     if not mechanism.joints:
         raise FileError(f"{mechanism.path}: it has no joints, so nothing in it can move.")
     if not mechanism.sensors:
@@ -28,13 +30,7 @@ def rig_of(mechanism: Mechanism) -> Rig:
             "Add <jointpos joint=...> for every joint that is recorded, or leave <sensor> out.",
         )
     if mechanism.hindrances:
-        told = "; ".join(map(str, mechanism.hindrances))
-        raise FileError(
-            f"{mechanism.path} cannot be written as equations: {told}.",
-            "Take these out, or state them otherwise: a tree of hinges and slides, out of reach of "
-            "contacts, with fixed tendons and motor, position, velocity or general actuators.",
-            code="model",
-        )
+        return SteppedMechanism(mechanism)
     return CompiledMechanism(mechanism)
 
 
