@@ -3,8 +3,8 @@ loops, tendons over sites) stays in its hands.
 
 What goes in are the commands, through their ports, and at every joint what the effects there add
 to the force that moves it (qfrc_applied). That force is known beside the simulator as far as the
-model states it (`pamid.simulators.compiled_rig`): effects are given it as their value, and hand on a
-difference. Parameters are written into copies of the model; copies for differences are stepped in
+model states it (`pamid.simulators.compiled_rig`): effects are given it as their value, and hand on
+a difference. Parameters are written into copies of the model; copies for differences are stepped in
 one call (mujoco.rollout), from a cold start of the solver, so that the same arguments lead to the
 same states.
 """
@@ -115,9 +115,10 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 def _refuse_quaternions(m: Mechanism) -> None:
     for joint in m.joints:
         if joint.kind not in ("hinge", "slide"):
+            line = f", line {joint.line}" if joint.line else ""
             raise FileError(
-                f"{m.path}: joint {joint.name!r}{f', line {joint.line}' if joint.line else ''} is a "
-                f"{joint.kind} joint, whose quaternion pamid cannot carry as states.",
+                f"{m.path}: joint {joint.name!r}{line} is a {joint.kind} joint, whose "
+                "quaternion pamid cannot carry as states.",
                 "Write it as hinges and slides, or hold the body.",
                 code="model",
             )
