@@ -15,7 +15,7 @@ from pathlib import Path
 
 #: endings of model files that a rig can be made of (`pamid.model.model_file`). Nothing in them is
 #: run; like code they are opened only where the user names them
-MODEL_ENDINGS = (".xml", ".mjcf", ".urdf")
+MODEL_ENDINGS = (".xml", ".mjcf", ".urdf", ".fmu")
 
 
 def is_code(name: str) -> bool:

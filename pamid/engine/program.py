@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,9 @@ class Memory:
     heads: NDArray[np.int64]
     begin: bool = True
     join: bool = False  # the state was set anew since the last run
+    # what a simulator that keeps its states to itself has saved: of the plain run, and by column
+    # of a copy whose values are moved
+    saved: tuple[Any, dict[int, Any]] | None = None
 
     def arrays(self, *, sensitive: bool = True) -> MemoryArrays:
         """The arrays themselves; without room for sensitivities where these are not wanted."""
@@ -56,7 +59,17 @@ class Memory:
 
     def copy(self) -> Memory:
         x, cells, past, S, buffers, buffer_S, heads = (array.copy() for array in self.arrays())
-        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join)
+        carried = self.saved and (self.saved[0], dict(self.saved[1]))
+        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join, carried)
+
+    def forget(self, first: int) -> None:
+        """The sensitivities from column `first` on become those of a state that nothing has moved:
+        zero."""
+        self.S[:, first:] = 0.0
+        self.buffer_S[:, :, first:] = 0.0
+        if self.saved:
+            plain, copies = self.saved
+            self.saved = (plain, {k: copy for k, copy in copies.items() if k < first})
 
 
 @dataclass(frozen=True)

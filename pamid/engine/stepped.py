@@ -24,13 +24,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
 from pamid.engine.program import Memory, Program, Stepping
 
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 1e-9 of a slope
 MOST_EXCHANGES = 64  # per sample
-BLOWN_UP = 1e15
 
 
 class Simulator(Protocol):
@@ -95,7 +95,7 @@ class SteppedProgram:
     own        number of parameters, the first ones, that the simulator is given
     """
 
-    simulator: Simulator
+    simulator: Simulator | Carrier
     around: Program
     readings: int
     simulated: int
@@ -158,24 +158,26 @@ class SteppedProgram:
         around = self.around.driver(memory, u, p, columns, after, self.readings)
         Y = np.empty((len(u), seen))
         JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))
-        course = _Course(self, around.arrays.x, around.arrays.S, p, columns)
+        course = self._course(memory, around.arrays.x, around.arrays.S, p, columns)
         course.read()
-        bad, times = -1, (time_s, period_s, step)
+        parts = 1 if self.whole else step.substeps
+        bad, times = -1, (time_s, period_s, replace(step, substeps=parts))
         for k in range(len(u)):
-            for sub in range(step.substeps):
+            for sub in range(parts):
                 values, slopes = around.step(k, sub, times, memory.begin, memory.join)
                 memory.begin = memory.join = False
                 if sub == 0:
                     Y[k] = values[:seen]
                     if columns is not None:
                         JY[k] = slopes[:seen]
-                course.step(values[seen:], slopes[seen:], period_s / step.substeps)
+                course.step(values[seen:], slopes[seen:], period_s / parts)
             if not course.finite:
                 bad = k
                 Y[k + 1 :] = np.nan
                 if columns is not None:
                     JY[k + 1 :] = np.nan
                 break
+        course.keep(memory)
         memory.x[:] = course.x[self.readings :]
         if columns is not None:
             memory.S[:] = course.S[self.readings :]
@@ -183,12 +185,33 @@ class SteppedProgram:
                 JY *= weights[:, None]
         return Y, JY, bad
 
+    def _course(
+        self,
+        memory: Memory,
+        x: Array,
+        S: Array,
+        p: Array,
+        columns: NDArray[np.int64] | None,
+    ) -> _Course | CarriedCourse:
+        if isinstance(self.simulator, Carrier):
+            return CarriedCourse(self.simulator, memory, x, S, p, columns, self.own)
+        return _Course(self, self.simulator, x, S, p, columns)
+
+    @property
+    def whole(self) -> bool:
+        """Is there one exchange in a sample, whatever the stepping says?"""
+        return isinstance(self.simulator, Carrier) and self.simulator.whole_samples
+
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
         """What a df/dx (nx x nx) would be: of the equations' own states it is one, of the
         simulator's (A - I)/h with the A by which a step of h moves deviations on."""
         nx, first = len(self.states), self.readings
+        if isinstance(self.simulator, Carrier):  # nothing is known of what is inside
+            inside = replace(memory.copy(), x=np.concatenate([np.zeros(first), memory.x]))
+            own = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s)
+            return own[first:, first:]
         none = np.full(len(self.parameters), -1, np.int64)
         wide = self.memory(memory.x, nx).S
         np.fill_diagonal(wide, 1.0)
@@ -197,6 +220,7 @@ class SteppedProgram:
         )
         shown = _Course(
             self,
+            self.simulator,
             np.concatenate([np.zeros(first), memory.x]),
             np.eye(first + nx, nx, -first),
             p,
@@ -217,6 +241,7 @@ class _Course:
     their rows of S."""
 
     program: SteppedProgram
+    simulator: Simulator
     x: Array
     S: Array
     p: Array
@@ -242,12 +267,12 @@ class _Course:
         xs, ps = np.tile(x, (1 + moved, 1)), np.tile(self.own, (1 + moved, 1))
         tiny = np.abs(self.own[chosen])
         by = DIFFERENCE * np.concatenate(
-            [np.maximum(np.abs(x), q.simulator.sizes[0]), tiny + (tiny == 0.0)]
+            [np.maximum(np.abs(x), self.simulator.sizes[0]), tiny + (tiny == 0.0)]
         )
         if moved:
             xs[1 + np.arange(len(x)), np.arange(len(x))] += by[: len(x)]
             ps[1 + len(x) + np.arange(len(chosen)), chosen] += by[len(x) :]
-        found = q.simulator.reads(xs, ps)
+        found = self.simulator.reads(xs, ps)
         self.x[: q.readings] = found[0]
         if moved:
             slopes = (found[1:] - found[0]).T / by
@@ -259,14 +284,17 @@ class _Course:
         columns)."""
         q, x = self.program, self.x[self.part]
         if self.columns is None:
-            after, readings = q.simulator.steps(x[None], f[None], self.own[None], h)
+            after, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
             self.x[: q.readings], self.x[self.part] = readings[0], after[0]
             return
-        found = slopes_of(q.simulator, x, f, self.own, h, self.chosen)
+        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
         rows = found.by_state @ self.S[self.part] + found.by_force @ by
         rows[:, self.places] += found.by_parameter
         self.S[self.both] = rows
         self.x[self.both] = found.after
+
+    def keep(self, memory: Memory) -> None:
+        """All that a run carries on stands in the memory's arrays."""
 
     @property
     def finite(self) -> bool:

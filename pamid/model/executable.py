@@ -44,7 +44,7 @@ def _stepped(
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None,
 ) -> SteppedProgram:
-    own = tuple(s.name for s in rig.states)
+    own = tuple(rig.rated())
     simulated = [e for e in traced.rates.values() if e.op == STEPPED]
     if len(simulated) > len(own):
         raise UsageError(
@@ -62,6 +62,7 @@ def _stepped(
         if node.op == STEPPED and node.value[0] == "read"
     }
     held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(own, ZERO)
+    simulator = rig.carrier() if rig.carries else Simulation(rig, into)
     rates = {name: e for name, e in traced.rates.items() if name not in own}
     around = {**outputs, **{f"into.{name}": goes_in[name] for name in into}}
     told = iter(substitute([*rates.values(), *around.values()], read))
@@ -76,5 +77,10 @@ def _stepped(
         lowered, traced.inputs, parameters, tuple(around), sensitive, traced.linear
     )
     return SteppedProgram(
-        Simulation(rig, into), compiled, len(rig.readings), len(own), len(into), len(rig.parameters)
+        simulator,
+        compiled,
+        len(rig.readings),
+        len(rig.states),
+        len(into),
+        len(rig.parameters),
     )

@@ -182,6 +182,10 @@ class Rig:
         """What equations see beside the states, by name; nothing by default."""
         return {}
 
+    def rated(self) -> list[str]:
+        """What `rates` gives a rate of."""
+        return [s.name for s in self.states]
+
     def start(self, p: Any) -> dict[str, float]:
         """State (SI) in which a recording begins, where it differs from the states' own start; p
         holds numbers."""

@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
+from pamid.engine.carried import Carrier
 from pamid.engine.stepped import DIFFERENCE, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
@@ -64,6 +65,8 @@ class StepRig(Rig):
     """
 
     written_as = {"rates": "drive"}
+    # the simulation keeps its states to itself, and there are readings alone: `carrier`
+    carries: ClassVar[bool] = False
     # what `read` returns: name -> SI unit
     readings: ClassVar[dict[str, str]] = {}
     # longest time, s, over which what goes in is held; a sample where that is shorter
@@ -168,8 +171,17 @@ class StepRig(Rig):
 
     # ---- what the equations see ----------------------------------------------------------
 
+    def carrier(self) -> Carrier:
+        """What steps where the rig `carries`."""
+        raise FileError("there is none", "a rig that carries has carrier()")
+
+    def rated(self) -> list[str]:
+        return list(map(_read, self.readings)) if self.carries else super().rated()
+
     def told(self) -> dict[str, Expr]:
         """Readings, of which it is known which states they depend on."""
+        if self.carries:
+            return {name: symbol("state", _read(name)) for name in self.readings}
         states = self._named[0]
         by = self._shown if self.readings else np.zeros((0, len(states)), bool)
         return {
@@ -179,7 +191,7 @@ class StepRig(Rig):
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """Of every state's rate what it depends on; what it is, only the simulation knows."""
-        if not self.states:
+        if not (self.states or self.carries):
             raise FileError(
                 "there are no states, so nothing can be stepped",
                 "name what step() needs to know of the past and returns: states = (State(...),)",
@@ -189,6 +201,12 @@ class StepRig(Rig):
             raise FileError(f"returned {into!r:.60}, not a dict of name: expression", _WHOLE)
         forces = {name: expression(value) for name, value in into.items()}
         states, names = self._named[0], tuple(forces)
+        if self.carries:  # whatever is inside may lead from anywhere to anywhere
+            anything = (*self.told().values(), *forces.values())
+            return {
+                _read(name): Expr(STEPPED, anything, ("rate", name, names, names))
+                for name in self.readings
+            }
         by_state, by_force = self._links(names)
         found: dict[str, Number] = {}
         for state, own, driven in zip(states, by_state, by_force, strict=True):
@@ -276,6 +294,11 @@ class Simulation:
 
     def reads(self, x: Array, p: Array) -> Array:
         return self.rig.reads(x, p)
+
+
+def _read(name: str) -> str:
+    """A reading as a state of the equations."""
+    return f"read.{name}"
 
 
 _WHOLE = "a stepped rig has drive(x, u, p, port), step(x, f, p, h) and measure(x, u, p, port)"

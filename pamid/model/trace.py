@@ -84,7 +84,7 @@ class _Tracer:
                 self.inputs.remove(loop.command)
                 columns[loop.command] = symbol("cell", loop.command)
         u = Names(columns, "input")
-        rates = self._call("rates", x, u, p, [s.name for s in self.rig.states])
+        rates = self._call("rates", x, u, p, self.rig.rated())
         outputs = self._call("measure", x, u, p, list(self.rig.outputs))
         if self.controller:
             for loop in self.rig.loops:

@@ -136,6 +136,10 @@ def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
     return list(zip(t.joints, t.coefficients, strict=True))
 
 
+def _silent(_: str) -> None:
+    pass
+
+
 class _Stepper:
     """MuJoCo at work: models with parameters written into them, and states in pamid's order."""
 
@@ -147,6 +151,8 @@ class _Stepper:
         model = self.model
         model.opt.tolerance = min(model.opt.tolerance, TOLERANCE)
         model.actuator_delay[:] = 0.0  # delays are pamid's
+        # an unstable state would silently become that of the reference
+        model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.actuator_names = [file.name("actuator", i) for i in range(model.nu)]
         self.rollout = rollout.Rollout(nthread=0)
         self.data = self.mujoco.MjData(model)
@@ -180,13 +186,18 @@ class _Stepper:
         control = np.zeros((n, 1, self.model.nu + self.model.nv))
         control[:, 0, self.forces] = f
         models = [self.with_values(row, h / count) for row in p]
-        after, _ = self.rollout.rollout(
-            models,
-            self.data,
-            states,
-            np.repeat(control, count, axis=1) if count > 1 else control,
-            control_spec=self.spec,
-        )
+        # what is unstable shows in the states, not on the screen and in a file of MuJoCo's own
+        self.mujoco.set_mju_user_warning(_silent)
+        try:
+            after, _ = self.rollout.rollout(
+                models,
+                self.data,
+                states,
+                np.repeat(control, count, axis=1) if count > 1 else control,
+                control_spec=self.spec,
+            )
+        finally:
+            self.mujoco.set_mju_user_warning(None)
         return np.ascontiguousarray(after[:, -1, self.places])
 
     def with_values(self, row: Array, timestep_s: float) -> Any:

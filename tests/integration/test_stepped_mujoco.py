@@ -170,6 +170,20 @@ def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: 
     assert [c.effect for c in found.causes] == ["coulomb-friction@hip"]
 
 
+def test_what_becomes_unstable_is_seen_and_not_begun_anew(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
+    a = Assembly(rig_named(str(_written(tmp_path))))
+    p = a.values({"knee_damping_n_m_s_per_rad": -50.0})
+    memory = a.program.memory(a.start(p), period_s=PERIOD)
+    y, _, bad = a.program.run(memory, COMMANDS, p, period_s=PERIOD)
+    assert 0 <= bad < SAMPLES - 1
+    assert np.isnan(y[bad + 1 :]).all()
+    assert "unstable" not in "".join(capfd.readouterr())
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
 def test_a_quaternion_joint_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "free.xml"
     path.write_text(
