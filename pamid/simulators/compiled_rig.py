@@ -42,6 +42,7 @@ class CompiledMechanism(Rig):
         self.mechanism = m
         own.name = m.name
         own.inputs, own.outputs = m.inputs, m.outputs
+        own.optional = {a.column: 0.0 for a in m.actuators if a.adr < 0}
         own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
         own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
         own.excited = {a.column: _amplitude(m, a) for a in m.actuators}

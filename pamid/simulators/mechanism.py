@@ -102,6 +102,8 @@ class Actuator:
     joint, tendon  the one it drives; -1: not that
     column    of a recording, that holds its command; state: the name of a where it has dynamics
     armature, damping  what the actuator adds to its joint's, times gear squared
+    adr       place of its command among the simulator's; -1: the file has no actuators, and its
+              command is a force or torque that acts on the joint itself
     """
 
     name: str
@@ -124,6 +126,7 @@ class Actuator:
     damping: float = 0.0
     delay_s: float = 0.0
     line: int = 0
+    adr: int = -1
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -249,9 +249,35 @@ def _actuators(
                 float(m.actuator_damping[i]),
                 float(m.actuator_delay[i]),
                 file.line("actuator", i),
+                int(m.actuator_ctrladr[i]),
             )
         )
-    return tuple(found)
+    return tuple(found) if m.nactuator else tuple(_bare(joints))
+
+
+def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
+    """A force or torque at every joint: of a file without actuators, such as any URDF."""
+    for j, joint in enumerate(joints):
+        if joint.kind not in ("hinge", "slide"):
+            continue
+        unit = joint.force_unit
+        column = with_unit(f"{joint.name}_{'torque' if unit == 'N m' else 'force'}", unit)
+        none = (0.0, 0.0, 0.0)
+        yield Actuator(
+            joint.name,
+            "motor",
+            j,
+            -1,
+            1.0,
+            "none",
+            0.0,
+            (1.0, 0.0, 0.0),
+            none,
+            column,
+            command_unit=unit,
+            force_unit=unit,
+            command_range=joint.force_range,
+        )
 
 
 def _units_of(
