@@ -3,6 +3,7 @@ judge of what pamid makes of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 
 from pamid.simulators.compiled_rig import CompiledMechanism
 from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.symbolic.expression import const, plain, substitute, symbol
-from pamid.symbolic.memory_cells import tick
+from pamid.symbolic.expression import Expr, plain, symbol, walk
+from pamid.symbolic.operators import OPERATORS
 
 Array = NDArray[np.float64]
 
@@ -71,9 +72,12 @@ TREE = """<mujoco model="tree">
       <geom size="0.1" mass="2"/>
       <body name="hip-1" pos="0 0.1 0">
         <joint name="yaw" axis="0 0 1" pos="0.05 0 0" armature="0.02" damping="0.2" ref="0.2"/>
-        <joint axis="0.3 1 0.2" damping="0.1" actuatorfrcrange="-0.4 0.4" actuatorfrclimited="true"/>
+        <joint name="tilt" axis="0.3 1 0.2" damping="0.1" actuatorfrcrange="-0.4 0.4"
+               actuatorfrclimited="true"/>
         <inertial pos="0.05 0.02 -0.2" mass="1.1" fullinertia="0.02 0.03 0.025 0.001 -0.002 0.003"/>
-        <body name="plate" pos="0 0 -0.3" quat="0.7 0.1 0.7 0"><geom type="box" size="0.1 0.05 0.02" mass="0.6"/></body>
+        <body name="plate" pos="0 0 -0.3" quat="0.7 0.1 0.7 0">
+          <geom type="box" size="0.1 0.05 0.02" mass="0.6"/>
+        </body>
         <body name="shin" pos="0 0 -0.4">
           <joint name="knee" axis="0 1 0" damping="0.05" stiffness="2" springref="-0.3"/>
           <geom type="capsule" fromto="0 0 0 0.1 0 -0.3" size="0.03" mass="0.5"/>
@@ -94,24 +98,34 @@ TREE = """<mujoco model="tree">
     <motor name="push" joint="rail" gear="-30" ctrlrange="-0.5 0.5"/>
     <position name="turn" joint="yaw" kp="8" kv="0.6" ctrlrange="-1 1" forcerange="-3 3"/>
     <velocity name="spin" joint="wag" kv="0.3" gear="2"/>
-    <general name="slow" joint="knee" dyntype="filter" dynprm="0.05" gaintype="affine" gainprm="2 0.3 -0.1" biastype="affine" biasprm="0.2 -1 -0.05"/>
+    <general name="slow" joint="knee" dyntype="filter" dynprm="0.05" gaintype="affine"
+             gainprm="2 0.3 -0.1" biastype="affine" biasprm="0.2 -1 -0.05"/>
     <intvelocity name="step" joint="yaw" kp="3" actrange="-0.5 0.5"/>
     <motor name="pull" tendon="cable" gear="3"/>
     <motor name="geared" joint="knee" gear="2" armature="0.003" damping="0.02"/>
-    <motor joint="joint_unnamed_stand_in" gear="5"/>
+    <motor joint="tilt" gear="5"/>
   </actuator>
   <sensor>
     <jointpos joint="yaw"/><jointvel joint="rail"/><tendonpos tendon="cable"/>
     <tendonvel tendon="cable"/><actuatorfrc actuator="turn"/><actuatorfrc actuator="slow"/>
     <actuatorpos actuator="spin"/><actuatorvel actuator="push"/>
-    <jointactuatorfrc name="knee torque" joint="knee"/><jointpos name="clipped" joint="wag" cutoff="0.4"/>
+    <jointactuatorfrc name="knee torque" joint="knee"/>
+    <jointpos name="clipped" joint="wag" cutoff="0.4"/>
   </sensor>
 </mujoco>
-""".replace("<joint axis=\"0.3 1 0.2\"", "<joint name=\"joint_unnamed_stand_in\" axis=\"0.3 1 0.2\"")
+""".replace('<joint axis="0.3 1 0.2"', '<joint name="joint_unnamed_stand_in" axis="0.3 1 0.2"')
 
 
 def _seven() -> str:
-    places = ("0 0 0.33", "0 0 0", "0 -0.316 0", "0.0825 0 0", "-0.0825 0.384 0", "0 0 0", "0.088 0 0")
+    places = (
+        "0 0 0.33",
+        "0 0 0",
+        "0 -0.316 0",
+        "0.0825 0 0",
+        "-0.0825 0.384 0",
+        "0 0 0",
+        "0.088 0 0",
+    )
     turns = (0, -1, 1, 1, -1, 1, 1)
     masses = (3.2, 3.1, 3.2, 2.5, 1.2, 1.5, 0.7)
     centres = ("0.003 0.05 -0.02", "-0.003 -0.07 0.03", "0.027 0.04 -0.07", "-0.05 0.1 0.03",
@@ -121,8 +135,9 @@ def _seven() -> str:
         turn = f' quat="0.70710678 {0.70710678 * turns[i]} 0 0"' if turns[i] else ""
         inertia = " ".join(f"{0.01 * masses[i] * s:.5g}" for s in (1.0, 0.9, 0.7))
         bodies.append(
-            f'<body name="link{i + 1}" pos="{places[i]}"{turn}><joint name="j{i + 1}" axis="0 0 1"/>'
-            f'<inertial pos="{centres[i]}" mass="{masses[i]}" quat="0.9 0.1 0.2 0.05" '
+            f'<body name="link{i + 1}" pos="{places[i]}"{turn}>'
+            f'<joint name="j{i + 1}" axis="0 0 1"/><inertial pos="{centres[i]}" '
+            f'mass="{masses[i]}" quat="0.9 0.1 0.2 0.05" '
             f'diaginertia="{inertia}"/>'
         )
         ends.append("</body>")
@@ -157,6 +172,22 @@ class _Names:
         return symbol(self._space, name)
 
 
+def numbers(roots: Sequence[Expr], values: Mapping[tuple[str, str], float]) -> Array:
+    """The values of expressions where their symbols have these."""
+    found: dict[Expr, float] = {}
+    for node in walk(roots):
+        if node.op == "const":
+            found[node] = node.value
+        elif node.op == "symbol":
+            found[node] = values[node.value]
+        elif node.op == "where":
+            taken = node.args[1] if found[node.args[0]] else node.args[2]
+            found[node] = found[taken]
+        else:
+            found[node] = float(OPERATORS[node.op].evaluate(*(found[a] for a in node.args)))
+    return np.array([found[root] for root in roots])
+
+
 class AtStates:
     """A compiled rig's rates and readings as numbers."""
 
@@ -171,11 +202,8 @@ class AtStates:
         self, x: dict[str, float], u: dict[str, float], p: dict[str, float]
     ) -> tuple[dict[str, float], dict[str, float]]:
         """Rates and readings by name."""
-        values = {symbol("state", k): const(v) for k, v in x.items()}
-        values |= {symbol("input", k): const(v) for k, v in u.items()}
-        values |= {symbol("parameter", k): const(v) for k, v in p.items()}
-        values |= {tick("time"): const(0.0)}
-        found = [float(v) for v in substitute(self.roots, values)]
+        values = {("state", k): v for k, v in x.items()} | {("input", k): v for k, v in u.items()}
+        found = numbers(self.roots, values | {("parameter", k): v for k, v in p.items()}).tolist()
         first, second = self.names
         return dict(zip(first, found, strict=False)), dict(
             zip(second, found[len(first) :], strict=True)
@@ -198,6 +226,7 @@ def mujoco_at(
     mujoco, m = needs_mujoco(), rig.mechanism
     model = mujoco.MjModel.from_xml_path(m.path)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    model.opt.tolerance, model.opt.iterations = 0.0, 200
     data = mujoco.MjData(model)
     for joint in m.joints:
         data.qpos[joint.qpos] = x[joint.name]

@@ -9,9 +9,10 @@ import mechanisms
 import numpy as np
 import pytest
 
+from pamid.engine.llvm_ir import with_partials
 from pamid.model.assembly import Assembly
 from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import ZERO, const, plain, substitute, symbol
+from pamid.symbolic.expression import ZERO, plain, symbol, walk
 from pamid.symbolic.vocabulary import Expr, held, sin, tangent
 
 mechanisms.needs_mujoco()
@@ -21,6 +22,7 @@ MODELS = {
     "two": mechanisms.TWO,
     "tree": mechanisms.TREE,
     "seven": mechanisms.SEVEN,
+    "rubbing": mechanisms.SEVEN.replace('frictionloss="0.1"', 'frictionloss="1.5"'),
 }
 CLOSE = 1e-10
 
@@ -33,8 +35,9 @@ def test_mujoco_gives_the_same_accelerations_and_readings(name: str, tmp_path: P
     p = mechanisms.parameters(rig)
     for _ in range(20):
         x = {s.name: float(random.choice([-1, 1]) * random.uniform(0.4, 2.0)) for s in rig.states}
-        # fast enough for every friction to have reached its loss
-        x |= {k: 4.0 * v for k, v in x.items() if k.endswith("_velocity")}
+        # from speeds at which some joints creep to those at which all friction is at its loss
+        speed = random.choice([0.01, 0.1, 1.0])
+        x |= {k: speed * v for k, v in x.items() if k.endswith("_velocity")}
         # an activation is never beyond its range
         x |= {a.state: 0.2 * x[a.state] for a in rig.mechanism.actuators if a.state}
         u = {column: float(random.normal()) for column in rig.inputs}
@@ -62,7 +65,7 @@ def _bent(rig: mechanisms.CompiledMechanism, at: set[str]) -> dict[str, Expr]:
     return dict(rig.rates(*names, port))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", ["two", "tree", "seven"])
+@pytest.mark.parametrize("name", ["two", "tree", "rubbing"])
 @pytest.mark.parametrize("bent", [False, True])
 def test_partials_equal_finite_differences(name: str, bent: bool, tmp_path: Path) -> None:
     rig = mechanisms.rig_from(MODELS[name], tmp_path)
@@ -77,16 +80,17 @@ def test_partials_equal_finite_differences(name: str, bent: bool, tmp_path: Path
     point = {("state", s.name): float(random.choice([-1, 1]) * random.uniform(0.5, 1.5))
              for s in rig.states}  # fmt: skip
     point |= {("input", c): float(random.uniform(0.1, 0.4)) for c in rig.inputs}
+    point |= {k: 0.03 * v for k, v in point.items() if k[1].endswith("_velocity")}
     # off the corners: a loss of zero is one
     point |= {("parameter", k): v or 0.02 for k, v in p.items()}
 
     def at_point(nodes: list[Expr], moved: dict[tuple[str, str], float]) -> np.ndarray:
-        table = {symbol(*k): const(v) for k, v in {**point, **moved}.items()}
-        return np.array([float(v) for v in substitute(plain(nodes), table)])
+        return mechanisms.numbers(plain(nodes), {**point, **moved})
 
     size = np.abs(at_point(values, {})).max()
     keys = [k for k in point if k[0] != "input"]
-    exact = np.array([at_point([g.get(symbol(*k), ZERO) for k in keys], {}) for g in slopes]).T
+    flat = at_point([g.get(symbol(*k), ZERO) for g in slopes for k in keys], {})
+    exact = flat.reshape(len(roots), len(keys)).T
     for key, column in zip(keys, exact, strict=True):
         h = 1e-6 * max(abs(point[key]), 0.1)
         up, down = ({key: point[key] + s * h} for s in (1, -1))
@@ -100,20 +104,17 @@ def test_a_held_value_has_no_derivative_and_a_tangent_has_its_own() -> None:
     x = symbol("state", "x")
     node = x * held(sin(x)) + tangent(x * x, 5.0 * x)
     (by,) = gradients([node])
-    (value, slope) = (float(substitute(plain([n]), {x: const(0.7)})[0]) for n in (node, by[x]))
+    value, slope = mechanisms.numbers(plain([node, by[x]]), {("state", "x"): 0.7})
     assert value == pytest.approx(0.7 * np.sin(0.7) + 0.49)
     assert slope == pytest.approx(np.sin(0.7) + 5.0)
 
 
 def test_seven_joints_are_a_short_program(tmp_path: Path) -> None:
-    """In operations, which do not depend on the machine: with 28 sensitivities little more than
+    """In operations, which do not depend on the machine: with what 28 sensitivities need less than
     three times the plain equations, and few enough to be compiled at once."""
     rig = mechanisms.rig_from(mechanisms.SEVEN, tmp_path)
     assembly = Assembly(rig).for_fitting()
     assert len(assembly.program.sensitive) == 28
-    from pamid.engine.llvm_ir import with_partials
-    from pamid.symbolic.expression import walk
-
     rates = list(assembly.traced.rates.values())
     columns: dict[tuple[str, str], int] = {}
 
@@ -122,4 +123,4 @@ def test_seven_joints_are_a_short_program(tmp_path: Path) -> None:
 
     values, _, _ = with_partials(rates, column, assembly.program.sensitive)
     count = [sum(bool(n.args) for n in walk(nodes)) for nodes in (plain(rates), values)]
-    assert count[0] < 3500 and count[1] < 4.0 * count[0]
+    assert count[0] < 5000 and count[1] < 3.0 * count[0]
