@@ -154,10 +154,10 @@ class SteppedProgram:
         """See `Program.run`."""
         step = stepping or Stepping()
         wide, seen = memory.S.shape[1], len(self.outputs)
+        JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))
         columns = None if wide == 0 else columns
         around = self.around.driver(memory, u, p, columns, after, self.readings)
         Y = np.empty((len(u), seen))
-        JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))
         course = self._course(memory, around.arrays.x, around.arrays.S, p, columns)
         course.read()
         parts = 1 if self.whole else step.substeps

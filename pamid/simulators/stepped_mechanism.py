@@ -11,6 +11,7 @@ same states.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 from typing import Any
 
@@ -59,7 +60,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         return tuple(
             State(f"{a.name}_activation")
             for i, a in enumerate(self.mechanism.actuators)
-            if model.actuator_actadr[i] >= 0 and not a.state
+            if a.adr >= 0 and model.actuator_actadr[i] >= 0 and not a.state
         )
 
     @cached_property
@@ -70,20 +71,24 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         equations, m = _Equations(self, x, u, p, port), self.mechanism
+        own = [i for i, a in enumerate(m.actuators) if a.adr >= 0]
         into: dict[str, Number] = {
-            f"{a.name}_command": equations.command(i) for i, a in enumerate(m.actuators)
+            f"{m.actuators[i].name}_command": equations.command(i) for i in own
         }
-        for j, force in enumerate(self._known_forces(equations, p)):
+        # what pamid puts in the place of actuators, where the file has none, goes in from outside
+        inside = self._known_forces(equations, p, own)
+        for j, force in enumerate(self._known_forces(equations, p, range(len(m.actuators)))):
             name = self.port_of("joint", j, "motion")
             passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
-            into[f"{m.joints[j].name}_force"] = passed - force
+            into[f"{m.joints[j].name}_force"] = passed - inside[j]
         return into
 
-    def _known_forces(self, equations: _Equations, p: Any) -> list[Expr]:
-        """What joints, tendons and actuators are known to exert at every joint."""
+    def _known_forces(self, equations: _Equations, p: Any, actuators: Iterable[int]) -> list[Expr]:
+        """What joints, tendons and these actuators are known to exert at every joint."""
         m = self.mechanism
         found = [ZERO] * len(m.joints)
-        for i, a in enumerate(m.actuators):
+        for i in actuators:
+            a = m.actuators[i]
             if _is_plain(a) and not self._is_other(i):
                 force = self.value(p, "actuator", i, "gear", a.gear) * equations.actuator_force(i)
                 for j, share in _ends(m, a):
@@ -104,6 +109,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         return any(
             f.element == "actuator" and f.name == self._stepper.actuator_names[actuator]
             for f in self.mechanism.hindrances
+            if self.mechanism.actuators[actuator].adr >= 0
         )
 
     def steps(
