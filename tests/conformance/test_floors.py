@@ -57,6 +57,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "matio": ("pamid/ingest/",),
     "onnx": ("pamid/export/",),
     "mujoco": ("pamid/simulators/",),
+    "fmpy": ("pamid/simulators/",),
     "distributed": ("pamid/parallel/dask_backend.py",),
     "click": ("cli/",),
 }
@@ -85,6 +86,7 @@ HEAVY = (
     "matio",
     "onnx",
     "mujoco",
+    "fmpy",
     "distributed",
 )
 
