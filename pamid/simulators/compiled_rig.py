@@ -3,8 +3,9 @@
     M(q) q'' + c(q, q') = drive + tendons - damping q' - stiffness (q - relaxed) + friction
 
 with the friction of `pamid.simulators.soft_friction` at joints whose file states a loss; elsewhere,
-where a fit frees it, it grows with the velocity (`friction_slope`) until the loss is reached. Joint, tendon and actuator laws are those of MuJoCo
-(documentation, Computation), the motion is in `pamid.simulators.tree_dynamics`.
+where a fit frees it, it grows with the velocity (`friction_slope`) until the loss is reached.
+Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
+`pamid.simulators.tree_dynamics`.
 """
 
 from __future__ import annotations

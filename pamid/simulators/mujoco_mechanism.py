@@ -261,7 +261,7 @@ def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
         if joint.kind not in ("hinge", "slide"):
             continue
         unit = joint.force_unit
-        column = with_unit(f"{joint.name}_{'torque' if unit == 'N m' else 'force'}", unit)
+        column = f"{joint.name}_{'torque_nm' if unit == 'N m' else 'force_n'}"
         none = (0.0, 0.0, 0.0)
         yield Actuator(
             joint.name,
