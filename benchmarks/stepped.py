@@ -1,5 +1,5 @@
-"""What stepping costs: the pendulum on a cart of the tests, with equations and stepped by Python, a leg
-with contacts stepped by MuJoCo; CPU microseconds per sample and exchange.
+"""What stepping costs: the pendulum on a cart of the tests, with equations and stepped by Python, a
+leg with contacts stepped by MuJoCo; CPU microseconds per sample and exchange.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/stepped.py
 """
@@ -13,14 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "tests" / f) for f in ("", "support")]
-
-from integration.test_stepped_mujoco import COMMANDS, LEG
-from rigs.pendulums import SteppedTwin, WrittenPendulum
-
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "data/rigs/stepped_pendulum.py"
 ROUNDS = 3
@@ -46,6 +43,9 @@ def cost(rig: Rig, u: np.ndarray, slopes: bool) -> tuple[float, int]:
 
 
 def main() -> None:
+    from integration.test_stepped_mujoco import COMMANDS, LEG
+    from rigs.pendulums import SteppedTwin, WrittenPendulum
+
     pushed = np.random.default_rng(0).standard_normal((2000, 1))
     with tempfile.TemporaryDirectory() as folder:
         leg = Path(folder) / "leg.xml"

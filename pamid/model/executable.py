@@ -11,7 +11,7 @@ from pamid.base.errors import UsageError
 from pamid.engine.program import Program, build_program
 from pamid.engine.stepped import SteppedProgram
 from pamid.model.rig import Rig
-from pamid.model.step_rig import STEPPED, Simulation, StepRig
+from pamid.model.step_rig import SIMULATED, RigSimulator, StepRig
 from pamid.model.trace import Traced
 from pamid.symbolic.expression import ZERO, substitute, symbol, walk
 from pamid.symbolic.memory_cells import expand_memory
@@ -45,7 +45,7 @@ def _stepped(
     sensitive: frozenset[str] | None,
 ) -> SteppedProgram:
     own = tuple(rig.rated())
-    simulated = [e for e in traced.rates.values() if e.op == STEPPED]
+    simulated = [e for e in traced.rates.values() if e.op == SIMULATED]
     if len(simulated) > len(own):
         raise UsageError(
             f"rig {rig.name!r} is stepped: it cannot be computed twice in one model",
@@ -59,10 +59,10 @@ def _stepped(
     read = {
         node: symbol("state", f"read.{node.value[1]}")
         for node in walk([*traced.rates.values(), *outputs.values(), *parts])
-        if node.op == STEPPED and node.value[0] == "read"
+        if node.op == SIMULATED and node.value[0] == "read"
     }
     held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(own, ZERO)
-    simulator = rig.carrier() if rig.carries else Simulation(rig, into)
+    simulator = rig.carrier() if rig.carries else RigSimulator(rig, into)
     rates = {name: e for name, e in traced.rates.items() if name not in own}
     around = {**outputs, **{f"into.{name}": goes_in[name] for name in into}}
     told = iter(substitute([*rates.values(), *around.values()], read))

@@ -25,7 +25,9 @@ class ModelKind:
 
 @lru_cache
 def model_kinds() -> dict[str, ModelKind]:
-    """Every kind by the endings of its files: the `KIND` of each file in
+    """Every kind by the endings of its files: the `MODEL_KIND` of each file in
     `pamid.simulators.kinds`."""
     modules = modules_of("pamid.simulators.kinds").values()
-    return {suffix: module.KIND for module in modules for suffix in module.KIND.suffixes}
+    return {
+        suffix: module.MODEL_KIND for module in modules for suffix in module.MODEL_KIND.suffixes
+    }

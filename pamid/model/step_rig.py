@@ -50,8 +50,8 @@ from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
-STEPPED = "simulated"  # the operator of what only a simulation knows
-DRAWS = 4  # points at which it is tried what depends on what
+SIMULATED = "simulated"  # the operator of what only a simulation knows
+TRIED_POINTS = 4  # points at which it is tried what depends on what
 # of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
 # there at all, of the largest in its row
 BY_WAY, THERE = 0.5, 1e-5
@@ -185,7 +185,7 @@ class StepRig(Rig):
         states = self._named[0]
         by = self._shown if self.readings else np.zeros((0, len(states)), bool)
         return {
-            name: Expr(STEPPED, _chosen(states, row), ("read", name))
+            name: Expr(SIMULATED, _chosen(states, row), ("read", name))
             for name, row in zip(self.readings, by, strict=True)
         }
 
@@ -204,7 +204,7 @@ class StepRig(Rig):
         if self.carries:  # whatever is inside may lead from anywhere to anywhere
             anything = (*self.told().values(), *forces.values())
             return {
-                _read(name): Expr(STEPPED, anything, ("rate", name, names, names))
+                _read(name): Expr(SIMULATED, anything, ("rate", name, names, names))
                 for name in self.readings
             }
         by_state, by_force = self._links(names)
@@ -212,7 +212,7 @@ class StepRig(Rig):
         for state, own, driven in zip(states, by_state, by_force, strict=True):
             used = tuple(name for name, there in zip(names, driven, strict=True) if there)
             args = (*_chosen(states, own), *(forces[name] for name in used))
-            found[state] = Expr(STEPPED, args, ("rate", state, used, names))
+            found[state] = Expr(SIMULATED, args, ("rate", state, used, names))
         return found
 
     @cached_property
@@ -238,7 +238,7 @@ class StepRig(Rig):
         _check_repeats(self, into)
         linked = np.zeros((n, n + len(into)), bool)
         none = np.zeros(0, np.intp)
-        simulation = Simulation(self, into)
+        simulation = RigSimulator(self, into)
         longest = min(self.period_s, self.exchange_s)
         random = np.random.default_rng(1)
         for x in _draws(self):
@@ -282,7 +282,7 @@ class _Given:
         return self.made
 
 
-class Simulation:
+class RigSimulator:
     """A stepped rig as the engine drives it (`pamid.engine.stepped.Simulator`)."""
 
     def __init__(self, rig: StepRig, into: tuple[str, ...]) -> None:
@@ -318,7 +318,7 @@ def _draws(rig: StepRig) -> list[Array]:
     values = dict(zip(rig._named[1], _sheet(rig, 1)[0].tolist(), strict=True))
     given = rig.start(SimpleNamespace(**values))
     start = np.array([given.get(s.name, s.start) for s in rig.states])
-    away = np.random.default_rng(0).standard_normal((DRAWS, len(start)))
+    away = np.random.default_rng(0).standard_normal((TRIED_POINTS, len(start)))
     return [start, *(start + 0.3 * rig.sizes(())[0] * away)]
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.simulators.mechanism import Actuator, MechanismJoint, ModelPort, Sensor
-
-ACCELERATION = 10.0  # rad/s2 or m/s2: what a joint's usual drive gives its inertia
+from pamid.simulators.mechanism import Actuator, MechanismJoint, MechanismSensor, ModelPort
+from pamid.simulators.mujoco_parameters import TYPICAL_ACCELERATION
 
 
 def ports_of(
-    joints: Sequence[MechanismJoint], actuators: Sequence[Actuator], sensors: Sequence[Sensor]
+    joints: Sequence[MechanismJoint],
+    actuators: Sequence[Actuator],
+    sensors: Sequence[MechanismSensor],
 ) -> tuple[ModelPort, ...]:
     """All of them, in this order; the port of a joint has the joint's own name."""
     found: list[ModelPort] = []
@@ -35,7 +36,7 @@ def _at_joint(i: int, joint: MechanismJoint) -> list[ModelPort]:
     inertia = "kg m2" if joint.kind == "hinge" else "kg"
     motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
     # a joint that only gravity moves passes no force of its own
-    size = (("value", max(joint.typical_inertia, 1e-9) * ACCELERATION),)
+    size = (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
     return [
         ModelPort(joint.name, "motion", joint.force_unit, motion, "joint", i, size),
         ModelPort(

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 MOST_MODELS = 64  # copies of the model kept, each with parameters of its own
 # of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
-TOLERANCE = 1e-13
+SOLVER_TOLERANCE = 1e-13
 
 
 class SteppedMechanism(StepRig, CompiledMechanism):
@@ -155,7 +155,7 @@ class _Stepper:
 
         self.mujoco, self.model, self.m = file.mujoco, file.model, mechanism
         model = self.model
-        model.opt.tolerance = min(model.opt.tolerance, TOLERANCE)
+        model.opt.tolerance = min(model.opt.tolerance, SOLVER_TOLERANCE)
         model.actuator_delay[:] = 0.0  # delays are pamid's
         # an unstable state would silently become that of the reference
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)

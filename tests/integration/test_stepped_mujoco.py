@@ -18,7 +18,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
-from pamid.simulators.stepped_mechanism import TOLERANCE, SteppedMechanism
+from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
 
@@ -64,7 +64,7 @@ def _by_itself(path: Path, torque: Any = None) -> tuple[Array, int]:
     """Positions, then velocities; and in how many steps something touched."""
     model = mujoco.MjModel.from_xml_path(str(path))
     # the rig's solver begins cold, and goes on for longer, so that one state leads to one other
-    model.opt.tolerance = TOLERANCE
+    model.opt.tolerance = SOLVER_TOLERANCE
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
     data, rows, touching = mujoco.MjData(model), [], 0
     for command in COMMANDS:

@@ -34,4 +34,4 @@ def rig_of(mechanism: Mechanism) -> Rig:
     return CompiledMechanism(mechanism)
 
 
-KIND = ModelKind("mujoco", SUFFIXES, rig)
+MODEL_KIND = ModelKind("mujoco", SUFFIXES, rig)

@@ -15,4 +15,4 @@ def rig(path: Path) -> Rig:
     return FmuRig(read_fmu(path))
 
 
-KIND = ModelKind("fmu", (".fmu",), rig)
+MODEL_KIND = ModelKind("fmi", (".fmu",), rig)
