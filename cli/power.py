@@ -19,7 +19,8 @@ pamid power --rig one-dof --excitation excitation.csv --figure power.png
 @frame.command("power", example=EXAMPLE)
 @click.option(
     "--rig",
-    help="Rig by name, or the path of a rig file (it is run). "
+    help="Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF model, "
+    "or an FMU (its binary is run). "
     "[default: the one the excitation names, else one-dof]",
 )
 @click.option(

@@ -21,7 +21,8 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 @frame.command("simulate", example=EXAMPLE)
 @click.option(
     "--rig",
-    help="Rig by name, or the path of a rig file (it is run). "
+    help="Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF model, "
+    "or an FMU (its binary is run). "
     "[default: the one the excitation names, else one-dof]",
 )
 @click.option(

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from pamid.model.effect import Effect, State
     from pamid.model.parameter import Parameter
     from pamid.model.rig import Loop, Port, Rig
+    from pamid.model.step_rig import StepRig
     from pamid.recording.recording import Recording, read_recording, write_recording
     from pamid.report.writing import Report
 
@@ -83,6 +84,7 @@ _HOME = {
     "SmoothGain": "pamid.model.background",
     "SplitGain": "pamid.model.background",
     "State": "pamid.model.effect",
+    "StepRig": "pamid.model.step_rig",
     "aprbs": "pamid.excitation.aprbs",
     "check": "pamid.api.checking",
     "coverage": "pamid.excitation.aprbs",
@@ -124,6 +126,7 @@ __all__ = [
     "SmoothGain",
     "SplitGain",
     "State",
+    "StepRig",
     "__version__",
     "aprbs",
     "check",

@@ -13,10 +13,14 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+#: endings of model files that a rig can be made of (`pamid.model.model_file`). Nothing in them is
+#: run; like code they are opened only where the user names them
+MODEL_ENDINGS = (".xml", ".mjcf", ".urdf", ".fmu")
+
 
 def is_code(name: str) -> bool:
-    """Does this word name a Python file, rather than a rig or effect of the catalogue?"""
-    return name.endswith(".py") or "/" in name or os.sep in name
+    """Does this word name a Python or model file, rather than a rig or effect of the catalogue?"""
+    return name.endswith((".py", *MODEL_ENDINGS)) or "/" in name or os.sep in name
 
 
 def why_shared(path: Path) -> str:

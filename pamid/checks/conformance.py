@@ -31,6 +31,7 @@ from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect, State, problems
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
+from pamid.model.step_rig import StepRig
 from pamid.simulation.free_runs import choose_stepping, free_run, port_sizes
 from pamid.symbolic.vocabulary import Number, absolute, sqrt
 
@@ -433,9 +434,12 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
 
 
 def _slope_finding(rig: Rig, attachment: Attachment | None) -> CheckOutcome:
-    worst = sensitivity_error(rig, attachment)
+    worst, stepped = sensitivity_error(rig, attachment), isinstance(rig, StepRig)
+    stepped = stepped and worst > SAME_SLOPE
     return CheckOutcome(
         "sensitivities",
         worst <= SAME_SLOPE,
-        f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})",
+        f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})"
+        + (": contacts and other steps that are not smooth have no slopes" if stepped else ""),
+        advice=stepped,
     )

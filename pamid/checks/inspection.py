@@ -13,6 +13,7 @@ import numpy as np
 
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
+from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, is_unit, split_column
 from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
 from pamid.checks.hold_or_line import figures as between_json
@@ -84,9 +85,12 @@ def inspect(
                 about, found, issues = _recording(recording, rig)
         elif path.suffix == ".py":
             about, found = _python(path)
+        elif path.suffix in MODEL_ENDINGS:
+            about, found = _model(path)
         else:
             raise FileError(
-                f"{path}: pamid checks recordings (.csv) and rig or effect files (.py).",
+                f"{path}: pamid checks recordings (.csv), rig or effect files (.py) and models "
+                f"({', '.join(MODEL_ENDINGS)}).",
                 "`pamid ingest` reads other kinds of log.",
                 code="suffix",
             )
@@ -345,6 +349,18 @@ def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     )
 
 
+def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
+    """A model file of another program."""
+    try:
+        rig = library.rig_named(str(path))
+    except PamidError as error:
+        return {"kind": "rig"}, [CheckOutcome("model", False, str(error))]
+    effects = library.effects()
+    found, ports = _built(rig, effects)
+    about = {"kind": "rig", "rigs": [rig.name], "effects": []}
+    return {**about, **({"ports": ports} if ports else {})}, found
+
+
 def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
     rigs = [v for v in own if issubclass(v, Rig)]
     effects = [v for v in own if issubclass(v, Effect)]
@@ -400,7 +416,14 @@ def _rig(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
         ], []
-    found = rig_findings(rig, effects.values())
+    return _built(rig, effects)
+
+
+def _built(
+    rig: Rig, effects: dict[str, type[Effect]]
+) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
+    found = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
+    found += rig_findings(rig, effects.values())
     built = not any(f.wrong and f.check == "equations" for f in found)
     return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
 

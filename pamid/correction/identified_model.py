@@ -30,12 +30,13 @@ from pamid.base.run_folder import FIT_FILE, Run
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
 from pamid.correction.residual_data import REFIT_REMEDY, derived
-from pamid.engine.program import Program, Stepping, build_program
+from pamid.engine.program import Stepping
 from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.between_samples import stated
 from pamid.model.effect import Effect
+from pamid.model.executable import Executable, program_of
 from pamid.model.registry import effects_again, in_catalogue, name_of, rig_again
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
@@ -180,17 +181,15 @@ class Identified:
         return found
 
     @cached_property
-    def program(self) -> Program:
+    def program(self) -> Executable:
         return self.program_with({})
 
-    def program_with(self, extra: Mapping[str, Expr]) -> Program:
+    def program_with(self, extra: Mapping[str, Expr]) -> Executable:
         """Compiled, with further outputs behind the model's own."""
         e, names = self.equations, (*self.outputs, *extra)
-        outputs = {**e.outputs, **extra}
-        lowered = expand_memory(e.rates, outputs, e.cells, e.linear) if extra else self.lowered
-        return build_program(
-            lowered, self.inputs, tuple(self.constants), names, frozenset(), e.linear
-        )
+        known = {**e.outputs, **extra}
+        outputs = {name: known[name] for name in names}
+        return program_of(self.assembly.rig, e, outputs, tuple(self.constants), frozenset())
 
     def knowing(self, known: Mapping[str, float]) -> Identified:
         """The same model where these parameters (outside names and units) are known to be

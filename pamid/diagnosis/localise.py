@@ -12,7 +12,7 @@ from pamid.base.units import display_unit, from_si, split_column
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.engine.program import Program
+from pamid.model.executable import Executable
 from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Regime
 from pamid.simulation.data_split import DataSplit
@@ -161,7 +161,7 @@ class _PortSignals:
     """Signals at the ports of a model: its equations with these as further outputs, their names and
     units, and the name of the velocity whose sign tells a reversal."""
 
-    program: Program
+    program: Executable
     names: tuple[str, ...]
     units: tuple[str, ...]
     velocity: str

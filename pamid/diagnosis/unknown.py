@@ -19,7 +19,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
-from pamid.engine.program import Program
+from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
@@ -237,7 +237,7 @@ def parity(m: Missing, settings: Settings = DEFAULT) -> str:
     return "odd" if odd > factor * even else "even" if even > factor * odd else "mixed"
 
 
-def _signals(program: Program, runner: Runner, x: Array, p: Array, over: Window) -> Array:
+def _signals(program: Executable, runner: Runner, x: Array, p: Array, over: Window) -> Array:
     """Mean of every output over a slice that begins at state x."""
     track = runner.track
     memory = program.memory(x, stepping=runner.stepping, period_s=track.period_s)

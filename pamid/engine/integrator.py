@@ -99,7 +99,8 @@ class Inputs(NamedTuple):
 
 
 class Times(NamedTuple):
-    """begin: at the very first step; join: the state was set anew since the last one."""
+    """begin: at the very first step; join: the state was set anew since the last one; only: of the
+    steps of a sample this one alone, or -1 for all of them."""
 
     time_s: float
     period_s: float
@@ -107,6 +108,7 @@ class Times(NamedTuple):
     implicit: bool
     begin: bool
     join: bool
+    only: int
 
 
 class Results(NamedTuple):
@@ -447,10 +449,12 @@ def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped
     t = work.ticks
     h = times.period_s / times.substeps
     t[1], t[2] = h, times.period_s
+    one = times.only >= 0
+    begun, ended = (times.only, times.only + 1) if one else (0, times.substeps)
     for k in range(inputs.u.shape[0]):
         row = k * nu
-        for sub in range(times.substeps):
-            first = k == 0 and sub == 0
+        for sub in range(begun, ended):
+            first = k == 0 and sub == begun
             t[0] = times.time_s + k * times.period_s + sub * h
             t[3] = 1.0 if sub == 0 else 0.0
             t[4] = 1.0 if times.begin and first else 0.0
@@ -459,7 +463,7 @@ def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped
             t[7] = 0.0
             if nc > 0:
                 _update_cells(equations, memory, inputs, row, work)
-            if sub == 0:
+            if sub == begun:
                 _read_outputs(equations, memory, inputs, k, row, work, results)
             if times.implicit:
                 _sdirk2(equations, memory, inputs, row, h, work)

@@ -29,6 +29,7 @@ from pamid.base.trust import is_shared
 from pamid.engine.cache_folder import user_cache
 
 _VERSION = "1"
+LONG_MODULE = 5000  # lines
 _lock = threading.Lock()
 _loaded: dict[str, llvm.ExecutionEngine] = {}
 _machine: list[llvm.TargetMachine] = []
@@ -77,7 +78,9 @@ def _compile(ir_text: str) -> bytes:
     module = llvm.parse_assembly(ir_text)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.slp_vectorization = True
+    # merging scalars to vectors gains little in straight lines, and its time grows with the square
+    # of their length
+    options.slp_vectorization = ir_text.count("\n") < LONG_MODULE
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return bytes(machine.emit_object(module))

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable
 
 from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import Expr, substitute, symbol, walk
+from pamid.symbolic.expression import Expr, plain, substitute, symbol, walk
 from pamid.symbolic.operators import OPERATORS
 
 SPACES = ("state", "cell", "past", "input", "parameter", "tick")
@@ -125,7 +125,7 @@ def with_partials(
         columns += [c for c, _ in entries]
         values += [d for _, d in entries]
         pointer.append(len(columns))
-    return values, pointer, columns
+    return plain(values), pointer, columns
 
 
 def product_text(name: str, pointer: list[int], columns: list[int], rows_of_S: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
-    from pamid.engine.integrator import CompiledEquations, MemoryArrays
+    from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays, Results
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,9 @@ class Memory:
     heads: NDArray[np.int64]
     begin: bool = True
     join: bool = False  # the state was set anew since the last run
+    # what a simulator that keeps its states to itself has saved: of the plain run, and by column
+    # of a copy whose values are moved
+    saved: tuple[Any, dict[int, Any]] | None = None
 
     def arrays(self, *, sensitive: bool = True) -> MemoryArrays:
         """The arrays themselves; without room for sensitivities where these are not wanted."""
@@ -56,7 +59,17 @@ class Memory:
 
     def copy(self) -> Memory:
         x, cells, past, S, buffers, buffer_S, heads = (array.copy() for array in self.arrays())
-        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join)
+        carried = self.saved and (self.saved[0], dict(self.saved[1]))
+        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join, carried)
+
+    def forget(self, first: int) -> None:
+        """The sensitivities from column `first` on become those of a state that nothing has moved:
+        zero."""
+        self.S[:, first:] = 0.0
+        self.buffer_S[:, :, first:] = 0.0
+        if self.saved:
+            plain, copies = self.saved
+            self.saved = (plain, {k: copy for k, copy in copies.items() if k < first})
 
 
 @dataclass(frozen=True)
@@ -162,11 +175,52 @@ class Program:
                 step.implicit,
                 memory.begin,
                 memory.join,
+                -1,
             ),
             Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
         )
         memory.begin = memory.join = False
         return Y, JY, int(bad)
+
+    def driver(
+        self,
+        memory: Memory,
+        u: Array,
+        p: Array,
+        columns: NDArray[np.int64] | None,
+        after: Array | None,
+        first: int,
+    ) -> StepDriver:
+        """The same run in single steps, between which `first` states are set from outside: those
+        that `memory` lacks. See `run` for the others."""
+        from pamid.engine.integrator import Inputs, Results
+
+        held = memory.arrays(sensitive=columns is not None)
+        own = len(memory.x)
+        x, S = np.zeros(first + own), np.zeros((first + len(memory.S), held.S.shape[1]))
+        x[first:], S[first:] = memory.x, held.S
+        shape = (1, len(self.outputs), S.shape[1])
+        none = np.full(len(self.parameters), -1, np.int64)
+        inputs = Inputs(
+            self._with_rises(u, after),
+            self._prepared(p),
+            none if columns is None else columns,
+            columns is not None,
+        )
+        results = Results(
+            np.empty(shape[:2]),
+            np.empty((1, 1, 0) if columns is None else shape),
+            np.ones(len(self.outputs)),
+        )
+        return StepDriver(self._equations, held._replace(x=x, S=S), inputs, results)
+
+    def least_substeps(self, period_s: float) -> int:
+        """Steps per sample that the model asks for by itself."""
+        return 1
+
+    def careful(self, substeps: int) -> Stepping:
+        """How a sample is stepped where explicit steps would have to be so many."""
+        return Stepping(1, implicit=True)
 
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
@@ -202,6 +256,42 @@ class Program:
         values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
         prepare(self._equations.address[-1], values, values[len(p) :])
         return values
+
+
+@dataclass(frozen=True, eq=False)
+class StepDriver:
+    """A run in single steps. What it works on stands in `arrays`: states may be set between two
+    steps, and their rows of S with them."""
+
+    equations: CompiledEquations = field(repr=False)
+    arrays: MemoryArrays
+    inputs: Inputs
+    results: Results
+
+    def step(
+        self, k: int, sub: int, times: tuple[float, float, Stepping], begin: bool, join: bool
+    ) -> tuple[Array, Array]:
+        """Step `sub` of sample k; the outputs at its start (outputs,) and their sensitivities
+        (outputs, columns). times: of the first sample, s; of a sample, s; how it is divided."""
+        from pamid.engine.integrator import Times, sweep
+
+        time_s, period_s, step = times
+        sweep(
+            self.equations,
+            self.arrays,
+            self.inputs._replace(u=self.inputs.u[k : k + 1]),
+            Times(
+                float(time_s + k * period_s),
+                float(period_s),
+                step.substeps,
+                step.implicit,
+                begin,
+                join,
+                sub,
+            ),
+            self.results,
+        )
+        return self.results.Y[0], self.results.JY[0]
 
 
 @lru_cache(maxsize=256)

@@ -24,6 +24,7 @@ from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
 from pamid.correction.identified_model import BESIDE, Identified
 from pamid.engine.llvm_ir import extract_derived, with_partials
 from pamid.model.bound_parameter import Bound
+from pamid.model.step_rig import StepRig
 from pamid.model.trace import Names
 from pamid.symbolic.expression import (
     ONE,
@@ -34,6 +35,7 @@ from pamid.symbolic.expression import (
     div,
     expression,
     mul,
+    plain,
     sub,
     substitute,
     symbol,
@@ -141,6 +143,12 @@ def step_of(model: Identified) -> SampleStep:
             "This network corrects the model in its own control loop, not on given commands.",
             "Leave it out with --which refitted.",
         )
+    if isinstance(model.assembly.rig, StepRig):
+        raise UsageError(
+            f"Rig {model.assembly.rig.name!r} is stepped by its own simulation: it has no "
+            "equations that could be exported.",
+            "Run it with `pamid simulate --model`.",
+        )
     if moving := model.equations.linear:
         raise UsageError(
             f"{', '.join(moving)} leads in a straight line from one sample to the next in this "
@@ -176,7 +184,7 @@ def step_of(model: Identified) -> SampleStep:
         [value for _, _, value in slopes],
     ]
     (values, seconds, rates, readings, partials), derived = extract_derived(
-        [substitute(g, settled) for g in groups]
+        [substitute(plain(g), settled) for g in groups]
     )
     lines = {cell.name: ceil(cell.buffer_s / h) + 3 for cell in lowered.cells if cell.buffer_s}
     start = substitute(_start(model, owned), outside)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
-from pamid.engine.program import Program, build_program
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import (
     PERIODS,
@@ -25,9 +24,9 @@ from pamid.model.bound_parameter import (
     within,
 )
 from pamid.model.effect import Effect
+from pamid.model.executable import Executable, program_of
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
-from pamid.symbolic.memory_cells import expand_memory
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
@@ -179,7 +178,7 @@ class Assembly:
         return nuisance + attached
 
     @cached_property
-    def program(self) -> Program:
+    def program(self) -> Executable:
         return self.program_with({})
 
     @cached_property
@@ -208,11 +207,8 @@ class Assembly:
         outputs: Array = self.program.run(memory, u[None, :], p, period_s=self.rig.period_s)[0]
         return outputs[0]
 
-    def program_with(self, extra: dict[str, Expr]) -> Program:
+    def program_with(self, extra: dict[str, Expr]) -> Executable:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
         t = self.traced
         outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
-        lowered = expand_memory(t.rates, outputs, t.cells, t.linear)
-        return build_program(
-            lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive, t.linear
-        )
+        return program_of(self.rig, t, outputs, tuple(self.keys), self.sensitive)

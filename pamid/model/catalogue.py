@@ -14,7 +14,7 @@ from pamid.model.effect import KINDS, SECTIONS, Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
 from pamid.schemas import catalogue_files as result
-from pamid.symbolic.expression import rebuild, symbol, text, walk
+from pamid.symbolic.expression import plain, rebuild, symbol, text, walk
 from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
@@ -198,6 +198,7 @@ def equations(rig: Rig) -> result.RigEquations:
         "ports": {f"{q.port}[{q.place}]" if q.place else q.port: q.value for q in traced.passages},
         "outputs": dict(traced.outputs),
     }
+    parts = {k: dict(zip(part, plain(part.values()), strict=True)) for k, part in parts.items()}
     short, shorthands = _shorten([e for part in parts.values() for e in part.values()])
     said = {
         part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()

@@ -25,6 +25,7 @@ from pamid.base.scanned import classes_of, modules_of
 from pamid.base.trust import is_code
 from pamid.model.effect import Effect, require_sound
 from pamid.model.free_form import FreeFormEffect
+from pamid.model.model_file import model_kinds
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
 
@@ -76,6 +77,11 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
         )
     if path.suffix != ".py":
         raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
+    return _run(path, _source_of(path, sha256))
+
+
+def _source_of(path: Path, sha256: str) -> bytes:
+    """What a file holds; FileError where its SHA-256 is another than the one given, if any."""
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -86,7 +92,7 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
             "Put the old one back, or make the run again.",
             code="changed",
         )
-    return _run(path, source)
+    return source
 
 
 def _run(path: Path, source: bytes) -> ModuleType:
@@ -143,7 +149,7 @@ def rig_given(rig: RigLike | None) -> str | Rig | None:
 
 def rig_named(name: str | Rig) -> Rig:
     """The rig that a user named: of the catalogue, or by the path of a file that holds one, which
-    is run; a rig itself stands for itself."""
+    is run, or of a model file, which is read; a rig itself stands for itself."""
     if isinstance(name, Rig):
         check_rig(name, type(name).__name__)
         return name
@@ -199,6 +205,12 @@ def catalogue_rig(name: str) -> Rig:
 
 
 def _rig_in(path: Path, sha256: str = "") -> Rig:
+    if kind := model_kinds().get(path.suffix):
+        if sha256:
+            _source_of(path, sha256)
+        made = kind.rig(path)
+        check_rig(made, str(path))
+        return made
     found = classes_of(load_file(path, sha256), Rig)
     if not found:
         raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
@@ -318,4 +330,4 @@ def effects_with(
 def as_file(path: os.PathLike[str]) -> str:
     """A path as a word that is taken for a file's, whatever it holds."""
     text = os.fspath(path)
-    return text if os.sep in text or text.endswith(".py") else os.path.join(".", text)
+    return text if is_code(text) else os.path.join(".", text)

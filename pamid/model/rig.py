@@ -42,7 +42,7 @@ from pamid.base.units import NONE, compatible, si_symbol, split_column, unit, wi
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BETWEEN
-from pamid.symbolic.vocabulary import Number
+from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 
@@ -156,6 +156,10 @@ class Rig:
     external: ClassVar[dict[str, float]] = {}
     # what the rate of change of an output is called, by the output without its unit
     rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
+    # the method that a user has written in the place of another one
+    written_as: ClassVar[dict[str, str]] = {}
+    # what there is to know of it beside its tables: how it was made, what it leaves out
+    remarks: ClassVar[tuple[str, ...]] = ()
     # of the catalogue, the one that is meant where a recording names none
     usual: ClassVar[bool] = False
 
@@ -173,6 +177,14 @@ class Rig:
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """Every output, in the unit declared for it."""
         raise NotImplementedError
+
+    def told(self) -> dict[str, Expr]:
+        """What equations see beside the states, by name; nothing by default."""
+        return {}
+
+    def rated(self) -> list[str]:
+        """What `rates` gives a rate of."""
+        return [s.name for s in self.states]
 
     def start(self, p: Any) -> dict[str, float]:
         """State (SI) in which a recording begins, where it differs from the states' own start; p

@@ -75,7 +75,8 @@ class _Tracer:
         self.cells: list[Cell] = []
 
     def run(self) -> Traced:
-        x = Names({s.name: symbol("state", s.name) for s in self.rig.states}, "state")
+        states = {s.name: symbol("state", s.name) for s in self.rig.states}
+        x = Names(states | self.rig.told(), "state")
         p = Names({q.name: symbol("parameter", q.name) for q in self.rig.parameters}, "parameter")
         columns: dict[str, Expr] = {c: symbol("input", c) for c in self.rig.inputs}
         if self.controller:
@@ -83,7 +84,7 @@ class _Tracer:
                 self.inputs.remove(loop.command)
                 columns[loop.command] = symbol("cell", loop.command)
         u = Names(columns, "input")
-        rates = self._call("rates", x, u, p, [s.name for s in self.rig.states])
+        rates = self._call("rates", x, u, p, self.rig.rated())
         outputs = self._call("measure", x, u, p, list(self.rig.outputs))
         if self.controller:
             for loop in self.rig.loops:
@@ -101,10 +102,12 @@ class _Tracer:
     def _call(
         self, method: str, x: Names, u: Names, p: Names, wanted: list[str]
     ) -> dict[str, Expr]:
-        where_ = f"rig {self.rig.name!r}, {method}()"
+        where_ = f"rig {self.rig.name!r}, {self.rig.written_as.get(method, method)}()"
         try:
             found = getattr(self.rig, method)(x, u, p, self.port)
         except PamidError as error:
+            if error.code == "simulation":  # says itself where it was
+                raise
             raise FileError(f"{where_}: {error}", error.hint) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno

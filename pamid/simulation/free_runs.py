@@ -107,7 +107,8 @@ def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: 
         ):
             break
     needed = int(2 ** np.ceil(np.log2(max(1.0, fastest * period_s / STEADY))))
-    return Stepping(needed) if needed <= MOST_SUBSTEPS else Stepping(1, implicit=True)
+    needed = max(needed, program.least_substeps(period_s))
+    return Stepping(needed) if needed <= MOST_SUBSTEPS else program.careful(needed)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
-from pamid.engine.program import Program, Stepping
+from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
+from pamid.model.executable import Executable
 from pamid.simulation.initial_state import estimate_initial_state
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut
@@ -155,7 +156,7 @@ def replay_track(
 
 
 def run_windows(
-    program: Program,
+    program: Executable,
     assembly: Assembly,
     p: Array,
     track: Track,

@@ -81,7 +81,9 @@ class Runner:
             stepping=self.stepping,
             period_s=self.track.period_s,
         )
-        return replace(memory.copy(), S=fresh.S, buffer_S=fresh.buffer_S)
+        wide = replace(memory.copy(), S=fresh.S, buffer_S=fresh.buffer_S)
+        wide.forget(0)
+        return wide
 
     def enter(self, memory: Memory, x: Array) -> None:
         """Start a window at rig state x: sensitivities to x begin here, those to parameters live on
@@ -90,9 +92,8 @@ class Runner:
         memory.x[:n] = x
         memory.join = True
         memory.S[:n] = 0.0
-        memory.S[:, k:] = 0.0
+        memory.forget(k)
         memory.S[:n, k : k + n] = np.eye(n)
-        memory.buffer_S[:, :, k:] = 0.0
 
     def run(
         self,

@@ -7,7 +7,7 @@ Evaluating Derivatives, 2nd ed., ch. 3.
 
 from __future__ import annotations
 
-from pamid.symbolic.expression import ONE, ZERO, Expr, apply, mul, walk, where
+from pamid.symbolic.expression import ONE, ZERO, Expr, apply, change_of, mul, walk, where
 from pamid.symbolic.operators import OPERATORS
 
 Gradient = dict[Expr, Expr]
@@ -29,7 +29,7 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
     parameters: only by these (default: by all).
     """
     table: dict[Expr, Gradient] = {}
-    for node in walk(roots):
+    for node in walk(roots, change_of):
         if node.op == "symbol":
             space, name = node.value
             moves = space in DERIVED_SPACES and (
@@ -38,6 +38,8 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
             table[node] = {node: ONE} if moves else {}
         elif node.op == "const":
             table[node] = {}
+        elif node.op == "tangent":
+            table[node] = table[node.args[1]]
         elif node.op == "where":
             table[node] = _select(node.args[0], table[node.args[1]], table[node.args[2]])
         else:

@@ -250,6 +250,15 @@ def where(condition: Number, a: Number, b: Number) -> Expr:
     return Expr("where", (c, left, right))
 
 
+def tangent(value: Number, change: Number) -> Expr:
+    """The value of the first, the derivatives of the second: for what is solved for, whose
+    derivatives follow from the equations that it solves. `plain` leaves the value."""
+    v, c = expression(value), expression(change)
+    while v.op == "tangent":
+        v = v.args[0]
+    return v if v.op == c.op == "const" else Expr("tangent", (v, c))
+
+
 #: operators that are simplified where they are built
 _SIMPLIFIED: dict[str, Callable[..., Expr]] = {
     "add": add,
@@ -259,14 +268,24 @@ _SIMPLIFIED: dict[str, Callable[..., Expr]] = {
     "neg": neg,
     "pow": power,
     "where": where,
+    "tangent": tangent,
 }
 
 
 # ---- walking -----------------------------------------------------------------------------------
 
 
-def walk(roots: Iterable[Expr]) -> list[Expr]:
-    """Every node below `roots`, arguments first, in an order that depends on the equations only."""
+def _arguments(node: Expr) -> tuple[Expr, ...]:
+    return node.args
+
+
+def walk(
+    roots: Iterable[Expr], below: Callable[[Expr], tuple[Expr, ...]] = _arguments
+) -> list[Expr]:
+    """Every node below `roots`, arguments first, in an order that depends on the equations only.
+
+    below: which arguments of a node are looked at.
+    """
     seen: set[int] = set()
     order: list[Expr] = []
     for root in roots:
@@ -279,7 +298,7 @@ def walk(roots: Iterable[Expr]) -> list[Expr]:
             elif id(node) not in seen:
                 seen.add(id(node))
                 stack.append((node, True))
-                stack.extend((a, False) for a in reversed(node.args) if id(a) not in seen)
+                stack.extend((a, False) for a in reversed(below(node)) if id(a) not in seen)
     unique: set[int] = set()
     return [n for n in order if not (id(n) in unique or unique.add(id(n)))]  # type: ignore[func-returns-value]
 
@@ -307,6 +326,29 @@ def substitute(roots: Iterable[Expr], values: dict[Expr, Expr]) -> list[Expr]:
             )
         else:
             new[node] = node
+    return [new[r] for r in roots]
+
+
+def _value_of(node: Expr) -> tuple[Expr, ...]:
+    return node.args[:1] if node.op == "tangent" else node.args
+
+
+def change_of(node: Expr) -> tuple[Expr, ...]:
+    """The arguments of a node that its derivatives are made of."""
+    return node.args[1:] if node.op == "tangent" else node.args
+
+
+def plain(roots: Iterable[Expr]) -> list[Expr]:
+    """The roots for their values alone: what `tangent` says of derivatives is dropped."""
+    roots = list(roots)
+    new: dict[Expr, Expr] = {}
+    for node in walk(roots, _value_of):
+        if node.op == "tangent":
+            new[node] = new[node.args[0]]
+        else:
+            args = tuple(new[a] for a in node.args)
+            same = all(a is b for a, b in zip(args, node.args, strict=True))
+            new[node] = node if same else rebuild(node, args)
     return [new[r] for r in roots]
 
 

@@ -19,6 +19,7 @@ from pamid.symbolic.expression import (
     apply,
     expression,
     sub,
+    tangent,
     where,
 )
 
@@ -35,6 +36,7 @@ __all__ = [
     "exp",
     "expression",
     "floor",
+    "held",
     "integral",
     "lag",
     "log",
@@ -47,6 +49,7 @@ __all__ = [
     "smooth_step",
     "sqrt",
     "stop",
+    "tangent",
     "tanh",
     "where",
 ]
@@ -105,6 +108,11 @@ def smooth_step(x: Number) -> Expr:
     """0 below 0, 1 above 1, a cubic with flat ends between."""
     s = clip(x, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
+
+
+def held(x: Number) -> Expr:
+    """x, taken for a constant where derivatives are formed."""
+    return tangent(x, ZERO)
 
 
 # ---- memory ------------------------------------------------------------------------------------

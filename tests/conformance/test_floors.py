@@ -21,7 +21,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("engine",),
     ("model", "networks"),
     ("excitation",),
-    ("effects", "rigs", "simulation", "ingest"),
+    ("effects", "rigs", "simulation", "ingest", "simulators"),
     ("checks", "estimation"),
     ("authoring",),
     ("diagnosis",),
@@ -56,6 +56,8 @@ HOMES: dict[str, tuple[str, ...]] = {
     "pyarrow": ("pamid/ingest/",),
     "matio": ("pamid/ingest/",),
     "onnx": ("pamid/export/",),
+    "mujoco": ("pamid/simulators/",),
+    "fmpy": ("pamid/simulators/",),
     "distributed": ("pamid/parallel/dask_backend.py",),
     "click": ("cli/",),
 }
@@ -83,6 +85,8 @@ HEAVY = (
     "pyarrow",
     "matio",
     "onnx",
+    "mujoco",
+    "fmpy",
     "distributed",
 )
 

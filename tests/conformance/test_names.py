@@ -21,6 +21,7 @@ SCANNED = {
     "EXAMPLE": "cli/",
     "PLACE": "cli/",
     "KIND": "pamid/ingest/readers/",
+    "MODEL_KIND": "pamid/simulators/kinds/",
     "FORM": "pamid/export/forms/",
     "OPTIONS": "pamid/replications/papers/",
     "MACHINE": "pamid/trial/machines/",

@@ -1,0 +1,114 @@
+"""The simulator's part of a run where it keeps its states to itself: a foreign model in a library.
+
+Nothing can be moved in states that are not seen. So each sensitivity has a copy of the simulator of
+its own, which runs beside the plain one from the start on with one value moved by d: a parameter,
+and with it whatever goes in, f + d df/dp; what it reads differs by d times the sensitivity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.program import Memory
+
+Array = NDArray[np.float64]
+
+BLOWN_UP = 1e15
+MOVED = 1e-4  # of a parameter: a simulator that controls its own step knows its outputs to 1e-6
+
+
+@runtime_checkable
+class Carrier(Protocol):
+    """Copies of a simulator, side by side; values SI.
+
+    whole_samples: it takes steps of a sample only; longest_s: see `Simulator`.
+    """
+
+    whole_samples: bool
+    longest_s: float
+
+    def begin(self, p: Array) -> Array:
+        """Copies at the start of a recording with parameters p (n, parameters); what they read (n,
+        readings)."""
+
+    def resume(self, saved: Sequence[Any], p: Array) -> Array:
+        """Copies from what was saved of each, now with parameters p; what they read."""
+
+    def step(self, f: Array, h: float) -> Array:
+        """What they read h seconds later, under f (n, forces)."""
+
+    def save(self) -> tuple[Any, ...]:
+        """Of every copy something to resume from; the copies are then free for other runs."""
+
+
+class CarriedCourse:
+    """As `_Course` of `pamid.engine.stepped`: it moves readings on in x (first of all there), and
+    their rows of S. own: number of parameters, the first ones, that the simulator is given."""
+
+    def __init__(
+        self,
+        carrier: Carrier,
+        memory: Memory,
+        x: Array,
+        S: Array,
+        p: Array,
+        columns: NDArray[np.int64] | None,
+        own: int,
+    ) -> None:
+        self.carrier, self.memory, self.x, self.S = carrier, memory, x, S
+        self.readings = len(x) - len(memory.x)
+        self.own, self.p = own, np.asarray(p, float)
+        moved: dict[int, tuple[float, int]] = {}  # column -> by how much, and of which parameter
+        if columns is not None:
+            moved = {int(c): (_step(self.p[i]), i) for i, c in enumerate(columns) if c >= 0}
+            for c in np.flatnonzero(np.abs(S[self.readings :]).any(axis=0)).tolist():
+                moved.setdefault(c, (MOVED, -1))  # a state of the equations at the start
+        self.places = np.array(list(moved), np.intp)
+        self.by = np.array([by for by, _ in moved.values()])
+        self.of = [i for _, i in moved.values()]
+
+    def read(self) -> None:
+        """The copies where the run begins, and what they read there."""
+        p = np.tile(self.p[: self.own], (1 + len(self.by), 1))
+        for k, (i, by) in enumerate(zip(self.of, self.by, strict=True)):
+            if 0 <= i < self.own:
+                p[1 + k, i] += by
+        saved = self.memory.saved
+        if self.memory.begin or saved is None:
+            found = self.carrier.begin(p)
+        else:
+            plain, copies = saved
+            found = self.carrier.resume(
+                [plain, *(copies.get(c, plain) for c in self.places.tolist())], p
+            )
+        self._take(found)
+
+    def step(self, f: Array, by: Array, h: float) -> None:
+        """One exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
+        columns)."""
+        forces = np.tile(f, (1 + len(self.by), 1))
+        if len(self.by):
+            forces[1:] += (by[:, self.places] * self.by).T
+        self._take(self.carrier.step(forces, h))
+
+    def _take(self, found: Array) -> None:
+        self.x[: self.readings] = found[0]
+        if len(self.by):
+            self.S[: self.readings] = 0.0
+            self.S[: self.readings, self.places] = (found[1:] - found[0]).T / self.by
+
+    def keep(self, memory: Memory) -> None:
+        plain, *copies = self.carrier.save()
+        memory.saved = (plain, dict(zip(self.places.tolist(), copies, strict=True)))
+
+    @property
+    def finite(self) -> bool:
+        return bool((np.abs(self.x) < BLOWN_UP).all())
+
+
+def _step(value: float) -> float:
+    return MOVED * abs(float(value)) or MOVED

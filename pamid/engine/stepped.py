@@ -1,0 +1,301 @@
+"""A model of two parts: a simulator that steps by itself, and compiled equations around it.
+
+The equations are given what the simulator shows (its states, and what it reads besides) and say
+what goes into it; at the start of every exchange, of length h,
+
+    f_k      = F(x_k, r_k, z_k, u_k, p)     the equations; they move their own states z and cells on
+    x_(k+1)  = step(x_k, f_k, p, h)         the simulator, with f held
+    r_(k+1)  = read(x_(k+1), p)
+
+States of the simulator and readings are states of the equations whose rate is zero, set anew after
+every exchange: so the driver of compiled equations (`pamid.engine.integrator`) serves the equations
+unchanged, sensitivities included. Those of the whole follow by the chain rule from the slopes of
+the step, finite differences over copies of the simulator, and are those of the recursion as it was
+computed. What is held over h makes it a method of order 1 in h for what acts from outside; coupled
+explicitly, a damping c on a mass m wants h below 2 m/c (Kuebler and Schiehlen 2000, Mathematical
+and Computer Modelling of Dynamical Systems 6(2), 93-113).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
+from pamid.engine.program import Memory, Program, Stepping
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 1e-9 of a slope
+MOST_EXCHANGES = 64  # per sample
+
+
+class Simulator(Protocol):
+    """What steps by itself. All values SI; n copies side by side, each with values of its own.
+
+    sizes (states, forces): typical magnitudes, of which differences take a share;
+    longest_s: longest step (s) that it may be asked for, infinite where nothing is known of it.
+    """
+
+    sizes: tuple[Array, Array]
+    longest_s: float
+
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """States (n, states) and readings (n, readings) after a step of h seconds from x (n,
+        states) under f (n, forces), with parameters p (n, parameters)."""
+
+    def reads(self, x: Array, p: Array) -> Array:
+        """Readings (n, readings) at x (n, states), p (n, parameters)."""
+
+
+class Slopes(NamedTuple):
+    """Readings and states (in this order) after a step, and their derivatives by the states before
+    it, the forces, and the chosen parameters."""
+
+    after: Array
+    by_state: Array
+    by_force: Array
+    by_parameter: Array
+
+
+def slopes_of(
+    simulator: Simulator,
+    x: Array,
+    f: Array,
+    p: Array,
+    h: float,
+    chosen: NDArray[np.intp],
+) -> Slopes:
+    """By forward differences over copies: one plain, then one for each value that is moved.
+    chosen: places of parameters."""
+    nx, nf = len(x), len(f)
+    at = np.concatenate([np.arange(nx + nf), nx + nf + chosen])
+    plain = np.concatenate([x, f, p])
+    by = DIFFERENCE * np.maximum(np.abs(plain), np.concatenate([*simulator.sizes, p == 0.0]))[at]
+    copies = np.empty((1 + len(at), len(plain)))
+    copies[:] = plain
+    copies[np.arange(1, 1 + len(at)), at] += by
+    after, readings = simulator.steps(
+        copies[:, :nx], copies[:, nx : nx + nf], copies[:, nx + nf :], h
+    )
+    both = np.concatenate([readings, after], axis=1)
+    slopes = (both[1:] - both[0]).T / by
+    return Slopes(both[0], slopes[:, :nx], slopes[:, nx : nx + nf], slopes[:, nx + nf :])
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedProgram:
+    """The two parts as one; used as a `pamid.engine.program.Program` is.
+
+    around     the equations: their states are readings, states of the simulator, their own ones,
+               in this order; their last outputs go into the simulator
+    own        number of parameters, the first ones, that the simulator is given
+    """
+
+    simulator: Simulator | Carrier
+    around: Program
+    readings: int
+    simulated: int
+    forces: int
+    own: int
+    states: tuple[str, ...] = field(init=False)
+    outputs: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "states", self.around.states[self.readings :])
+        object.__setattr__(self, "outputs", self.around.outputs[: -self.forces])
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return self.around.inputs
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.around.parameters
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        return self.around.cells
+
+    def least_substeps(self, period_s: float) -> int:
+        """Exchanges per sample that the simulator asks for."""
+        return max(1, int(np.ceil(period_s / self.simulator.longest_s - 1e-9)))
+
+    def careful(self, substeps: int) -> Stepping:
+        """Where more exchanges are needed than an explicit step would take: the simulator has no
+        implicit one, so they are made, and the equations' own states are solved for."""
+        return Stepping(min(substeps, MOST_EXCHANGES), implicit=True)
+
+    def memory(
+        self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
+    ) -> Memory:
+        """See `Program.memory`."""
+        inside = np.concatenate([np.zeros(self.readings), x])
+        made = self.around.memory(inside, columns, stepping=stepping, period_s=period_s)
+        made.x, made.S = made.x[self.readings :].copy(), made.S[self.readings :].copy()
+        return made
+
+    def run(
+        self,
+        memory: Memory,
+        u: Array,
+        p: Array,
+        *,
+        period_s: float,
+        time_s: float = 0.0,
+        stepping: Stepping | None = None,
+        columns: NDArray[np.int64] | None = None,
+        weights: Array | None = None,
+        after: Array | None = None,
+    ) -> tuple[Array, Array, int]:
+        """See `Program.run`."""
+        step = stepping or Stepping()
+        wide, seen = memory.S.shape[1], len(self.outputs)
+        JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))
+        columns = None if wide == 0 else columns
+        around = self.around.driver(memory, u, p, columns, after, self.readings)
+        Y = np.empty((len(u), seen))
+        course = self._course(memory, around.arrays.x, around.arrays.S, p, columns)
+        course.read()
+        parts = 1 if self.whole else step.substeps
+        bad, times = -1, (time_s, period_s, replace(step, substeps=parts))
+        for k in range(len(u)):
+            for sub in range(parts):
+                values, slopes = around.step(k, sub, times, memory.begin, memory.join)
+                memory.begin = memory.join = False
+                if sub == 0:
+                    Y[k] = values[:seen]
+                    if columns is not None:
+                        JY[k] = slopes[:seen]
+                course.step(values[seen:], slopes[seen:], period_s / parts)
+            if not course.finite:
+                bad = k
+                Y[k + 1 :] = np.nan
+                if columns is not None:
+                    JY[k + 1 :] = np.nan
+                break
+        course.keep(memory)
+        memory.x[:] = course.x[self.readings :]
+        if columns is not None:
+            memory.S[:] = course.S[self.readings :]
+            if weights is not None:
+                JY *= weights[:, None]
+        return Y, JY, bad
+
+    def _course(
+        self,
+        memory: Memory,
+        x: Array,
+        S: Array,
+        p: Array,
+        columns: NDArray[np.int64] | None,
+    ) -> _Course | CarriedCourse:
+        if isinstance(self.simulator, Carrier):
+            return CarriedCourse(self.simulator, memory, x, S, p, columns, self.own)
+        return _Course(self, self.simulator, x, S, p, columns)
+
+    @property
+    def whole(self) -> bool:
+        """Is there one exchange in a sample, whatever the stepping says?"""
+        return isinstance(self.simulator, Carrier) and self.simulator.whole_samples
+
+    def rate_matrix(
+        self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
+    ) -> Array:
+        """What a df/dx (nx x nx) would be: of the equations' own states it is one, of the
+        simulator's (A - I)/h with the A by which a step of h moves deviations on."""
+        nx, first = len(self.states), self.readings
+        if isinstance(self.simulator, Carrier):  # nothing is known of what is inside
+            inside = replace(memory.copy(), x=np.concatenate([np.zeros(first), memory.x]))
+            own = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s)
+            return own[first:, first:]
+        none = np.full(len(self.parameters), -1, np.int64)
+        wide = self.memory(memory.x, nx).S
+        np.fill_diagonal(wide, 1.0)
+        trial = replace(
+            memory.copy(), S=wide, buffer_S=np.zeros((*memory.buffers.shape, wide.shape[1]))
+        )
+        shown = _Course(
+            self,
+            self.simulator,
+            np.concatenate([np.zeros(first), memory.x]),
+            np.eye(first + nx, nx, -first),
+            p,
+            none,
+        )
+        shown.read()
+        inside = replace(memory.copy(), x=shown.x)
+        rates = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s) @ shown.S
+        self.run(trial, u[None, :], p, period_s=period_s, time_s=time_s, columns=none)
+        found = (trial.S[:nx, :nx] - np.eye(nx)) / period_s
+        found[self.simulated :] = rates[first + self.simulated :]
+        return found
+
+
+@dataclass(eq=False)
+class _Course:
+    """The simulator's part of a run: it moves readings and states on in x (first of all there), and
+    their rows of S."""
+
+    program: SteppedProgram
+    simulator: Simulator
+    x: Array
+    S: Array
+    p: Array
+    columns: NDArray[np.int64] | None
+
+    def __post_init__(self) -> None:
+        q = self.program
+        self.own = np.ascontiguousarray(self.p[: q.own], float)
+        self.part = slice(q.readings, q.readings + q.simulated)
+        self.both = slice(0, q.readings + q.simulated)
+        none = np.zeros(0, np.intp)
+        wanted = none if self.columns is None else np.flatnonzero(self.columns[: q.own] >= 0)
+        self.chosen = wanted
+        self.places = none if self.columns is None else self.columns[wanted]
+
+    def read(self) -> None:
+        """Readings of the state that a run begins with."""
+        q = self.program
+        if not q.readings:
+            return
+        x, chosen = self.x[self.part], self.chosen
+        moved = len(x) + len(chosen) if self.columns is not None else 0
+        xs, ps = np.tile(x, (1 + moved, 1)), np.tile(self.own, (1 + moved, 1))
+        tiny = np.abs(self.own[chosen])
+        by = DIFFERENCE * np.concatenate(
+            [np.maximum(np.abs(x), self.simulator.sizes[0]), tiny + (tiny == 0.0)]
+        )
+        if moved:
+            xs[1 + np.arange(len(x)), np.arange(len(x))] += by[: len(x)]
+            ps[1 + len(x) + np.arange(len(chosen)), chosen] += by[len(x) :]
+        found = self.simulator.reads(xs, ps)
+        self.x[: q.readings] = found[0]
+        if moved:
+            slopes = (found[1:] - found[0]).T / by
+            self.S[: q.readings] = slopes[:, : len(x)] @ self.S[self.part]
+            self.S[: q.readings, self.places] += slopes[:, len(x) :]
+
+    def step(self, f: Array, by: Array, h: float) -> None:
+        """One exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
+        columns)."""
+        q, x = self.program, self.x[self.part]
+        if self.columns is None:
+            after, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
+            self.x[: q.readings], self.x[self.part] = readings[0], after[0]
+            return
+        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
+        rows = found.by_state @ self.S[self.part] + found.by_force @ by
+        rows[:, self.places] += found.by_parameter
+        self.S[self.both] = rows
+        self.x[self.both] = found.after
+
+    def keep(self, memory: Memory) -> None:
+        """All that a run carries on stands in the memory's arrays."""
+
+    @property
+    def finite(self) -> bool:
+        return bool((np.abs(self.x) < BLOWN_UP).all())

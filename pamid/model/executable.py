@@ -1,0 +1,86 @@
+"""Equations of a rig with effects made executable: compiled, and where the rig is stepped, compiled
+around its simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeAlias
+
+from pamid.base.errors import UsageError
+from pamid.engine.program import Program, build_program
+from pamid.engine.stepped import SteppedProgram
+from pamid.model.rig import Rig
+from pamid.model.step_rig import SIMULATED, RigSimulator, StepRig
+from pamid.model.trace import Traced
+from pamid.symbolic.expression import ZERO, substitute, symbol, walk
+from pamid.symbolic.memory_cells import expand_memory
+from pamid.symbolic.vocabulary import Expr
+
+Executable: TypeAlias = Program | SteppedProgram
+
+
+def program_of(
+    rig: Rig,
+    traced: Traced,
+    outputs: Mapping[str, Expr],
+    parameters: tuple[str, ...],
+    sensitive: frozenset[str] | None = None,
+) -> Executable:
+    """What computes these outputs; parameters: all keys, the rig's own first. See
+    `pamid.engine.program.build_program`."""
+    if isinstance(rig, StepRig):
+        return _stepped(rig, traced, outputs, parameters, sensitive)
+    lowered = expand_memory(traced.rates, dict(outputs), traced.cells, traced.linear)
+    return build_program(
+        lowered, traced.inputs, parameters, tuple(outputs), sensitive, traced.linear
+    )
+
+
+def _stepped(
+    rig: StepRig,
+    traced: Traced,
+    outputs: Mapping[str, Expr],
+    parameters: tuple[str, ...],
+    sensitive: frozenset[str] | None,
+) -> SteppedProgram:
+    own = tuple(rig.rated())
+    simulated = [e for e in traced.rates.values() if e.op == SIMULATED]
+    if len(simulated) > len(own):
+        raise UsageError(
+            f"rig {rig.name!r} is stepped: it cannot be computed twice in one model",
+            "a correction at a port wants a rig with equations; one behind a channel does not",
+        )
+    goes_in: dict[str, Expr] = {}
+    for node in simulated:
+        used, into = node.value[2:]
+        goes_in |= dict(zip(used, node.args[len(node.args) - len(used) :], strict=True))
+    parts = [e for c in traced.cells for e in (c.update, c.start)]
+    read = {
+        node: symbol("state", f"read.{node.value[1]}")
+        for node in walk([*traced.rates.values(), *outputs.values(), *parts])
+        if node.op == SIMULATED and node.value[0] == "read"
+    }
+    held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(own, ZERO)
+    simulator = rig.carrier() if rig.carries else RigSimulator(rig, into)
+    rates = {name: e for name, e in traced.rates.items() if name not in own}
+    around = {**outputs, **{f"into.{name}": goes_in[name] for name in into}}
+    told = iter(substitute([*rates.values(), *around.values()], read))
+    rates = held | {name: next(told) for name in rates}
+    around = {name: next(told) for name in around}
+    cells = []
+    for c in traced.cells:
+        update, start = substitute([c.update, c.start], read)
+        cells.append(replace(c, update=update, start=start))
+    lowered = expand_memory(rates, around, tuple(cells), traced.linear)
+    compiled = build_program(
+        lowered, traced.inputs, parameters, tuple(around), sensitive, traced.linear
+    )
+    return SteppedProgram(
+        simulator,
+        compiled,
+        len(rig.readings),
+        len(rig.states),
+        len(into),
+        len(rig.parameters),
+    )

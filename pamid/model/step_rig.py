@@ -1,0 +1,357 @@
+"""A rig that is stepped: a simulation as it is, in place of equations.
+
+    class Cart(StepRig):
+        inputs = {"force_n": "N"}
+        outputs = {"position_m": "m"}
+        ports = {
+            "force": Port("motion", "N", signals=("velocity", "position")),
+            "sensor": Port("reading", "m"),
+        }
+        states = (State("position", "m"), State("velocity", "m/s"))
+        parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
+
+        def drive(self, x, u, p, port):
+            return {"push": port("force", u.force_n, velocity=x.velocity, position=x.position)}
+
+        def step(self, x, f, p, h):
+            velocity = x.velocity + h * f.push / p.mass_kg
+            return {"position": x.position + h * velocity, "velocity": velocity}
+
+        def measure(self, x, u, p, port):
+            return {"position_m": port("sensor", x.position)}
+
+`drive` and `measure` are equations, as `rates` and `measure` of a Rig are: they say what goes into
+the simulation and what is read from it, through which ports, and effects act there. `step` is any
+Python: it is given numbers (SI), returns the states h seconds later, and may call what it likes, so
+long as the same arguments lead to the same states. `read(x, p)` says what the equations see
+besides, its names and units in `readings`.
+
+What acts from outside is held over an exchange, which is `exchange_s` long, or a sample where that
+is shorter: state it where the machine is fast beside its sampling.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError, nearest
+from pamid.engine.carried import Carrier
+from pamid.engine.stepped import DIFFERENCE, slopes_of
+from pamid.model.rig import Rig
+from pamid.symbolic.expression import Expr, expression, symbol
+from pamid.symbolic.vocabulary import Number
+
+Array = NDArray[np.float64]
+
+SIMULATED = "simulated"  # the operator of what only a simulation knows
+TRIED_POINTS = 4  # points at which it is tried what depends on what
+# of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
+# there at all, of the largest in its row
+BY_WAY, THERE = 0.5, 1e-5
+
+
+class StepRig(Rig):
+    """Base of all rigs that are stepped. See the module's docstring for a whole one.
+
+    What it needs and what cannot be sent to another process (a window, a library's handle) belongs
+    into a `cached_property`: it is made again there.
+    """
+
+    written_as = {"rates": "drive"}
+    # the simulation keeps its states to itself, and there are readings alone: `carrier`
+    carries: ClassVar[bool] = False
+    # what `read` returns: name -> SI unit
+    readings: ClassVar[dict[str, str]] = {}
+    # longest time, s, over which what goes in is held; a sample where that is shorter
+    exchange_s: ClassVar[float] = float("inf")
+    # typical magnitude (SI) of a state, or of what goes in, where it is far from 1: differences
+    # are taken over a millionth of it
+    scales: ClassVar[dict[str, float]] = {}
+
+    def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        """What goes into the simulation (SI), held over an exchange: commands, forces from
+        outside."""
+        raise FileError("there is none", _WHOLE)
+
+    def step(self, x: Any, f: Any, p: Any, h: float) -> Mapping[str, float] | Sequence[float]:
+        """States h seconds after x, under f (of `drive`) with parameters p, by name or in the order
+        of `states`; all numbers, SI."""
+        raise FileError("there is none", _WHOLE)
+
+    def read(self, x: Any, p: Any) -> Mapping[str, float] | Sequence[float]:
+        """What else the equations see of states x: numbers, SI, by name or in the order of
+        `readings`."""
+        raise FileError("there is none, but there are readings", _WHOLE)
+
+    def steps(
+        self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
+    ) -> tuple[Array, Array]:
+        """See `pamid.engine.stepped.Simulator`; one copy after the other. into: names of what goes
+        in."""
+        states, own = self._named
+        after, pushed, known = list[list[float]](), _Given(into), _Given(own)
+        for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
+            given = SimpleNamespace(**dict(zip(states, row, strict=True)))
+            after.append(
+                self._called(self.step, states, given, pushed.of(forces), known.of(values), h)
+            )
+        told = np.array(after)
+        return told, self.reads(told, p)
+
+    def reads(self, x: Array, p: Array) -> Array:
+        """See `pamid.engine.stepped.Simulator`; one copy after the other."""
+        wanted = tuple(self.readings)
+        if not wanted:
+            return np.empty((len(x), 0))
+        states, known = self._named[0], _Given(self._named[1])
+        out = list[list[float]]()
+        for row, values in zip(x.tolist(), p.tolist(), strict=True):
+            given = SimpleNamespace(**dict(zip(states, row, strict=True)))
+            out.append(self._called(self.read, wanted, given, known.of(values)))
+        return np.array(out)
+
+    def _called(
+        self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
+    ) -> list[float]:
+        """What `step` or `read` returns, in the wanted order. FileError for whatever is wrong with
+        it."""
+        what = "step" if method == self.step else "read"
+        try:
+            found = method(*given)
+            if isinstance(found, dict):
+                found = [found[name] for name in wanted] if len(found) == len(wanted) else found
+            row = list(map(float, found))
+        except Exception as error:
+            raise self._failed(what, wanted, given, error) from error
+        if len(row) != len(wanted):
+            raise FileError(
+                f"rig {self.name!r}, {what}() returned {len(row)} values, not {len(wanted)}",
+                f"return them by name, or in the order {', '.join(wanted)}",
+                code="simulation",
+            )
+        return row
+
+    def _failed(
+        self, method: str, wanted: tuple[str, ...], given: tuple[Any, ...], error: Exception
+    ) -> FileError:
+        """What a user's own code raised: where, why, and at which states."""
+        where_ = f"rig {self.name!r}, {method}()"
+        if isinstance(error, FileError):
+            return FileError(f"{where_}: {error.message}", error.hint, code=error.code)
+        if isinstance(error, KeyError) and error.args and error.args[0] in wanted:
+            return FileError(
+                f"{where_} returned nothing for {error.args[0]!r}",
+                f"names: {', '.join(wanted)}",
+                code="simulation",
+            )
+        frames = traceback.extract_tb(error.__traceback__)
+        line = f", line {frames[-1].lineno} of {frames[-1].filename}" if len(frames) > 1 else ""
+        states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
+        hint = "it must return numbers for any states that a fit may try, NaN where there are none"
+        if isinstance(error, AttributeError) and error.name:
+            known = [n for one in given if isinstance(one, SimpleNamespace) for n in vars(one)]
+            hint = nearest(error.name, known) or f"there are {', '.join(known)}"
+        return FileError(
+            f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
+            hint,
+            code="simulation",
+        )
+
+    @cached_property
+    def _named(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Of the states and of the parameters."""
+        return tuple(s.name for s in self.states), tuple(q.name for q in self.parameters)
+
+    # ---- what the equations see ----------------------------------------------------------
+
+    def carrier(self) -> Carrier:
+        """What steps where the rig `carries`."""
+        raise FileError("there is none", "a rig that carries has carrier()")
+
+    def rated(self) -> list[str]:
+        return list(map(_read, self.readings)) if self.carries else super().rated()
+
+    def told(self) -> dict[str, Expr]:
+        """Readings, of which it is known which states they depend on."""
+        if self.carries:
+            return {name: symbol("state", _read(name)) for name in self.readings}
+        states = self._named[0]
+        by = self._shown if self.readings else np.zeros((0, len(states)), bool)
+        return {
+            name: Expr(SIMULATED, _chosen(states, row), ("read", name))
+            for name, row in zip(self.readings, by, strict=True)
+        }
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        """Of every state's rate what it depends on; what it is, only the simulation knows."""
+        if not (self.states or self.carries):
+            raise FileError(
+                "there are no states, so nothing can be stepped",
+                "name what step() needs to know of the past and returns: states = (State(...),)",
+            )
+        into = self.drive(x, u, p, port)
+        if not isinstance(into, dict) or not into:
+            raise FileError(f"returned {into!r:.60}, not a dict of name: expression", _WHOLE)
+        forces = {name: expression(value) for name, value in into.items()}
+        states, names = self._named[0], tuple(forces)
+        if self.carries:  # whatever is inside may lead from anywhere to anywhere
+            anything = (*self.told().values(), *forces.values())
+            return {
+                _read(name): Expr(SIMULATED, anything, ("rate", name, names, names))
+                for name in self.readings
+            }
+        by_state, by_force = self._links(names)
+        found: dict[str, Number] = {}
+        for state, own, driven in zip(states, by_state, by_force, strict=True):
+            used = tuple(name for name, there in zip(names, driven, strict=True) if there)
+            args = (*_chosen(states, own), *(forces[name] for name in used))
+            found[state] = Expr(SIMULATED, args, ("rate", state, used, names))
+        return found
+
+    @cached_property
+    def _shown(self) -> NDArray[np.bool_]:
+        """Which readings (rows) depend on which states, found by trying it."""
+        linked = np.zeros((len(self.readings), len(self.states)), bool)
+        for x in _draws(self):
+            n, size = len(x), self.sizes(())[0]
+            by = DIFFERENCE * np.maximum(np.abs(x), size)
+            moved = x + np.concatenate([np.zeros((1, n)), np.diag(by)])
+            rows = self.reads(moved, _sheet(self, 1 + n))
+            linked |= _there((rows[1:] - rows[0]).T / by * size)
+        return linked
+
+    def _links(self, into: tuple[str, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which states' rates (rows) depend on which states, and on what goes in: by differences
+        over two steps, at points about the start. What acts by way of another state fades with the
+        step and is none; what moves nothing there is taken to move everything."""
+        known: dict[tuple[str, ...], Any] = self.__dict__.setdefault("_known_links", {})
+        if into in known:
+            return known[into]  # type: ignore[no-any-return]
+        n, sizes = len(self.states), np.concatenate(self.sizes(into))
+        _check_repeats(self, into)
+        linked = np.zeros((n, n + len(into)), bool)
+        none = np.zeros(0, np.intp)
+        simulation = RigSimulator(self, into)
+        longest = min(self.period_s, self.exchange_s)
+        random = np.random.default_rng(1)
+        for x in _draws(self):
+            f = sizes[n:] * random.standard_normal(len(into))
+            rates = []
+            for h in (longest, 0.25 * longest):
+                s = slopes_of(simulation, x, f, _sheet(self, 1)[0], h, none)
+                by = np.concatenate([s.by_state, s.by_force], axis=1)[len(self.readings) :]
+                by[:, :n] -= np.eye(n)
+                rates.append(np.abs(by / h * sizes))
+            whole, quarter = rates
+            linked |= _there(quarter) & (quarter > BY_WAY * whole)
+        linked[:, n:] |= ~linked[:, n:].any(axis=0)
+        known[into] = linked[:, :n], linked[:, n:]
+        return linked[:, :n], linked[:, n:]
+
+    def sizes(self, into: tuple[str, ...]) -> tuple[Array, Array]:
+        """Typical magnitudes (SI) of the states, and of what goes in."""
+        states, forces = (
+            np.array([self.scales.get(name, 1.0) for name in names])
+            for names in (self._named[0], into)
+        )
+        return states, forces
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process without what was made in this one."""
+        kept = (k for k in vars(self) if k != "_known_links" and not _is_made(type(self), k))
+        return {k: vars(self)[k] for k in kept}
+
+
+class _Given:
+    """Named numbers, made again only where they differ from the last ones."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names, self.last, self.made = names, list[float](), SimpleNamespace()
+
+    def of(self, values: list[float]) -> SimpleNamespace:
+        if values != self.last:
+            self.last = values
+            self.made = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
+        return self.made
+
+
+class RigSimulator:
+    """A stepped rig as the engine drives it (`pamid.engine.stepped.Simulator`)."""
+
+    def __init__(self, rig: StepRig, into: tuple[str, ...]) -> None:
+        self.rig, self.into = rig, into
+        self.sizes, self.longest_s = rig.sizes(into), rig.exchange_s
+
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        return self.rig.steps(x, f, p, h, self.into)
+
+    def reads(self, x: Array, p: Array) -> Array:
+        return self.rig.reads(x, p)
+
+
+def _read(name: str) -> str:
+    """A reading as a state of the equations."""
+    return f"read.{name}"
+
+
+_WHOLE = "a stepped rig has drive(x, u, p, port), step(x, f, p, h) and measure(x, u, p, port)"
+
+
+def _chosen(states: tuple[str, ...], row: NDArray[np.bool_]) -> tuple[Expr, ...]:
+    return tuple(symbol("state", name) for name, there in zip(states, row, strict=True) if there)
+
+
+def _sheet(rig: StepRig, copies: int) -> Array:
+    """The data sheet's parameters, SI (copies x parameters)."""
+    return np.tile([q.value * q.factor for q in rig.parameters], (copies, 1))
+
+
+def _draws(rig: StepRig) -> list[Array]:
+    """The states at the start of a recording, and points about them; SI."""
+    values = dict(zip(rig._named[1], _sheet(rig, 1)[0].tolist(), strict=True))
+    given = rig.start(SimpleNamespace(**values))
+    start = np.array([given.get(s.name, s.start) for s in rig.states])
+    away = np.random.default_rng(0).standard_normal((TRIED_POINTS, len(start)))
+    return [start, *(start + 0.3 * rig.sizes(())[0] * away)]
+
+
+def _there(slopes: Array) -> NDArray[np.bool_]:
+    """Which slopes are more than what rounding leaves, row by row."""
+    size = np.abs(np.nan_to_num(slopes, nan=np.inf))
+    largest = size.max(axis=1, initial=0.0, keepdims=True)
+    return (size > THERE * largest) & (size > 0.0)
+
+
+def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
+    """Refuse a simulation that gives no numbers where a recording starts, or that remembers more
+    than its states."""
+    here, other = _draws(rig)[:2]
+    h, f = min(rig.period_s, rig.exchange_s), np.outer([0.0, 1.0, 0.0], np.ones(len(into)))
+    first, _, again = rig.steps(np.stack([here, other, here]), f, _sheet(rig, 3), h, into)[0]
+    for name, value in zip(rig._named[0], first, strict=True):
+        if not np.isfinite(value):
+            raise FileError(
+                f"rig {rig.name!r}, step() returned {value} for {name!r} in the first step of "
+                f"{h:g} s from the start",
+                "mend the start, a parameter, or a step that is too long for it: exchange_s",
+                code="simulation",
+            )
+    if not np.array_equal(first, again):
+        name = rig._named[0][int(np.argmax(first != again))]
+        raise FileError(
+            f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
+            "another call: it remembers something that is none of its states",
+            "set everything from x at the beginning of step(), or declare it as a state",
+            code="simulation",
+        )
+
+
+def _is_made(kind: type, name: str) -> bool:
+    return any(isinstance(vars(c).get(name), cached_property) for c in kind.__mro__)

@@ -1,0 +1,1 @@
+"""Models that people have already, as rigs: read with the simulator's own loader."""

@@ -1,0 +1,325 @@
+"""A mechanism as a rig of equations: no simulator takes part in running it.
+
+    M(q) q'' + c(q, q') = drive + tendons - damping q' - stiffness (q - relaxed) + friction
+
+with the friction of `pamid.simulators.soft_friction` at joints whose file states a loss; elsewhere,
+where a fit frees it, it grows with the velocity (`friction_slope`) until the loss is reached.
+Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
+`pamid.simulators.forward_dynamics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from pamid.model.effect import State
+from pamid.model.rig import Port, Rig
+from pamid.simulators.forward_dynamics import accelerations
+from pamid.simulators.mechanism import Actuator, Mechanism, MechanismSensor
+from pamid.simulators.soft_friction import SoftFriction
+from pamid.simulators.tree_dynamics import Tree
+from pamid.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    Number,
+    clip,
+    delay,
+    expression,
+    maximum,
+    minimum,
+    where,
+)
+
+DELAY_ROOM = 5.0  # times the delay that the file states
+
+
+class CompiledMechanism(Rig):
+    """A rig made of a `Mechanism`; its tables are the mechanism's own."""
+
+    name = "mechanism"
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        own: Any = self  # tables that a class usually holds
+        m = mechanism
+        self.mechanism = m
+        own.name = m.name
+        own.inputs, own.outputs = m.inputs, m.outputs
+        own.optional = {a.column: 0.0 for a in m.actuators if a.adr < 0}
+        own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
+        own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
+        own.excited = {a.column: _amplitude(m, a) for a in m.actuators}
+        own.ports = {
+            p.name: Port(p.kind, p.unit, dict(p.signals), size=dict(p.size)) for p in m.ports
+        }
+        own.parameters = tuple(p.parameter for p in m.parameters)
+        own.states = tuple(_states(m))
+        own.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
+        own.remarks = _remarks(m)
+        self._names = {(p.element, p.number, p.attribute): p.parameter.name for p in m.parameters}
+        self._ports = {(p.element, p.number, p.kind): p.name for p in m.ports}
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return _Equations(self, x, u, p, port).rates()
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        equations = _Equations(self, x, u, p, port)
+        return {s.column: equations.reading(i, s) for i, s in enumerate(self.mechanism.sensors)}
+
+    def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
+        """A parameter of an element, or the number that the file states where it is none."""
+        name = self._names.get((element, number, attribute))
+        return expression(stated if name is None else getattr(p, name))
+
+    def port_of(self, element: str, number: int, kind: str) -> str:
+        """The name of an element's port of a kind."""
+        return self._ports[element, number, kind]
+
+
+def _remarks(m: Mechanism) -> tuple[str, ...]:
+    """How the model goes, and what is left out."""
+    kinds = {"joint": m.joints, "tendon": m.tendons, "actuator": m.actuators, "sensor": m.sensors}
+    counted = ", ".join(f"{len(v)} {k}{'' if len(v) == 1 else 's'}" for k, v in kinds.items() if v)
+    fitted = sum(p.parameter.fitted for p in m.parameters)
+    return (
+        f"compiled into equations ({counted}, {fitted} parameters to fit): a tree of hinges and "
+        "slides without contacts or closed loops",
+        *map(str, m.findings),
+    )
+
+
+def _states(m: Mechanism) -> Iterator[State]:
+    for joint in m.joints:
+        yield State(joint.name, joint.unit, joint.reference)
+    for joint in m.joints:
+        yield State(f"{joint.name}_velocity", f"{joint.unit}/s")
+    for actuator in m.actuators:
+        if actuator.state:
+            yield State(actuator.state)
+
+
+def _amplitude(m: Mechanism, actuator: Actuator) -> float:
+    """How far a command usually swings: half its range; where it has none, a position by half a
+    radian or a tenth of a metre, a velocity by twice that, a force by what gives its joint 10
+    rad/s2."""
+    if actuator.command_range is not None:
+        low, high = actuator.command_range
+        return 0.25 * (high - low)
+    if actuator.kind in ("position", "velocity"):
+        far = 0.5 if actuator.force_unit == "N m" else 0.1
+        return far if actuator.kind == "position" else 2.0 * far
+    inertia = max((m.joints[j].typical_inertia for j in _driven(m, actuator)), default=1.0)
+    return 10.0 * inertia / max(abs(actuator.gear * actuator.gain[0]), 1e-9)
+
+
+def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
+    return m.tendons[actuator.tendon].joints if actuator.tendon >= 0 else (actuator.joint,)
+
+
+class _Equations:
+    """One run through the equations of a mechanism, on symbols."""
+
+    def __init__(self, rig: CompiledMechanism, x: Any, u: Any, p: Any, port: Any) -> None:
+        self.rig, self.m, self.x, self.u, self.p, self.port = rig, rig.mechanism, x, u, p, port
+        self.q = [getattr(x, j.name) for j in self.m.joints]
+        self.qd = [getattr(x, f"{j.name}_velocity") for j in self.m.joints]
+
+    # ---- actuators -------------------------------------------------------------------------------
+
+    def command(self, i: int) -> Expr:
+        """What an actuator is told: through its port, delayed, within its range."""
+        a = self.m.actuators[i]
+        sent = self.port(self.rig.port_of("actuator", i, "command"), getattr(self.u, a.column))
+        if a.delay_s > 0.0:
+            late = self.rig.value(self.p, "actuator", i, "delay", a.delay_s)
+            sent = delay(sent, late, DELAY_ROOM * a.delay_s)
+        return sent if a.command_range is None else clip(sent, *a.command_range)
+
+    def activation_rate(self, i: int) -> Expr:
+        """Rate of an actuator's own state."""
+        a, told = self.m.actuators[i], self.command(i)
+        state = getattr(self.x, a.state)
+        if a.dynamics == "filter":
+            constant = self.rig.value(self.p, "actuator", i, "time_constant", a.time_constant_s)
+            told = (told - state) / maximum(constant, 1e-12)
+        if a.activation_range is None:
+            return told
+        low, high = a.activation_range
+        held_high = where(state >= high, minimum(told, 0.0), told)
+        return where(state <= low, maximum(held_high, 0.0), held_high)
+
+    def travel(self, i: int) -> tuple[Expr, Expr]:
+        """Length and velocity of an actuator."""
+        a = self.m.actuators[i]
+        gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+        if a.tendon >= 0:
+            length, rate = self.tendon(a.tendon)
+            return gear * length, gear * rate
+        return gear * self.q[a.joint], gear * self.qd[a.joint]
+
+    def actuator_force(self, i: int) -> Expr:
+        """Scalar force of an actuator, before its gear."""
+        a = self.m.actuators[i]
+        length, rate = self.travel(i)
+        told = getattr(self.x, a.state) if a.state else self.command(i)
+        gain, bias = self._law(i, a)
+        force = _affine(gain, length, rate) * told + _affine(bias, length, rate)
+        return force if a.force_range is None else clip(force, *a.force_range)
+
+    def _law(self, i: int, a: Actuator) -> tuple[list[Expr], list[Expr]]:
+        gain, bias = [list(map(expression, row)) for row in (a.gain, a.bias)]
+        first = {"position": "kp", "velocity": "kv"}.get(a.kind, "gain")
+        gain[0] = self.rig.value(self.p, "actuator", i, first, a.gain[0])
+        if a.kind == "position":
+            bias[1] = -gain[0]
+            bias[2] = -self.rig.value(self.p, "actuator", i, "kv", -a.bias[2])
+        elif a.kind == "velocity":
+            bias[2] = -gain[0]
+        return gain, bias
+
+    # ---- joints and tendons ----------------------------------------------------------------------
+
+    def tendon(self, i: int) -> tuple[Expr, Expr]:
+        """Length and velocity of a tendon."""
+        tendon = self.m.tendons[i]
+        length = rate = ZERO
+        for j, c in zip(tendon.joints, tendon.coefficients, strict=True):
+            length, rate = length + c * self.q[j], rate + c * self.qd[j]
+        return length, rate
+
+    def tendon_force(self, i: int) -> Expr:
+        """What a tendon's spring and damper pull with, against its length."""
+        t = self.m.tendons[i]
+        if not (t.stiffness or t.damping):
+            return ZERO
+        length, rate = self.tendon(i)
+        low, high = t.rest
+        beyond = length - clip(length, low, high) if high > low else length - low
+        force = -self.rig.value(self.p, "tendon", i, "stiffness", t.stiffness) * beyond
+        force = force - self.rig.value(self.p, "tendon", i, "damping", t.damping) * rate
+        return force
+
+    def drive(self) -> list[Expr]:
+        """What the actuators exert at every joint."""
+        found = [ZERO] * len(self.m.joints)
+        for i, a in enumerate(self.m.actuators):
+            gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+            force = gear * self.actuator_force(i)
+            if a.tendon < 0:
+                found[a.joint] = found[a.joint] + force
+                continue
+            t = self.m.tendons[a.tendon]
+            for j, c in zip(t.joints, t.coefficients, strict=True):
+                found[j] = found[j] + c * force
+        return [
+            f if joint.force_range is None else clip(f, *joint.force_range)
+            for f, joint in zip(found, self.m.joints, strict=True)
+        ]
+
+    def passive(self, j: int) -> Expr:
+        """Spring and damper of a joint, the dampers of its actuators, friction where none is
+        stated."""
+        joint, value = self.m.joints[j], self.rig.value
+        q, qd = self.q[j], self.qd[j]
+        damping = value(self.p, "joint", j, "damping", joint.damping)
+        for i, a in enumerate(self.m.actuators):
+            if a.joint == j and a.damping:
+                gear = value(self.p, "actuator", i, "gear", a.gear)
+                damping = damping + gear * gear * a.damping
+        stiffness = value(self.p, "joint", j, "stiffness", joint.stiffness)
+        held_back = -damping * qd - stiffness * (q - joint.spring_reference)
+        if joint.friction_loss:
+            return held_back  # its friction is solved with the accelerations
+        loss = value(self.p, "joint", j, "frictionloss", 0.0)
+        return held_back - clip(joint.friction_slope * qd, -loss, loss)
+
+    def friction(self, j: int) -> SoftFriction | None:
+        """Of a joint whose file states a loss."""
+        joint = self.m.joints[j]
+        if not joint.friction_loss:
+            return None
+        loss = self.rig.value(self.p, "joint", j, "frictionloss", joint.friction_loss)
+        return SoftFriction(loss, joint.friction_rate, joint.friction_softness, self.qd[j])
+
+    def applied(self) -> list[Expr]:
+        """Force or torque at every joint, through its motion port."""
+        found = [f + self.passive(j) for j, f in enumerate(self.drive())]
+        for i, t in enumerate(self.m.tendons):
+            pull = self.tendon_force(i)
+            for j, c in zip(t.joints, t.coefficients, strict=True):
+                found[j] = found[j] + c * pull
+        return [
+            self.port(
+                self.rig.port_of("joint", j, "motion"),
+                f,
+                position=self.q[j],
+                velocity=self.qd[j],
+            )
+            for j, f in enumerate(found)
+        ]
+
+    def tree(self) -> Tree:
+        value = self.rig.value
+        armature = []
+        for j, joint in enumerate(self.m.joints):
+            total = value(self.p, "joint", j, "armature", joint.armature)
+            for i, a in enumerate(self.m.actuators):
+                if a.joint == j and a.armature:
+                    gear = value(self.p, "actuator", i, "gear", a.gear)
+                    total = total + gear * gear * a.armature
+            armature.append(total)
+        masses = [
+            value(self.p, "body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)
+        ]
+        return Tree(self.m, self.q, self.qd, masses, armature)
+
+    def rates(self) -> dict[str, Number]:
+        """Of every state."""
+        tree, applied = self.tree(), self.applied()
+        passed: list[Expr | None] = []
+        for j, force in enumerate(applied):
+            free = force - tree.holding[j]
+            reaching = self.port(
+                self.rig.port_of("joint", j, "transmission"),
+                free,
+                position=self.q[j],
+                velocity=self.qd[j],
+                inertia=tree.mass_matrix[j, j],
+            )
+            passed.append(None if reaching is free else reaching)
+        rubbing = [self.friction(j) for j in range(tree.n)]
+        qdd = accelerations(tree, applied, passed, rubbing)
+        found: dict[str, Number] = {}
+        for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
+            found[joint.name] = qd
+            found[f"{joint.name}_velocity"] = a
+        for i, actuator in enumerate(self.m.actuators):
+            if actuator.state:
+                found[actuator.state] = self.activation_rate(i)
+        return found
+
+    # ---- readings --------------------------------------------------------------------------------
+
+    def reading(self, i: int, sensor: MechanismSensor) -> Expr:
+        """What a sensor returns."""
+        rate: Expr | None = None
+        if sensor.kind in ("jointpos", "jointvel"):
+            value, rate = self.q[sensor.of], self.qd[sensor.of]
+        elif sensor.kind in ("tendonpos", "tendonvel"):
+            value, rate = self.tendon(sensor.of)
+        elif sensor.kind in ("actuatorpos", "actuatorvel"):
+            value, rate = self.travel(sensor.of)
+        elif sensor.kind == "actuatorfrc":
+            value = self.actuator_force(sensor.of)
+        else:
+            value = self.drive()[sensor.of]
+        if sensor.kind.endswith("vel"):
+            assert rate is not None
+            value, rate = rate, None
+        name = self.rig.port_of("sensor", i, "reading")
+        read: Expr = self.port(name, value) if rate is None else self.port(name, value, rate=rate)
+        return clip(read, -sensor.cutoff, sensor.cutoff) if sensor.cutoff > 0.0 else read
+
+
+def _affine(law: list[Expr], length: Expr, rate: Expr) -> Expr:
+    return law[0] + law[1] * length + law[2] * rate

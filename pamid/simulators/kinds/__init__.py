@@ -1,0 +1,1 @@
+"""Kinds of model file, one file each; the folder is scanned."""

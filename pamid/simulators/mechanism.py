@@ -1,0 +1,243 @@
+"""A mechanism as a simulator's file describes it: bodies, joints, tendons, actuators, sensors, and
+which of their numbers may be fitted. Plain frozen values: no simulator is needed to hold one.
+
+Everything is SI and radians, in the frames and with the names of the file: names that are no plain
+words have "_" where a sign stood, and what has no name is called by its kind and number. Body 0 is
+the world. Places and axes are (3,), quaternions (w, x, y, z).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pamid.model.parameter import Parameter
+
+Vector = tuple[float, ...]
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body. position, quaternion: of its frame in its parent's; centre, inertia_quaternion:
+    of its principal axes in its own frame; inertia: kg m2 about these; line: where it stands in the
+    file, 0 unknown, as for all elements."""
+
+    name: str
+    parent: int
+    position: Vector
+    quaternion: Vector
+    mass_kg: float
+    centre: Vector
+    inertia_quaternion: Vector
+    inertia: Vector
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class MechanismJoint:
+    """A hinge (rad, N m) or a slide (m, N) at `anchor` along `axis`, both in the body's frame; the
+    joints of a body follow one another.
+
+    reference        position at which the body stands as the file places it
+    spring_reference position at which the spring is relaxed
+    friction_rate, friction_softness  1/s, and 1/(kg m2) or 1/kg: how the friction sets in, see
+                     `pamid.simulators.soft_friction`
+    typical_inertia  about the joint at the reference, kg m2 or kg
+    range, force_range  None: without limits
+    qpos, dof        places among the simulator's positions and velocities
+    """
+
+    name: str
+    kind: str
+    body: int
+    axis: Vector
+    anchor: Vector
+    reference: float
+    spring_reference: float
+    stiffness: float
+    damping: float
+    friction_loss: float
+    friction_rate: float
+    friction_softness: float
+    armature: float
+    typical_inertia: float
+    range: Range | None = None
+    force_range: Range | None = None
+    line: int = 0
+    qpos: int = 0
+    dof: int = 0
+
+    @property
+    def unit(self) -> str:
+        return "rad" if self.kind == "hinge" else "m"
+
+    @property
+    def friction_slope(self) -> float:
+        """Friction per velocity of a joint that creeps."""
+        return self.friction_rate / self.friction_softness
+
+    @property
+    def force_unit(self) -> str:
+        return "N m" if self.kind == "hinge" else "N"
+
+
+@dataclass(frozen=True)
+class MechanismTendon:
+    """A fixed tendon: its length is the sum of coefficient times joint position. rest: lengths
+    between which its spring is relaxed."""
+
+    name: str
+    joints: tuple[int, ...]
+    coefficients: Vector
+    stiffness: float
+    damping: float
+    friction_loss: float
+    rest: Range
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """force = gain . (1, length, velocity) * a + bias . (1, length, velocity), length = gear times
+    the position of its joint or the length of its tendon; on these acts gear times the force.
+
+    kind      motor, position, velocity or general, by what its numbers make of it
+    dynamics  of a: none (a is the command), integrator (a' = command) or filter (a' = (command -
+              a) / time_constant_s)
+    joint, tendon  the one it drives; -1: not that
+    column    of a recording, that holds its command; state: the name of a where it has dynamics
+    armature, damping  what the actuator adds to its joint's, times gear squared
+    adr       place of its command among the simulator's; -1: the file has no actuators, and its
+              command is a force or torque that acts on the joint itself
+    """
+
+    name: str
+    kind: str
+    joint: int
+    tendon: int
+    gear: float
+    dynamics: str
+    time_constant_s: float
+    gain: Vector
+    bias: Vector
+    column: str
+    state: str = ""
+    command_unit: str = ""
+    force_unit: str = "N m"
+    command_range: Range | None = None
+    force_range: Range | None = None
+    activation_range: Range | None = None
+    armature: float = 0.0
+    damping: float = 0.0
+    delay_s: float = 0.0
+    line: int = 0
+    adr: int = -1
+
+
+@dataclass(frozen=True)
+class MechanismSensor:
+    """A reading: kind as the simulator calls it (jointpos, jointvel, actuatorfrc, tendonpos ...);
+    of: number of the joint, tendon or actuator that it reads; adr: place among the simulator's
+    sensor values, -1 where the file has no such sensor and pamid reads the joint itself."""
+
+    name: str
+    kind: str
+    of: int
+    unit: str
+    column: str
+    cutoff: float = 0.0
+    noise: float = 0.0
+    adr: int = -1
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Write:
+    """array[row, column] of the simulator's model is factor times the parameter (SI); of an array
+    without columns, column is -1."""
+
+    array: str
+    row: int
+    column: int
+    factor: float
+
+
+@dataclass(frozen=True)
+class ModelParameter:
+    """A number of the file as a parameter: element and of say whose it is ("joint", "shoulder"),
+    attribute what it is called there; number is the element's place among its like. assumed: the
+    file says zero, and the prior is an absolute one, stated in the parameter's source."""
+
+    parameter: Parameter
+    element: str
+    of: str
+    number: int
+    attribute: str
+    writes: tuple[Write, ...]
+    assumed: bool = False
+
+
+@dataclass(frozen=True)
+class ModelPort:
+    """Where physics may be added. kind and signals as in `pamid.model.rig.Port`; element: joint,
+    actuator or sensor; number: its place among its like; size: typical magnitudes, SI."""
+
+    name: str
+    kind: str
+    unit: str
+    signals: tuple[tuple[str, str], ...]
+    element: str
+    number: int
+    size: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class ModelFinding:
+    """What a file holds that is not carried over, in a sentence, with the element and its line.
+
+    hinders: it cannot be written as equations, so the model has to be stepped by its simulator.
+    """
+
+    text: str
+    element: str
+    name: str
+    line: int
+    hinders: bool
+
+    def __str__(self) -> str:
+        at = f", line {self.line}" if self.line else ""
+        who = f"{self.element} {self.name!r}{at}: " if self.name else f"{self.element}{at}: "
+        return f"{who if self.element else ''}{self.text}"
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A whole model. path: the file; inputs, outputs: column -> SI unit, in the order of actuators
+    and sensors; noise: standard deviations by column where the file states any."""
+
+    path: str
+    name: str
+    timestep_s: float
+    gravity: Vector
+    bodies: tuple[Body, ...]
+    joints: tuple[MechanismJoint, ...]
+    tendons: tuple[MechanismTendon, ...]
+    actuators: tuple[Actuator, ...]
+    sensors: tuple[MechanismSensor, ...]
+    parameters: tuple[ModelParameter, ...]
+    ports: tuple[ModelPort, ...]
+    findings: tuple[ModelFinding, ...]
+    contact_share: float = 0.0  # of the configurations within the joints' ranges
+
+    @property
+    def hindrances(self) -> tuple[ModelFinding, ...]:
+        """Why it cannot be compiled; () where it can."""
+        return tuple(f for f in self.findings if f.hinders)
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        return {a.column: a.command_unit for a in self.actuators}
+
+    @property
+    def outputs(self) -> dict[str, str]:
+        return {s.column: s.unit for s in self.sensors}

@@ -1,0 +1,209 @@
+"""Which numbers of a MuJoCo file may be fitted, and how well they are known.
+
+What the file states is taken for right within 20 %, one standard deviation of the logarithm. A zero
+says that the model lacks the term: it is held, and a diagnosis that misses the term names it as an
+effect; where a fit frees it, its prior is an absolute one, a share of what the joint's inertia at
+the reference makes typical.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pamid.base.units import quotient
+from pamid.model.parameter import Parameter
+from pamid.simulators.mechanism import (
+    Actuator,
+    Body,
+    MechanismJoint,
+    MechanismTendon,
+    ModelParameter,
+    Write,
+)
+from pamid.simulators.mujoco_file import MujocoFile
+
+STATED_FACTOR = 1.2  # factor, one standard deviation, around what the file states
+BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
+ABSENT_SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
+TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia
+TYPICAL_ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
+
+
+def parameters_of(
+    file: MujocoFile,
+    bodies: tuple[Body, ...],
+    joints: tuple[MechanismJoint, ...],
+    tendons: tuple[MechanismTendon, ...],
+    actuators: tuple[Actuator, ...],
+) -> tuple[ModelParameter, ...]:
+    """All of them, bodies first, then joints, tendons and actuators."""
+    found = [_mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)]
+    for i, joint in enumerate(joints):
+        if joint.kind in ("hinge", "slide"):
+            found += _of_joint(i, joint)
+    for i, tendon in enumerate(tendons):
+        found += _of_tendon(i, tendon, joints)
+    for i, actuator in enumerate(actuators):
+        found += _of_actuator(i, actuator) if actuator.adr >= 0 else []
+    return tuple(found)
+
+
+def _moves(file: MujocoFile, body: int) -> bool:
+    """Is there a joint between this body and the world?"""
+    return bool(file.model.body_weldid[body])
+
+
+def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
+    """A number that the file states: within 20 %."""
+    size = abs(value)
+    if value > 0.0:
+        return Parameter(
+            name,
+            value,
+            value / BOUND_FACTOR,
+            value * BOUND_FACTOR,
+            unit,
+            spread=STATED_FACTOR,
+            log=True,
+            fitted=fitted,
+            source="the model file, taken for right within 20 %",
+        )
+    return Parameter(
+        name,
+        value,
+        -BOUND_FACTOR * size,
+        -size / BOUND_FACTOR,
+        unit,
+        spread=(STATED_FACTOR - 1.0) * size,
+        fitted=fitted,
+        source="the model file, taken for right within 20 %",
+    )
+
+
+def _absent(name: str, size: float, unit: str) -> Parameter:
+    """A number that the file states as zero."""
+    spread = ABSENT_SHARE * size
+    return Parameter(
+        name,
+        0.0,
+        0.0,
+        5.0 * BOUND_FACTOR * spread,
+        unit,
+        spread=spread,
+        fitted=False,
+        source=f"0 in the model file, so held; freed, it is within {spread:.3g} of it",
+    )
+
+
+def _number(
+    element: str,
+    of: str,
+    number: int,
+    attribute: str,
+    value: float,
+    typical: float,
+    unit: str,
+    *writes: Write,
+) -> ModelParameter:
+    name = f"{of}_{attribute}" if element != "tendon" else f"{of}_tendon_{attribute}"
+    parameter = stated(name, value, unit) if value else _absent(name, typical, unit)
+    return ModelParameter(parameter, element, of, number, attribute, writes, assumed=not value)
+
+
+def _mass(i: int, body: Body) -> ModelParameter:
+    """The inertia goes with the mass: the same shape, of another density."""
+    inertia = (Write("body_inertia", i, k, body.inertia[k] / body.mass_kg) for k in range(3))
+    return _number(
+        "body", body.name, i, "mass", body.mass_kg, 1.0, "kg", Write("body_mass", i, -1, 1.0),
+        *inertia,
+    )  # fmt: skip
+
+
+def _of_joint(i: int, joint: MechanismJoint) -> list[ModelParameter]:
+    inertia = max(joint.typical_inertia, 1e-9)
+    force, velocity = joint.force_unit, f"{joint.unit}/s"
+
+    def of(attribute: str, value: float, typical: float, unit: str, array: str, row: int):  # type: ignore[no-untyped-def]
+        return _number(
+            "joint", joint.name, i, attribute, value, typical, unit, Write(array, row, -1, 1.0)
+        )
+
+    return [
+        of("damping", joint.damping, inertia * TYPICAL_RATE, quotient(force, velocity),
+           "dof_damping", joint.dof),
+        of("frictionloss", joint.friction_loss, inertia * TYPICAL_ACCELERATION, force,
+           "dof_frictionloss", joint.dof),
+        of("armature", joint.armature, inertia, "kg m2" if joint.kind == "hinge" else "kg",
+           "dof_armature", joint.dof),
+        of("stiffness", joint.stiffness, inertia * TYPICAL_RATE**2, quotient(force, joint.unit),
+           "jnt_stiffness", i),
+    ]  # fmt: skip
+
+
+def _of_tendon(
+    i: int, tendon: MechanismTendon, joints: tuple[MechanismJoint, ...]
+) -> list[ModelParameter]:
+    """Only of what the file states; a tendon is rarely more than a way to couple joints."""
+    hinges = all(joints[j].kind == "hinge" for j in tendon.joints)
+    force, length = ("N m", "rad") if hinges else ("N", "m")
+    rows = (
+        ("damping", tendon.damping, quotient(force, f"{length}/s")),
+        ("frictionloss", tendon.friction_loss, force),
+        ("stiffness", tendon.stiffness, quotient(force, length)),
+    )
+    return [
+        _number("tendon", tendon.name, i, attribute, value, 1.0, unit,
+                Write(f"tendon_{attribute}", i, -1, 1.0))
+        for attribute, value, unit in rows
+        if value and tendon.joints
+    ]  # fmt: skip
+
+
+def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
+    """Gains and the time constant. A motor's gain is held: with it free every mass, damping and
+    gain could be multiplied by one factor without any reading to tell it."""
+    name, found = actuator.name, []
+
+    def of(attribute: str, parameter: Parameter, *writes: Write) -> ModelParameter:
+        return ModelParameter(parameter, "actuator", name, i, attribute, writes)
+
+    # the file's unit of a gain follows from what it makes of a command
+    per_command = quotient(actuator.force_unit, actuator.command_unit or "1")
+    gain, bias = actuator.gain, actuator.bias
+    if actuator.kind in ("position", "velocity"):
+        place = 1 if actuator.kind == "position" else 2
+        word = "kp" if actuator.kind == "position" else "kv"
+        found.append(
+            of(
+                word,
+                stated(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
+                Write("actuator_gainprm", i, 0, 1.0),
+                Write("actuator_biasprm", i, place, -1.0),
+            )
+        )
+        if actuator.kind == "position" and bias[2]:
+            found.append(
+                of(
+                    "kv",
+                    stated(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
+                    Write("actuator_biasprm", i, 2, -1.0),
+                )
+            )
+    elif gain[0]:
+        held = stated(f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general")
+        found.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
+    if actuator.time_constant_s > 0.0:
+        constant = stated(f"{name}_time_constant", actuator.time_constant_s, "s")
+        found.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
+    if math.isfinite(actuator.gear) and actuator.gear:
+        held = stated(f"{name}_gear", actuator.gear, "", fitted=False)
+        found.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
+    if actuator.delay_s > 0.0:
+        delay = stated(f"{name}_delay", actuator.delay_s, "s")
+        found.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
+    return found
+
+
+def _gain_unit(actuator: Actuator, word: str) -> str:
+    length = "rad" if actuator.force_unit == "N m" else "m"
+    return quotient(actuator.force_unit, length if word == "kp" else f"{length}/s")

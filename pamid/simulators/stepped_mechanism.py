@@ -1,0 +1,225 @@
+"""A mechanism as a rig that MuJoCo steps: what cannot be written as equations (contacts, closed
+loops, tendons over sites) stays in its hands.
+
+What goes in are the commands, through their ports, and at every joint what the effects there add
+to the force that moves it (qfrc_applied). That force is known beside the simulator as far as the
+model states it (`pamid.simulators.compiled_rig`): effects are given it as their value, and hand on
+a difference. Parameters are written into copies of the model; copies for differences are stepped in
+one call (mujoco.rollout), from a cold start of the solver, so that the same arguments lead to the
+same states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError
+from pamid.model.effect import State
+from pamid.model.step_rig import StepRig
+from pamid.simulators.compiled_rig import CompiledMechanism, _Equations
+from pamid.simulators.mechanism import Actuator, Mechanism
+from pamid.simulators.mujoco_file import open_mujoco
+from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
+
+Array = NDArray[np.float64]
+
+MOST_MODELS = 64  # copies of the model kept, each with parameters of its own
+# of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
+SOLVER_TOLERANCE = 1e-13
+
+
+class SteppedMechanism(StepRig, CompiledMechanism):
+    """A rig made of a `Mechanism`, stepped by MuJoCo."""
+
+    name = "stepped-mechanism"
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        CompiledMechanism.__init__(self, mechanism)
+        _refuse_quaternions(mechanism)
+        own: Any = self
+        kept = {p.name for p in mechanism.ports if p.kind != "transmission"}
+        own.ports = {name: port for name, port in self.ports.items() if name in kept}
+        own.states = (*self.states, *self._further)
+        own.remarks = (
+            f"stepped by MuJoCo, its own step {mechanism.timestep_s:g} s: "
+            + "; ".join(map(str, mechanism.hindrances)),
+            "left out: effects between joint and link (backlash, a soft shaft), which want the "
+            "model as equations",
+            *(str(f) for f in mechanism.findings if not f.hinders),
+        )
+
+    @cached_property
+    def _further(self) -> tuple[State, ...]:
+        """Activations that the description has no place for: of muscles and the like."""
+        model = self._stepper.model
+        return tuple(
+            State(f"{a.name}_activation")
+            for i, a in enumerate(self.mechanism.actuators)
+            if a.adr >= 0 and model.actuator_actadr[i] >= 0 and not a.state
+        )
+
+    @cached_property
+    def _stepper(self) -> _Stepper:
+        return _Stepper(self.mechanism)
+
+    # ---- what goes in, and what comes of it ------------------------------------------------------
+
+    def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        equations, m = _Equations(self, x, u, p, port), self.mechanism
+        own = [i for i, a in enumerate(m.actuators) if a.adr >= 0]
+        into: dict[str, Number] = {
+            f"{m.actuators[i].name}_command": equations.command(i) for i in own
+        }
+        # what pamid puts in the place of actuators, where the file has none, goes in from outside
+        inside = self._known_forces(equations, p, own)
+        for j, force in enumerate(self._known_forces(equations, p, range(len(m.actuators)))):
+            name = self.port_of("joint", j, "motion")
+            passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
+            into[f"{m.joints[j].name}_force"] = passed - inside[j]
+        return into
+
+    def _known_forces(self, equations: _Equations, p: Any, actuators: Iterable[int]) -> list[Expr]:
+        """What joints, tendons and these actuators are known to exert at every joint."""
+        m = self.mechanism
+        found = [ZERO] * len(m.joints)
+        for i in actuators:
+            a = m.actuators[i]
+            if _is_plain(a) and not self._is_other(i):
+                force = self.value(p, "actuator", i, "gear", a.gear) * equations.actuator_force(i)
+                for j, share in _ends(m, a):
+                    found[j] = found[j] + share * force
+        found = [
+            f if j.force_range is None else clip(f, *j.force_range)
+            for f, j in zip(found, m.joints, strict=True)
+        ]
+        found = [f + equations.passive(j) for j, f in enumerate(found)]
+        for i, tendon in enumerate(m.tendons):
+            pull = equations.tendon_force(i)
+            for j, share in zip(tendon.joints, tendon.coefficients, strict=True):
+                found[j] = found[j] + share * pull
+        return found
+
+    def _is_other(self, actuator: int) -> bool:
+        """Is its law none of those that the description knows?"""
+        return any(
+            f.element == "actuator" and f.name == self._stepper.actuator_names[actuator]
+            for f in self.mechanism.hindrances
+            if self.mechanism.actuators[actuator].adr >= 0
+        )
+
+    def steps(
+        self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
+    ) -> tuple[Array, Array]:
+        return self._stepper.steps(x, f, p, h), np.empty((len(x), 0))
+
+
+def _refuse_quaternions(m: Mechanism) -> None:
+    for joint in m.joints:
+        if joint.kind not in ("hinge", "slide"):
+            line = f", line {joint.line}" if joint.line else ""
+            raise FileError(
+                f"{m.path}: joint {joint.name!r}{line} is a {joint.kind} joint, whose "
+                "quaternion pamid cannot carry as states.",
+                "Write it as hinges and slides, or hold the body.",
+                code="model",
+            )
+
+
+def _is_plain(a: Actuator) -> bool:
+    return a.joint >= 0 or a.tendon >= 0
+
+
+def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
+    """The joints that an actuator moves, with the length it gains per unit of each."""
+    if a.tendon < 0:
+        return [(a.joint, 1.0)]
+    t = m.tendons[a.tendon]
+    return list(zip(t.joints, t.coefficients, strict=True))
+
+
+def _silent(_: str) -> None:
+    pass
+
+
+class _Stepper:
+    """MuJoCo at work: models with parameters written into them, and states in pamid's order."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        file = open_mujoco(mechanism.path)
+        from mujoco import rollout
+
+        self.mujoco, self.model, self.m = file.mujoco, file.model, mechanism
+        model = self.model
+        model.opt.tolerance = min(model.opt.tolerance, SOLVER_TOLERANCE)
+        model.actuator_delay[:] = 0.0  # delays are pamid's
+        # an unstable state would silently become that of the reference
+        model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.actuator_names = [file.name("actuator", i) for i in range(model.nu)]
+        self.rollout = rollout.Rollout(nthread=0)
+        self.data = self.mujoco.MjData(model)
+        kinds = self.mujoco.mjtState
+        self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
+        self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
+        self.known: dict[bytes, Any] = {}
+        acts = [i for i, a in enumerate(mechanism.actuators) if a.state]
+        acts += [i for i in range(model.nu) if model.actuator_actadr[i] >= 0 and i not in acts]
+        qpos, dof = [j.qpos for j in mechanism.joints], [j.dof for j in mechanism.joints]
+        # time comes first
+        self.places = np.array(
+            [
+                *(1 + q for q in qpos),
+                *(1 + model.nq + d for d in dof),
+                *(1 + model.nq + model.nv + int(model.actuator_actadr[i]) for i in acts),
+            ]
+        )
+        self.forces = np.array([*range(model.nu), *(model.nu + d for d in dof)])
+        start = np.zeros(self.size)
+        self.mujoco.mj_getState(model, self.data, start, kinds.mjSTATE_FULLPHYSICS)
+        self.start = start
+        self.values = [w for q in mechanism.parameters for w in q.writes]
+        self.of = [k for k, q in enumerate(mechanism.parameters) for _ in q.writes]
+
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> Array:
+        """States (n, states) h seconds after x under f, with parameters p (all of n rows)."""
+        n, count = len(x), max(1, int(np.ceil(h / self.m.timestep_s - 1e-9)))
+        states = np.tile(self.start, (n, 1))
+        states[:, self.places] = x
+        control = np.zeros((n, 1, self.model.nu + self.model.nv))
+        control[:, 0, self.forces] = f
+        models = [self.with_values(row, h / count) for row in p]
+        # what is unstable shows in the states, not on the screen and in a file of MuJoCo's own
+        self.mujoco.set_mju_user_warning(_silent)
+        try:
+            after, _ = self.rollout.rollout(
+                models,
+                self.data,
+                states,
+                np.repeat(control, count, axis=1) if count > 1 else control,
+                control_spec=self.spec,
+            )
+        finally:
+            self.mujoco.set_mju_user_warning(None)
+        return np.ascontiguousarray(after[:, -1, self.places])
+
+    def with_values(self, row: Array, timestep_s: float) -> Any:
+        """A model with these parameters."""
+        key = row.tobytes()
+        model = self.known.get(key)
+        if model is None:
+            if len(self.known) < MOST_MODELS:
+                model = self.mujoco.MjModel.__copy__(self.model)
+            else:
+                model = self.known.pop(next(iter(self.known)))
+            for write, k in zip(self.values, self.of, strict=True):
+                array = getattr(model, write.array)
+                at = (write.row,) if write.column < 0 else (write.row, write.column)
+                array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
+            self.mujoco.mj_setConst(model, self.data)
+            self.known[key] = model
+        model.opt.timestep = timestep_s
+        return model

@@ -1,0 +1,372 @@
+"""Equations of motion of a tree of hinges and slides, on symbols: M(q) q'' + c(q, q') = force.
+
+Everything is held about the world's origin, link by link. The mass matrix comes from composite
+inertias, the bias c from the recursive Newton-Euler algorithm, and q'' from the factors L' D L of
+M, which has no fill-in for a tree (Featherstone 2008, Rigid Body Dynamics Algorithms, ch. 5, 6, 8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint
+from pamid.simulators.spatial import (
+    AT_REST,
+    IDENTITY,
+    NOTHING,
+    NOUGHT,
+    UNMOVED,
+    Inertia,
+    Mat,
+    Spatial,
+    Vec,
+    constant,
+    coriolis,
+    cross,
+    dot,
+    minus,
+    plus,
+    product,
+    through,
+    times,
+    vec,
+)
+from pamid.symbolic.vocabulary import ZERO, Expr, Number, cos, expression, held, sin, tangent
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A body's frame in the world: turned by symbols and then by numbers, at a place."""
+
+    turn: Mat
+    fixed: Array
+    place: Vec
+
+    def vector(self, own: Array) -> Vec:
+        return through(self.turn, vec(list(_clean(self.fixed @ own))))
+
+    def point(self, own: Array) -> Vec:
+        return plus(self.place, self.vector(own))
+
+
+@dataclass(frozen=True)
+class _Mass:
+    """A body on its link: name, mass (a parameter) and its inertia in the world per unit mass."""
+
+    body: int
+    mass: Expr
+    each: Inertia
+
+
+#: of M = L' D L: L below its diagonal by (row, column), and 1 / D
+Factors = tuple[dict[tuple[int, int], Expr], list[Expr]]
+
+
+class Tree:
+    """A mechanism's joints in a row of links, one each; `up` is the joint below a link, or -1.
+
+    q, qd: positions and velocities (n,); masses: one expression per body; armature (n,).
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        q: Sequence[Expr],
+        qd: Sequence[Expr],
+        masses: Sequence[Expr],
+        armature: Sequence[Expr],
+    ) -> None:
+        self.q, self.qd, self.masses, self.armature = q, qd, masses, armature
+        self.n = len(mechanism.joints)
+        self.gravity = Spatial(NOUGHT, vec([-g for g in mechanism.gravity]))
+        self.up: list[int] = []
+        self.axis: list[Spatial] = []
+        self.bodies: list[list[_Mass]] = [[] for _ in mechanism.joints]
+        self._place(mechanism)
+
+    # ---- where everything is ---------------------------------------------------------------------
+
+    def _place(self, mechanism: Mechanism) -> None:
+        ground = _Frame(IDENTITY, np.eye(3), NOUGHT)
+        frames: list[_Frame] = [ground]
+        last = [-1]
+        for number, body in enumerate(mechanism.bodies[1:], 1):
+            above = frames[body.parent]
+            frame = _Frame(
+                above.turn,
+                above.fixed @ rotation(body.quaternion),
+                above.point(np.array(body.position)),
+            )
+            at = last[body.parent]
+            for j, joint in enumerate(mechanism.joints):
+                if joint.body == number:
+                    frame = self._join(frame, joint, j, at)
+                    at = j
+            frames.append(frame)
+            last.append(at)
+            if at >= 0 and body.mass_kg:
+                self.bodies[at].append(_Mass(number, self.masses[number], _each(body, frame)))
+
+    def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
+        """The frame behind a joint; remembers the joint's motion vector."""
+        own, anchor = np.array(joint.axis), np.array(joint.anchor)
+        moved = self.q[j] - joint.reference
+        self.up.append(below)
+        if joint.kind == "slide":
+            along = frame.vector(own)
+            self.axis.append(Spatial(NOUGHT, along))
+            return _Frame(frame.turn, frame.fixed, plus(frame.place, times(moved, along)))
+        aligned = _aligned(_clean(frame.fixed @ own))
+        base = product(frame.turn, constant(aligned))
+        point = frame.point(anchor)
+        c, s = cos(moved), sin(moved)
+        rows = [(c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]) for r in base]
+        along = (base[0][2], base[1][2], base[2][2])
+        self.axis.append(Spatial(along, cross(point, along)))
+        behind = _Frame((rows[0], rows[1], rows[2]), aligned.T @ frame.fixed, NOUGHT)
+        return _Frame(behind.turn, behind.fixed, minus(point, behind.vector(anchor)))
+
+    # ---- inertia and motion ----------------------------------------------------------------------
+
+    @cached_property
+    def inertia(self) -> list[Inertia]:
+        """Of each link by itself."""
+        found = []
+        for bodies in self.bodies:
+            total = NOTHING
+            for one in bodies:
+                total = total + one.each.by(one.mass)
+            found.append(total)
+        return found
+
+    @cached_property
+    def composite(self) -> list[Inertia]:
+        """Of each link with all that it carries."""
+        return self._gathered(self.inertia)
+
+    def _gathered(self, of: list) -> list:  # type: ignore[type-arg]
+        total = list(of)
+        for i in reversed(range(self.n)):
+            if self.up[i] >= 0:
+                total[self.up[i]] = total[self.up[i]] + total[i]
+        return total
+
+    @cached_property
+    def velocity(self) -> list[Spatial]:
+        found: list[Spatial] = []
+        for i in range(self.n):
+            found.append(self._below(found, i, AT_REST) + self.axis[i].by(self.qd[i]))
+        return found
+
+    def _below(self, of: list[Spatial], i: int, ground: Spatial) -> Spatial:
+        return of[self.up[i]] if self.up[i] >= 0 else ground
+
+    @cached_property
+    def turning(self) -> list[Spatial]:
+        """How fast each joint's motion vector turns."""
+        return [self._below(self.velocity, i, AT_REST).cross(self.axis[i]) for i in range(self.n)]
+
+    @cached_property
+    def momentum(self) -> list[Spatial]:
+        return [one.momentum(v) for one, v in zip(self.inertia, self.velocity, strict=True)]
+
+    def acceleration(self, qdd: Sequence[Number]) -> list[Spatial]:
+        """Of each link, gravity as an acceleration of the ground."""
+        found: list[Spatial] = []
+        for i in range(self.n):
+            own = self.axis[i].by(qdd[i]) + self.turning[i].by(self.qd[i])
+            found.append(self._below(found, i, self.gravity) + own)
+        return found
+
+    def forces(self, acceleration: list[Spatial]) -> list[Spatial]:
+        """What moves each link by itself."""
+        return [
+            one.momentum(a) + v.cross_force(h)
+            for one, a, v, h in zip(
+                self.inertia, acceleration, self.velocity, self.momentum, strict=True
+            )
+        ]
+
+    @cached_property
+    def reach(self) -> list[Spatial]:
+        """Composite inertia times the joint's motion vector."""
+        return [one.momentum(s) for one, s in zip(self.composite, self.axis, strict=True)]
+
+    def path(self, i: int) -> list[int]:
+        """The joint and those below it, down to the ground."""
+        found = []
+        while i >= 0:
+            found.append(i)
+            i = self.up[i]
+        return found
+
+    # ---- equations -------------------------------------------------------------------------------
+
+    @cached_property
+    def mass_matrix(self) -> dict[tuple[int, int], Expr]:
+        """M (i, j) for j on the path of i, armature included."""
+        found = {}
+        for i in range(self.n):
+            for j in self.path(i):
+                value = self.axis[j].dot(self.reach[i])
+                found[i, j] = value + self.armature[i] if i == j else value
+        return found
+
+    @cached_property
+    def bias(self) -> list[Expr]:
+        """c(q, q'): what the joints must hold where nothing accelerates."""
+        total = self._gathered(self.forces(self.acceleration([ZERO] * self.n)))
+        return [s.dot(f) for s, f in zip(self.axis, total, strict=True)]
+
+    def factored(self, added: Sequence[Expr] | None = None) -> Factors:
+        """M, with something added on its diagonal, as L' D L of the tree."""
+        m = dict(self.mass_matrix)
+        for i, more in enumerate(added or ()):
+            m[i, i] = m[i, i] + more
+        inverse: list[Expr] = [ZERO] * self.n
+        for k in reversed(range(self.n)):
+            inverse[k] = 1.0 / m[k, k]
+            for i in self.path(k)[1:]:
+                a = m[k, i] * inverse[k]
+                for j in self.path(i):
+                    m[i, j] = m[i, j] - a * m[k, j]
+                m[k, i] = a
+        return m, inverse
+
+    def solve(self, factors: Factors, force: Sequence[Expr]) -> list[Expr]:
+        """M^-1 force"""
+        low, inverse = factors
+        x = list(force)
+        for i in reversed(range(self.n)):
+            for j in self.path(i)[1:]:
+                x[j] = x[j] - low[i, j] * x[i]
+        x = [a * b for a, b in zip(x, inverse, strict=True)]
+        for i in range(self.n):
+            for j in self.path(i)[1:]:
+                x[i] = x[i] - low[i, j] * x[j]
+        return x
+
+    # ---- what the equations depend on ------------------------------------------------------------
+
+    def inverse_dynamics(self, qdd: Sequence[Expr]) -> list[Expr]:
+        """For each joint an expression that changes with q, q' and the masses as ID - armature q''
+        does at q'' held; its value is not that of ID."""
+        acceleration = self.acceleration(qdd)
+        forces = self.forces(acceleration)
+        total = self._gathered(forces)
+        b = self._gathered(
+            [
+                coriolis(one, v, h)
+                for one, v, h in zip(self.inertia, self.velocity, self.momentum, strict=True)
+            ]
+            or [UNMOVED]
+        )
+        change: list[Expr] = [ZERO] * self.n
+
+        def by(i: int, slope: Expr, of: Expr) -> None:
+            change[i] = change[i] + held(slope) * of
+
+        for i in range(self.n):
+            s, turning, composite = self.axis[i], self.turning[i], self.composite[i]
+            drag = b[i].against(s)  # s' 2 B
+            second = self._second(i, acceleration)
+            pushed = b[i].along(turning) + composite.momentum(second) + s.cross_force(total[i])
+            dragged = b[i].along(s) + composite.momentum(turning.by(2.0))
+            for j in self.path(i):
+                sj, tj = self.axis[j], self.turning[j]
+                along = dot(drag, tj.a) + self._second(j, acceleration).dot(self.reach[i])
+                by(i, along, self.q[j])
+                by(i, dot(drag, sj.a) + 2.0 * tj.dot(self.reach[i]), self.qd[j])
+                if j != i:
+                    by(j, sj.dot(pushed), self.q[i])
+                    by(j, sj.dot(dragged), self.qd[i])
+            for mass, force in self._forces_per_mass(i, acceleration, forces[i]):
+                for j in self.path(i):
+                    by(j, self.axis[j].dot(force), mass)
+        return change
+
+    def _second(self, i: int, acceleration: list[Spatial]) -> Spatial:
+        below = self._below(self.velocity, i, AT_REST)
+        pushed = self._below(acceleration, i, self.gravity)
+        return pushed.cross(self.axis[i]) + below.cross(self.turning[i])
+
+    def _forces_per_mass(
+        self, i: int, acceleration: list[Spatial], force: Spatial
+    ) -> list[tuple[Expr, Spatial]]:
+        bodies = self.bodies[i]
+        if len(bodies) == 1:
+            per = 1.0 / bodies[0].mass
+            return [(bodies[0].mass, force.by(per))]
+        found = []
+        for one in bodies:
+            h = one.each.momentum(self.velocity[i])
+            alone = one.each.momentum(acceleration[i]) + self.velocity[i].cross_force(h)
+            found.append((one.mass, alone))
+        return found
+
+    def unit(self, factors: Factors, i: int) -> list[Expr]:
+        """A column of M^-1."""
+        one = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
+        return self.solve(factors, one)
+
+    @cached_property
+    def holding_change(self) -> list[Expr]:
+        """What the bias changes by, as `inverse_dynamics`."""
+        return self.inverse_dynamics([ZERO] * self.n)
+
+    @cached_property
+    def holding(self) -> list[Expr]:
+        """The bias c with its exact derivatives."""
+        pairs = zip(self.bias, self.holding_change, strict=True)
+        return [tangent(value, change) for value, change in pairs]
+
+
+# ---- numbers -------------------------------------------------------------------------------------
+
+
+def rotation(quaternion: Sequence[float]) -> Array:
+    """The matrix of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _clean(own: Array) -> Array:
+    near = np.round(own)
+    return np.where(np.abs(own - near) < 1e-15, near, own)
+
+
+def _aligned(axis: Array) -> Array:
+    """A rotation whose z axis is this one; a permutation where it can be."""
+    z = axis / np.linalg.norm(axis)
+    x = np.zeros(3)
+    x[(int(np.argmax(np.abs(z))) + 1) % 3] = 1.0
+    x = x - z * (x @ z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _each(body: Body, frame: _Frame) -> Inertia:
+    """A body's inertia in the world per unit of its mass."""
+    turn = rotation(body.inertia_quaternion)
+    about = turn @ np.diag(body.inertia) @ turn.T / body.mass_kg
+    about = frame.fixed @ about @ frame.fixed.T
+    centre = frame.fixed @ np.array(body.centre)
+    about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
+    about = np.where(np.abs(about) < 1e-15 * np.abs(about).max(), 0.0, about)
+    s = constant(about)
+    second = (s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2])
+    own = Inertia(expression(1.0), vec(list(_clean(centre))), second)
+    return own.moved(frame.turn, frame.place)

@@ -1,0 +1,109 @@
+"""Start tags of an XML text with their places, and changes to their attributes that leave every
+other character as it is: comments, order, blanks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.parsers import expat
+
+from pamid.base.errors import FileError
+
+
+@dataclass(frozen=True)
+class Tag:
+    """A start tag: name, attributes, line, place of its first byte and behind its last one in the
+    text, and the number of the tag it lies in (-1: none)."""
+
+    name: str
+    attributes: Mapping[str, str]
+    line: int
+    begin: int
+    end: int
+    parent: int
+
+
+def tags_of(text: bytes) -> list[Tag]:
+    """Every start tag in the order of the text. FileError where it is no XML, or defines entities
+    of its own."""
+    found: list[Tag] = []
+    open_tags: list[int] = []
+    parser = expat.ParserCreate()
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        parent = open_tags[-1] if open_tags else -1
+        line = parser.CurrentLineNumber
+        found.append(Tag(name, attributes, line, at, _end(text, at), parent))
+        open_tags.append(len(found) - 1)
+
+    def refuse(*_: object) -> None:
+        raise FileError("The file defines entities of its own.", "Write them out.", code="model")
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: open_tags.pop()
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise FileError(f"The file is no XML: {error}.", code="model") from error
+    return found
+
+
+def _end(text: bytes, begin: int) -> int:
+    """Behind the ">" that closes the tag; one in quotes does not."""
+    match = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""").match(text, begin)
+    assert match is not None, "the parser has seen the end of this tag"
+    return match.end()
+
+
+class Edits:
+    """Changes to a text, made all at once at the end."""
+
+    def __init__(self, text: bytes) -> None:
+        self.text = text
+        self._attributes: dict[int, dict[str, str | None]] = {}
+        self._behind: dict[int, str] = {}
+
+    def set(self, tag: Tag, attribute: str, value: str | None) -> None:
+        """Give a tag's attribute another value; None takes it away."""
+        self._attributes.setdefault(tag.begin, {})[attribute] = value
+
+    def add_behind(self, tag: Tag, text: str) -> None:
+        """Write something behind a start tag, on a line of its own."""
+        self._behind[tag.begin] = text
+
+    def made(self, tags: list[Tag]) -> bytes:
+        """The text with all changes."""
+        pieces, at = [], 0
+        for tag in tags:
+            if tag.begin not in self._attributes and tag.begin not in self._behind:
+                continue
+            pieces.append(self.text[at : tag.begin])
+            old = self.text[tag.begin : tag.end].decode()
+            new = _changed(old, self._attributes.get(tag.begin, {}))
+            if more := self._behind.get(tag.begin):
+                new += f"\n{self._indent(tag)}  {more}"
+            pieces.append(new.encode())
+            at = tag.end
+        return b"".join([*pieces, self.text[at:]])
+
+    def _indent(self, tag: Tag) -> str:
+        line = self.text[self.text.rfind(b"\n", 0, tag.begin) + 1 : tag.begin]
+        return line.decode() if not line.strip() else ""
+
+
+def _changed(tag: str, values: Mapping[str, str | None]) -> str:
+    for name, value in values.items():
+        there = re.search(rf"""(\s){re.escape(name)}(\s*=\s*)("[^"]*"|'[^']*')""", tag)
+        if value is None:
+            tag = tag if there is None else tag[: there.start()] + tag[there.end() :]
+        elif there is not None:
+            begin, end = there.span(3)
+            tag = f'{tag[:begin]}"{value}"{tag[end:]}'
+        else:
+            close = re.search(r"\s*/?>$", tag)
+            assert close is not None
+            tag = f'{tag[: close.start()]} {name}="{value}"{tag[close.start() :]}'
+    return tag

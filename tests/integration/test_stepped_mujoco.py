@@ -1,0 +1,195 @@
+"""A MuJoCo model with contacts, stepped by MuJoCo as a rig, against MuJoCo by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+import pamid
+from pamid.base.errors import PamidError
+from pamid.checks.conformance import NULL_TOLERANCE, null_error
+from pamid.engine.program import Stepping
+from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
+
+mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
+
+Array = NDArray[np.float64]
+
+LEG = """<mujoco model="leg">
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 0.1"/>
+    <body name="thigh" pos="0 0 0.52">
+      <joint name="hip" axis="0 1 0" damping="0.2" frictionloss="0.05" armature="0.01"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="{thigh}"/>
+      <body name="shank" pos="0 0 -0.25">
+        <joint name="knee" axis="0 1 0" damping="{damping}" range="-2 0.1" limited="true"/>
+        <geom name="foot" type="capsule" fromto="0 0 0 0 0 -0.28" size="0.02" mass="0.6"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="push" joint="hip" gear="5" ctrllimited="true" ctrlrange="-1 1"/>
+    <position name="servo" joint="knee" kp="{kp}" kv="0.3"/>
+  </actuator>
+</mujoco>
+"""
+PERIOD, SAMPLES = 0.004, 500
+COMMANDS = np.stack(
+    [
+        aprbs(SAMPLES * PERIOD, PERIOD, 1.0, (0.1, 0.5), seed=1),
+        aprbs(SAMPLES * PERIOD, PERIOD, 0.6, (0.1, 0.5), seed=2) - 0.6,
+    ],
+    axis=1,
+)
+
+
+def _written(folder: Path, thigh: float = 1.0, damping: float = 0.1, kp: float = 8.0) -> Path:
+    path = folder / "leg.xml"
+    path.write_text(LEG.format(thigh=thigh, damping=damping, kp=kp))
+    return path
+
+
+def _by_itself(path: Path, torque: Any = None) -> tuple[Array, int]:
+    """Positions, then velocities; and in how many steps something touched."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    # the rig's solver begins cold, and goes on for longer, so that one state leads to one other
+    model.opt.tolerance = SOLVER_TOLERANCE
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+    data, rows, touching = mujoco.MjData(model), [], 0
+    for command in COMMANDS:
+        rows.append(np.concatenate([data.qpos, data.qvel]))
+        data.ctrl[:] = command
+        data.qfrc_applied[0] = 0.0 if torque is None else torque(data)
+        for _ in range(2):
+            mujoco.mj_step(model, data)
+            touching += data.ncon > 0
+    return np.array(rows), touching
+
+
+def _run(a: Assembly, p: Array) -> Array:
+    memory = a.program.memory(a.start(p), period_s=PERIOD)
+    y, _, bad = a.program.run(memory, COMMANDS, p, period_s=PERIOD, stepping=Stepping(1))
+    assert bad < 0
+    order = [a.program.outputs.index(n) for n in NAMES]
+    return y[:, order]
+
+
+NAMES = (
+    "hip_position_rad",
+    "knee_position_rad",
+    "hip_velocity_rad_per_s",
+    "knee_velocity_rad_per_s",
+)
+
+
+def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path: Path) -> None:
+    path = _written(tmp_path)
+    rig = rig_named(str(path))
+    assert isinstance(rig, SteppedMechanism)
+    assert any("stepped by MuJoCo" in text and "geoms touch" in text for text in rig.remarks)
+    truth, touching = _by_itself(path)
+    assert touching > SAMPLES / 10
+    a = Assembly(rig)
+    assert np.abs(_run(a, a.values()) - truth).max() < 1e-10
+
+
+def test_parameters_are_those_of_the_file(tmp_path: Path) -> None:
+    a = Assembly(rig_named(str(_written(tmp_path))))
+    p = a.values({"thigh_mass_kg": 1.3, "knee_damping_n_m_s_per_rad": 0.2, "servo_kp": 6.0})
+    (tmp_path / "other").mkdir()
+    other = _written(tmp_path / "other", thigh=1.3, damping=0.2, kp=6.0)
+    assert np.abs(_run(a, p) - _by_itself(other)[0]).max() < 1e-9
+
+
+def test_an_effect_at_a_joint_acts_as_a_torque_there(tmp_path: Path) -> None:
+    path = _written(tmp_path)
+    rig = rig_named(str(path))
+    (spring,) = (
+        one for one in attachments(rig, [effects()["linear-stiffness"]]) if one.ports == ("hip",)
+    )
+    assert null_error(rig, spring, draws=1) <= NULL_TOLERANCE
+    a = Assembly(rig, (spring,))
+    p = a.values()
+    keys = {b.key.rpartition(":")[2]: i for i, b in enumerate(a.parameters) if b.owner}
+    for i in keys.values():
+        p[i] = 0.0
+    p[keys["stiffness"]] = 3.0
+    truth, _ = _by_itself(path, lambda data: -3.0 * float(data.qpos[0]))
+    found = _run(a, p)
+    assert np.abs(found - truth).max() < 1e-9
+    assert (
+        np.abs(found - _run(a, np.where(np.arange(len(p)) == keys["stiffness"], 0.0, p))).max()
+        > 0.1
+    )
+
+
+@pytest.mark.slow
+def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: Path) -> None:
+    """The file lacks a friction of the hip, and its masses are off."""
+    model = mujoco.MjModel.from_xml_path(str(_written(tmp_path, thigh=1.15, damping=0.12)))
+    model.dof_frictionloss[0] += 0.8
+    data, samples, random = mujoco.MjData(model), 3000, np.random.default_rng(0)
+    seconds = samples * PERIOD
+    sent = np.stack(
+        [
+            aprbs(seconds, PERIOD, 1.0, (0.1, 0.5), seed=3),
+            aprbs(seconds, PERIOD, 0.6, (0.1, 0.5), seed=4) - 0.6,
+        ],
+        axis=1,
+    )
+    read = np.empty((samples, 2))
+    for k, command in enumerate(sent):
+        read[k], data.ctrl[:] = data.qpos, command
+        for _ in range(2):
+            mujoco.mj_step(model, data)
+    read += 1e-3 * random.standard_normal(read.shape)
+    columns = {"time_s": PERIOD * np.arange(samples), "push_command": sent[:, 0]}
+    columns |= {"servo_command_rad": sent[:, 1]}
+    columns |= {name: read[:, i] for i, name in enumerate(NAMES[:2])}
+    (tmp_path / "given").mkdir()
+    given = _written(tmp_path / "given")
+    tried = ("coulomb-friction", "viscous-friction", "cubic-stiffness", "gain-error", "dead-time")
+    found = pamid.diagnose(
+        pamid.Recording.from_pandas(pd.DataFrame(columns)),
+        given,
+        without=[name for name in effects() if name not in tried],
+        jobs=1,
+    )
+    print(found)
+    assert [c.effect for c in found.causes] == ["coulomb-friction@hip"]
+
+
+def test_what_becomes_unstable_is_seen_and_not_begun_anew(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
+    a = Assembly(rig_named(str(_written(tmp_path))))
+    p = a.values({"knee_damping_n_m_s_per_rad": -50.0})
+    memory = a.program.memory(a.start(p), period_s=PERIOD)
+    y, _, bad = a.program.run(memory, COMMANDS, p, period_s=PERIOD)
+    assert 0 <= bad < SAMPLES - 1
+    assert np.isnan(y[bad + 1 :]).all()
+    assert "unstable" not in "".join(capfd.readouterr())
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+def test_a_quaternion_joint_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "free.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="arm"/><geom size="0.1" mass="1"/></body>'
+        '<body pos="1 0 0"><freejoint name="loose"/><geom size="0.1" mass="1"/></body>'
+        "</worldbody></mujoco>"
+    )
+    with pytest.raises(PamidError, match="joint 'loose'.* is a free joint, whose quaternion"):
+        rig_named(str(path))
