@@ -49,7 +49,8 @@ def _costs(file: Path) -> None:
     wide = float(np.median([once(len(wanted)) for _ in range(REPEATS)]))
     print(
         f"  read {read - begun:.2f} s, assembled {made - read:.2f} s; "
-        f"{SAMPLES} steps {plain:.3f} s, with {len(wanted)} sensitivities {wide:.2f} s ({wide / plain:.1f} times)"
+        f"{SAMPLES} steps {plain:.3f} s, "
+        f"with {len(wanted)} sensitivities {wide:.2f} s ({wide / plain:.1f} times)"
     )
 
 
