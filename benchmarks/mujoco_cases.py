@@ -222,7 +222,7 @@ def score(output: Path, label: dict[str, Any], number: int) -> dict[str, Any]:
 
 
 def belongs(port: str, joint: str) -> bool:
-    """Is a port one of a joint's, or of its actuator and sensors? Their names begin with its own."""
+    """Is a port a joint's, or of its actuator or sensors? Their names begin with its own."""
     return bool(joint) and any(
         part == joint or part.startswith(f"{joint}_") for part in port.replace(",", " ").split()
     )
