@@ -295,7 +295,11 @@ def commands(machine: Machine, seconds: float, amplitude: float, seed: int) -> A
 
 
 def record(
-    machine: Machine, planted: Planted | None, seconds: float, seed: int
+    machine: Machine,
+    planted: Planted | None,
+    seconds: float,
+    seed: int,
+    torque_noise: float = TORQUE_NOISE,
 ) -> tuple[dict[str, Array], float]:
     """A log's columns, and the amplitude at which every joint kept within its range (at most 95 %).
 
@@ -311,7 +315,7 @@ def record(
     dofs = np.array([int(j.dofadr[0]) for j in own])
     late = int(planted.size) if planted and planted.kind == "delay" else 0
     every, count = round(PERIOD_S / STEP_S), round(seconds / PERIOD_S)
-    ripple = TORQUE_NOISE * random.normal(size=(count, len(own)))
+    ripple = torque_noise * random.normal(size=(count, len(own)))
     spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     start = np.zeros(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)))
     amplitude = 0.8
