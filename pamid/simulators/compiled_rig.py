@@ -1,10 +1,11 @@
 """A mechanism as a rig of equations: no simulator takes part in running it.
 
-    M(q) q'' + c(q, q') = drive + tendons - damping q' - stiffness (q - relaxed) - friction(q')
+    M(q) q'' + c(q, q') = drive + tendons - damping q' - stiffness (q - relaxed) + friction
 
-with the friction loss as a simulator without true sticking has it: in proportion to the velocity
-(`friction_slope`) until the loss is reached. Joint, tendon and actuator laws are those of MuJoCo
-(documentation, Computation), the motion is in `pamid.simulators.tree_dynamics`.
+with the friction of `pamid.simulators.soft_friction` at joints whose file states a loss; elsewhere,
+where a fit frees it, it grows with the velocity (`friction_slope`) until the loss is reached.
+Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
+`pamid.simulators.tree_dynamics`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.simulators.mechanism import Actuator, Mechanism, Sensor
+from pamid.simulators.soft_friction import SoftFriction
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
     ZERO,
@@ -42,6 +44,7 @@ class CompiledMechanism(Rig):
         self.mechanism = m
         own.name = m.name
         own.inputs, own.outputs = m.inputs, m.outputs
+        own.optional = {a.column: 0.0 for a in m.actuators if a.adr < 0}
         own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
         own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
         own.excited = {a.column: _amplitude(m, a) for a in m.actuators}
@@ -184,18 +187,15 @@ class _Equations:
         return length, rate
 
     def tendon_force(self, i: int) -> Expr:
-        """What a tendon's spring, damper and friction pull with, against its length."""
+        """What a tendon's spring and damper pull with, against its length."""
         t = self.m.tendons[i]
-        if not (t.stiffness or t.damping or t.friction_loss):
+        if not (t.stiffness or t.damping):
             return ZERO
         length, rate = self.tendon(i)
         low, high = t.rest
         beyond = length - clip(length, low, high) if high > low else length - low
         force = -self.rig.value(self.p, "tendon", i, "stiffness", t.stiffness) * beyond
         force = force - self.rig.value(self.p, "tendon", i, "damping", t.damping) * rate
-        if t.friction_loss:
-            loss = self.rig.value(self.p, "tendon", i, "frictionloss", t.friction_loss)
-            force = force - clip(t.friction_slope * rate, -loss, loss)
         return force
 
     def drive(self) -> list[Expr]:
@@ -216,7 +216,8 @@ class _Equations:
         ]
 
     def passive(self, j: int) -> Expr:
-        """Spring, damper and friction of a joint, and the dampers of its actuators."""
+        """Spring and damper of a joint, the dampers of its actuators, friction where none is
+        stated."""
         joint, value = self.m.joints[j], self.rig.value
         q, qd = self.q[j], self.qd[j]
         damping = value(self.p, "joint", j, "damping", joint.damping)
@@ -225,9 +226,19 @@ class _Equations:
                 gear = value(self.p, "actuator", i, "gear", a.gear)
                 damping = damping + gear * gear * a.damping
         stiffness = value(self.p, "joint", j, "stiffness", joint.stiffness)
-        loss = value(self.p, "joint", j, "frictionloss", joint.friction_loss)
-        rubbed = clip(joint.friction_slope * qd, -loss, loss)
-        return -damping * qd - stiffness * (q - joint.spring_reference) - rubbed
+        held_back = -damping * qd - stiffness * (q - joint.spring_reference)
+        if joint.friction_loss:
+            return held_back  # its friction is solved with the accelerations
+        loss = value(self.p, "joint", j, "frictionloss", 0.0)
+        return held_back - clip(joint.friction_slope * qd, -loss, loss)
+
+    def friction(self, j: int) -> SoftFriction | None:
+        """Of a joint whose file states a loss."""
+        joint = self.m.joints[j]
+        if not joint.friction_loss:
+            return None
+        loss = self.rig.value(self.p, "joint", j, "frictionloss", joint.friction_loss)
+        return SoftFriction(loss, joint.friction_rate, joint.friction_softness, self.qd[j])
 
     def applied(self) -> list[Expr]:
         """Force or torque at every joint, through its motion port."""
@@ -275,7 +286,8 @@ class _Equations:
                 inertia=tree.mass_matrix[j, j],
             )
             passed.append(None if reaching is free else reaching)
-        qdd = tree.accelerations(applied, passed)
+        rubbing = [self.friction(j) for j in range(tree.n)]
+        qdd = tree.accelerations(applied, passed, rubbing)
         found: dict[str, Number] = {}
         for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
             found[joint.name] = qd

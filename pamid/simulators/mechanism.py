@@ -40,8 +40,8 @@ class MechanismJoint:
 
     reference        position at which the body stands as the file places it
     spring_reference position at which the spring is relaxed
-    friction_slope   friction per velocity before the loss is reached: how a simulator that has no
-                     true sticking creeps
+    friction_rate, friction_softness  1/s, and 1/(kg m2) or 1/kg: how the friction sets in, see
+                     `pamid.simulators.soft_friction`
     typical_inertia  about the joint at the reference, kg m2 or kg
     range, force_range  None: without limits
     qpos, dof        places among the simulator's positions and velocities
@@ -57,7 +57,8 @@ class MechanismJoint:
     stiffness: float
     damping: float
     friction_loss: float
-    friction_slope: float
+    friction_rate: float
+    friction_softness: float
     armature: float
     typical_inertia: float
     range: Range | None = None
@@ -69,6 +70,11 @@ class MechanismJoint:
     @property
     def unit(self) -> str:
         return "rad" if self.kind == "hinge" else "m"
+
+    @property
+    def friction_slope(self) -> float:
+        """Friction per velocity of a joint that creeps."""
+        return self.friction_rate / self.friction_softness
 
     @property
     def force_unit(self) -> str:
@@ -86,7 +92,6 @@ class MechanismTendon:
     stiffness: float
     damping: float
     friction_loss: float
-    friction_slope: float
     rest: Range
     line: int = 0
 
@@ -102,6 +107,8 @@ class Actuator:
     joint, tendon  the one it drives; -1: not that
     column    of a recording, that holds its command; state: the name of a where it has dynamics
     armature, damping  what the actuator adds to its joint's, times gear squared
+    adr       place of its command among the simulator's; -1: the file has no actuators, and its
+              command is a force or torque that acts on the joint itself
     """
 
     name: str
@@ -124,6 +131,7 @@ class Actuator:
     damping: float = 0.0
     delay_s: float = 0.0
     line: int = 0
+    adr: int = -1
 
 
 @dataclass(frozen=True)

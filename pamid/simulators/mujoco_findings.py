@@ -115,6 +115,8 @@ def _tendons(file: MujocoFile) -> Iterator[Finding]:
         poly = m.tendon_dampingpoly[i].any() or m.tendon_stiffnesspoly[i].any()
         if poly or m.tendon_springyield[i]:
             yield _finding(file, "tendon", i, "a spring or damper that is not linear")
+        if m.tendon_frictionloss[i]:
+            yield _finding(file, "tendon", i, "a friction loss")
         if m.tendon_armature[i] or m.tendon_actfrclimited[i]:
             yield _finding(file, "tendon", i, "an armature or a limit of its actuators' force")
 

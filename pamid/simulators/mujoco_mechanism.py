@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -105,14 +105,17 @@ def _range(limited: Any, values: Any) -> Range | None:
     return (float(values[0]), float(values[1])) if limited else None
 
 
-def friction_slope(solref: Any, solimp: Any, weight: float) -> float:
-    """Friction per velocity below the loss, of MuJoCo's soft constraint at rest: b d / ((1 - d) w),
-    w the inverse inertia there (MuJoCo documentation, Computation, Constraint model)."""
-    high = min(max(float(solimp[1]), 1e-4), 0.9999)
-    low = min(max(float(solimp[0]), 1e-4), 0.9999)
-    first, second = float(solref[0]), float(solref[1])
-    damping = -second / high if first <= 0.0 else 2.0 / (high * max(first, 1e-15))
-    return damping * low / ((1.0 - low) * max(weight, 1e-15))
+def softness(file: MujocoFile, dof: int) -> tuple[float, float]:
+    """Rate (1/s) and softness of a joint's friction: MuJoCo's b and R (documentation, Computation,
+    Constraint model), from solreffriction and solimpfriction."""
+    m = file.model
+    low, high = (min(max(float(v), 1e-4), 0.9999) for v in m.dof_solimp[dof, :2])
+    first, second = map(float, m.dof_solref[dof])
+    if first > 0.0:
+        safe = not m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+        first = max(first, 2.0 * float(m.opt.timestep)) if safe else first
+    rate = -second / high if first <= 0.0 else 2.0 / (high * first)
+    return rate, max((1.0 - low) / low * float(m.dof_invweight0[dof]), 1e-15)
 
 
 # ---- elements ------------------------------------------------------------------------------------
@@ -152,7 +155,7 @@ def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
                 float(m.jnt_stiffness[i]),
                 float(m.dof_damping[v]),
                 float(m.dof_frictionloss[v]),
-                friction_slope(m.dof_solref[v], m.dof_solimp[v], float(m.dof_invweight0[v])),
+                *softness(file, int(v)),
                 float(m.dof_armature[v]),
                 float(m.dof_M0[v]),
                 _range(m.jnt_limited[i], m.jnt_range[i]),
@@ -184,9 +187,6 @@ def _tendons(
                 float(m.tendon_stiffness[i]),
                 float(m.tendon_damping[i]),
                 float(m.tendon_frictionloss[i]),
-                friction_slope(
-                    m.tendon_solref_fri[i], m.tendon_solimp_fri[i], float(m.tendon_invweight0[i])
-                ),
                 (float(m.tendon_lengthspring[i, 0]), float(m.tendon_lengthspring[i, 1])),
                 file.line("tendon", i),
             )
@@ -249,9 +249,35 @@ def _actuators(
                 float(m.actuator_damping[i]),
                 float(m.actuator_delay[i]),
                 file.line("actuator", i),
+                int(m.actuator_ctrladr[i]),
             )
         )
-    return tuple(found)
+    return tuple(found) if m.nactuator else tuple(_bare(joints))
+
+
+def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
+    """A force or torque at every joint: of a file without actuators, such as any URDF."""
+    for j, joint in enumerate(joints):
+        if joint.kind not in ("hinge", "slide"):
+            continue
+        unit = joint.force_unit
+        column = f"{joint.name}_{'torque_nm' if unit == 'N m' else 'force_n'}"
+        none = (0.0, 0.0, 0.0)
+        yield Actuator(
+            joint.name,
+            "motor",
+            j,
+            -1,
+            1.0,
+            "none",
+            0.0,
+            (1.0, 0.0, 0.0),
+            none,
+            column,
+            command_unit=unit,
+            force_unit=unit,
+            command_range=joint.force_range,
+        )
 
 
 def _units_of(

@@ -44,7 +44,7 @@ def parameters_of(
     for i, tendon in enumerate(tendons):
         found += _of_tendon(i, tendon, joints)
     for i, actuator in enumerate(actuators):
-        found += _of_actuator(i, actuator)
+        found += _of_actuator(i, actuator) if actuator.adr >= 0 else []
     return tuple(found)
 
 

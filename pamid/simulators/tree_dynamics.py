@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint
+from pamid.simulators.soft_friction import SoftFriction, rub
 from pamid.simulators.spatial import (
     IDENTITY,
     NOTHING,
@@ -72,6 +73,10 @@ class _Mass:
     body: int
     mass: Expr
     each: Inertia
+
+
+#: of M = L' D L: L below its diagonal by (row, column), and 1 / D
+Factors = tuple[dict[tuple[int, int], Expr], list[Expr]]
 
 
 class Tree:
@@ -230,24 +235,24 @@ class Tree:
         total = self._gathered(self.forces(self.acceleration([ZERO] * self.n)))
         return [s.dot(f) for s, f in zip(self.axis, total, strict=True)]
 
-    @cached_property
-    def factors(self) -> tuple[dict[tuple[int, int], Expr], list[Expr]]:
-        """M = L' D L of the tree: L below its diagonal, and 1 / D."""
+    def factored(self, added: Sequence[Expr] | None = None) -> Factors:
+        """M, with something added on its diagonal, as L' D L of the tree."""
         m = dict(self.mass_matrix)
+        for i, more in enumerate(added or ()):
+            m[i, i] = m[i, i] + more
         inverse: list[Expr] = [ZERO] * self.n
         for k in reversed(range(self.n)):
             inverse[k] = 1.0 / m[k, k]
-            above = self.path(k)[1:]
-            for i in above:
+            for i in self.path(k)[1:]:
                 a = m[k, i] * inverse[k]
                 for j in self.path(i):
                     m[i, j] = m[i, j] - a * m[k, j]
                 m[k, i] = a
         return m, inverse
 
-    def solve(self, force: Sequence[Expr]) -> list[Expr]:
+    def solve(self, factors: Factors, force: Sequence[Expr]) -> list[Expr]:
         """M^-1 force"""
-        low, inverse = self.factors
+        low, inverse = factors
         x = list(force)
         for i in reversed(range(self.n)):
             for j in self.path(i)[1:]:
@@ -316,38 +321,42 @@ class Tree:
             found.append((one.mass, alone))
         return found
 
-    def accelerations(self, force: Sequence[Expr], passed: Sequence[Expr | None]) -> list[Expr]:
+    def accelerations(
+        self,
+        force: Sequence[Expr],
+        passed: Sequence[Expr | None],
+        friction: Sequence[SoftFriction | None],
+    ) -> list[Expr]:
         """q'' under these forces, with its exact derivatives.
 
-        force: at each joint, without c. passed: where what reaches the joint is not force - c but
-        something else that was made of `force - self.holding`, that; elsewhere None.
+        force: at each joint, without c and friction. passed: where what reaches the joint is not
+        force - c but something else that was made of `force - self.holding`, that; elsewhere None.
         """
-        holding = self.holding
         reaching = [
-            f - c if p is None else p for f, c, p in zip(force, holding, passed, strict=True)
+            f - c if p is None else p for f, c, p in zip(force, self.holding, passed, strict=True)
         ]
-        value = self.solve(reaching)
-        still = [held(v) for v in value]
+        found = rub(self, reaching, friction)
+        still = [held(v) for v in found.value]
         moving = self.inverse_dynamics(still)
         change = []
         for i in range(self.n):
-            own = moving[i] + still[i] * self.armature[i]
+            own = moving[i] + still[i] * (self.armature[i] + found.added[i]) - found.friction[i]
             if passed[i] is None:
                 change.append(own - force[i])
             else:
                 change.append(own - self.holding_change[i] - reaching[i])
-        inverse = [self._unit(i) for i in range(self.n)]
-        found = []
-        for i in range(self.n):
-            total = ZERO
-            for j in range(self.n):
-                total = total - held(inverse[j][i]) * change[j]
-            found.append(tangent(value[i], total))
-        return found
+        inverse = [self.unit(found.factors, i) for i in range(self.n)]
+        return [
+            tangent(
+                found.value[i], -total([held(inverse[j][i]) * change[j] for j in range(self.n)])
+            )
+            for i in range(self.n)
+        ]
 
-    def _unit(self, i: int) -> list[Expr]:
+    def unit(self, factors: Factors, i: int) -> list[Expr]:
+        """A column of M^-1."""
         one = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
-        return self.solve(one)
+        return self.solve(factors, one)
 
     @cached_property
     def holding_change(self) -> list[Expr]:
@@ -359,6 +368,13 @@ class Tree:
         """The bias c with its exact derivatives."""
         pairs = zip(self.bias, self.holding_change, strict=True)
         return [tangent(value, change) for value, change in pairs]
+
+
+def total(terms: Sequence[Expr]) -> Expr:
+    found = ZERO
+    for one in terms:
+        found = found + one
+    return found
 
 
 # ---- numbers -------------------------------------------------------------------------------------

@@ -22,11 +22,6 @@ def rig_of(mechanism: Mechanism) -> Rig:
     """A mechanism as equations; FileError, with every hindrance, where it cannot be written so."""
     if not mechanism.joints:
         raise FileError(f"{mechanism.path}: it has no joints, so nothing in it can move.")
-    if not mechanism.sensors:
-        raise FileError(
-            f"{mechanism.path}: it has no sensor that pamid can read.",
-            "Add <jointpos joint=...> for every joint that is recorded, or leave <sensor> out.",
-        )
     if mechanism.hindrances:
         told = "; ".join(map(str, mechanism.hindrances))
         raise FileError(
@@ -34,6 +29,11 @@ def rig_of(mechanism: Mechanism) -> Rig:
             "Take these out, or state them otherwise: a tree of hinges and slides, out of reach of "
             "contacts, with fixed tendons and motor, position, velocity or general actuators.",
             code="model",
+        )
+    if not mechanism.sensors:
+        raise FileError(
+            f"{mechanism.path}: it has no sensor that pamid can read.",
+            "Add <jointpos joint=...> for every joint that is recorded, or leave <sensor> out.",
         )
     return CompiledMechanism(mechanism)
 

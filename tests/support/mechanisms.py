@@ -1,0 +1,242 @@
+"""MuJoCo models for the tests, from one joint to seven, and MuJoCo itself at given states as the
+judge of what pamid makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.simulators.compiled_rig import CompiledMechanism
+from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.symbolic.expression import Expr, plain, symbol, walk
+from pamid.symbolic.operators import OPERATORS
+
+Array = NDArray[np.float64]
+
+ONE = """<mujoco model="one">
+  <compiler angle="radian"/>
+  <option timestep="0.001" integrator="RK4"/>
+  <worldbody>
+    <body name="arm">
+      <joint name="shoulder" axis="0 1 0" damping="0.08" armature="0.004"/>
+      <geom name="rod" type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02" mass="0.8"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="shoulder" gear="2" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+TWO = """<mujoco model="two">
+  <!-- a small arm, seen from the side -->
+  <compiler angle="radian"/>
+  <option timestep="0.001" integrator="RK4"/>
+  <default>
+    <joint damping="0.15" armature="0.01"/>
+    <geom contype="0" conaffinity="0"/>
+  </default>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03" mass="1.2"/>
+      <body name="forearm" pos="0 0 -0.4">
+        <!-- the one that squeaks -->
+        <joint name="elbow"   axis="0 1 0" damping='0.08'/>
+        <inertial pos="0 0 -0.15" mass="0.7" diaginertia="0.006 0.006 0.0003"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="m1" joint="shoulder" gear="4" ctrlrange="-1 1"/>
+    <motor name="m2" joint="elbow" gear="1.5" ctrlrange="-1 1"/>
+  </actuator>
+  <sensor>
+    <jointpos name="shoulder_angle" joint="shoulder"/>
+    <jointpos name="elbow_angle" joint="elbow"/>
+  </sensor>
+</mujoco>
+"""
+
+# everything that is compiled: a slide, two joints at one body, a branch, oblique axes, welded
+# bodies, a tendon with spring and damper, springs, every plain actuator, ranges, unnamed elements
+TREE = """<mujoco model="tree">
+  <compiler angle="radian"/>
+  <option gravity="0.3 -0.2 -9.7"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="cart" pos="0.1 0 0.2" quat="0.9 0.1 -0.2 0.3">
+      <joint name="rail" type="slide" axis="1 0.2 0" damping="3" stiffness="40" springref="0.1"/>
+      <geom size="0.1" mass="2"/>
+      <body name="hip-1" pos="0 0.1 0">
+        <joint name="yaw" axis="0 0 1" pos="0.05 0 0" armature="0.02" damping="0.2" ref="0.2"/>
+        <joint name="tilt" axis="0.3 1 0.2" damping="0.1" actuatorfrcrange="-0.4 0.4"
+               actuatorfrclimited="true"/>
+        <inertial pos="0.05 0.02 -0.2" mass="1.1" fullinertia="0.02 0.03 0.025 0.001 -0.002 0.003"/>
+        <body name="plate" pos="0 0 -0.3" quat="0.7 0.1 0.7 0">
+          <geom type="box" size="0.1 0.05 0.02" mass="0.6"/>
+        </body>
+        <body name="shin" pos="0 0 -0.4">
+          <joint name="knee" axis="0 1 0" damping="0.05" stiffness="2" springref="-0.3"/>
+          <geom type="capsule" fromto="0 0 0 0.1 0 -0.3" size="0.03" mass="0.5"/>
+        </body>
+      </body>
+      <body name="tail" pos="-0.2 0 0" euler="0.3 0.2 0.1">
+        <joint name="wag" axis="0 0 -1" damping="0.03" armature="0.005"/>
+        <geom type="capsule" fromto="0 0 0 -0.3 0 0" size="0.02" mass="0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="cable" stiffness="6" damping="0.4" springlength="0.05 0.1">
+      <joint joint="yaw" coef="0.5"/><joint joint="wag" coef="-1.2"/>
+    </fixed>
+  </tendon>
+  <actuator>
+    <motor name="push" joint="rail" gear="-30" ctrlrange="-0.5 0.5"/>
+    <position name="turn" joint="yaw" kp="8" kv="0.6" ctrlrange="-1 1" forcerange="-3 3"/>
+    <velocity name="spin" joint="wag" kv="0.3" gear="2"/>
+    <general name="slow" joint="knee" dyntype="filter" dynprm="0.05" gaintype="affine"
+             gainprm="2 0.3 -0.1" biastype="affine" biasprm="0.2 -1 -0.05"/>
+    <intvelocity name="step" joint="yaw" kp="3" actrange="-0.5 0.5"/>
+    <motor name="pull" tendon="cable" gear="3"/>
+    <motor name="geared" joint="knee" gear="2" armature="0.003" damping="0.02"/>
+    <motor joint="tilt" gear="5"/>
+  </actuator>
+  <sensor>
+    <jointpos joint="yaw"/><jointvel joint="rail"/><tendonpos tendon="cable"/>
+    <tendonvel tendon="cable"/><actuatorfrc actuator="turn"/><actuatorfrc actuator="slow"/>
+    <actuatorpos actuator="spin"/><actuatorvel actuator="push"/>
+    <jointactuatorfrc name="knee torque" joint="knee"/>
+    <jointpos name="clipped" joint="wag" cutoff="0.4"/>
+  </sensor>
+</mujoco>
+""".replace('<joint axis="0.3 1 0.2"', '<joint name="joint_unnamed_stand_in" axis="0.3 1 0.2"')
+
+
+def _seven() -> str:
+    places = (
+        "0 0 0.33",
+        "0 0 0",
+        "0 -0.316 0",
+        "0.0825 0 0",
+        "-0.0825 0.384 0",
+        "0 0 0",
+        "0.088 0 0",
+    )
+    turns = (0, -1, 1, 1, -1, 1, 1)
+    masses = (3.2, 3.1, 3.2, 2.5, 1.2, 1.5, 0.7)
+    centres = ("0.003 0.05 -0.02", "-0.003 -0.07 0.03", "0.027 0.04 -0.07", "-0.05 0.1 0.03",
+               "-0.01 0.04 -0.04", "0.06 -0.015 -0.01", "0.01 0.004 0.06")  # fmt: skip
+    bodies, ends = [], []
+    for i in range(7):
+        turn = f' quat="0.70710678 {0.70710678 * turns[i]} 0 0"' if turns[i] else ""
+        inertia = " ".join(f"{0.01 * masses[i] * s:.5g}" for s in (1.0, 0.9, 0.7))
+        bodies.append(
+            f'<body name="link{i + 1}" pos="{places[i]}"{turn}>'
+            f'<joint name="j{i + 1}" axis="0 0 1"/><inertial pos="{centres[i]}" '
+            f'mass="{masses[i]}" quat="0.9 0.1 0.2 0.05" '
+            f'diaginertia="{inertia}"/>'
+        )
+        ends.append("</body>")
+    motors = "".join(f'<motor name="m{i}" joint="j{i}" gear="10"/>' for i in range(1, 8))
+    return (
+        '<mujoco model="seven"><compiler angle="radian"/><option timestep="0.002"/>'
+        '<default><joint damping="0.5" armature="0.02" frictionloss="0.1"/></default>'
+        f"<worldbody>{''.join(bodies + ends)}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+SEVEN = _seven()
+
+
+def needs_mujoco() -> Any:
+    """MuJoCo's package, or a skip that says why."""
+    return pytest.importorskip("mujoco", reason="the extra pamid[mujoco] is not installed")
+
+
+def rig_from(text: str, folder: Path) -> CompiledMechanism:
+    """The compiled rig of a model's text."""
+    file = folder / "model.xml"
+    file.write_text(text)
+    return CompiledMechanism(read_mechanism(file))
+
+
+class _Names:
+    def __init__(self, space: str) -> None:
+        self._space = space
+
+    def __getattr__(self, name: str) -> Any:
+        return symbol(self._space, name)
+
+
+def numbers(roots: Sequence[Expr], values: Mapping[tuple[str, str], float]) -> Array:
+    """The values of expressions where their symbols have these."""
+    found: dict[Expr, float] = {}
+    for node in walk(roots):
+        if node.op == "const":
+            found[node] = node.value
+        elif node.op == "symbol":
+            found[node] = values[node.value]
+        elif node.op == "where":
+            taken = node.args[1] if found[node.args[0]] else node.args[2]
+            found[node] = found[taken]
+        else:
+            found[node] = float(OPERATORS[node.op].evaluate(*(found[a] for a in node.args)))
+    return np.array([found[root] for root in roots])
+
+
+class AtStates:
+    """A compiled rig's rates and readings as numbers."""
+
+    def __init__(self, rig: CompiledMechanism) -> None:
+        self.rig = rig
+        args = (_Names("state"), _Names("input"), _Names("parameter"))
+        rates, readings = rig.rates(*args, _through), rig.measure(*args, _through)
+        self.names = (list(rates), list(readings))
+        self.roots = plain([*rates.values(), *readings.values()])
+
+    def __call__(
+        self, x: dict[str, float], u: dict[str, float], p: dict[str, float]
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """Rates and readings by name."""
+        values = {("state", k): v for k, v in x.items()} | {("input", k): v for k, v in u.items()}
+        found = numbers(self.roots, values | {("parameter", k): v for k, v in p.items()}).tolist()
+        first, second = self.names
+        return dict(zip(first, found, strict=False)), dict(
+            zip(second, found[len(first) :], strict=True)
+        )
+
+
+def _through(name: str, value: Any, **signals: Any) -> Any:
+    return value
+
+
+def parameters(rig: CompiledMechanism) -> dict[str, float]:
+    """The file's values, SI."""
+    return {p.name: p.value * p.factor for p in rig.parameters}
+
+
+def mujoco_at(
+    rig: CompiledMechanism, x: dict[str, float], u: dict[str, float]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """MuJoCo's own accelerations, activation rates and readings in the same state."""
+    mujoco, m = needs_mujoco(), rig.mechanism
+    model = mujoco.MjModel.from_xml_path(m.path)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    model.opt.tolerance, model.opt.iterations = 0.0, 200
+    data = mujoco.MjData(model)
+    for joint in m.joints:
+        data.qpos[joint.qpos] = x[joint.name]
+        data.qvel[joint.dof] = x[f"{joint.name}_velocity"]
+    states = [a for a in m.actuators if a.state]
+    for i, actuator in enumerate(states):
+        data.act[i] = x[actuator.state]
+    for actuator in m.actuators:
+        data.ctrl[actuator.adr] = u[actuator.column]
+    mujoco.mj_forward(model, data)
+    rates = {f"{j.name}_velocity": float(data.qacc[j.dof]) for j in m.joints}
+    rates |= {a.state: float(data.act_dot[i]) for i, a in enumerate(states)}
+    return rates, {s.column: float(data.sensordata[s.adr]) for s in m.sensors if s.adr >= 0}

@@ -1,0 +1,126 @@
+"""Mechanisms as equations: MuJoCo's forward dynamics at random states as the judge, finite
+differences for the partials that are written in closed form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mechanisms
+import numpy as np
+import pytest
+
+from pamid.engine.llvm_ir import with_partials
+from pamid.model.assembly import Assembly
+from pamid.symbolic.derivative import gradients
+from pamid.symbolic.expression import ZERO, plain, symbol, walk
+from pamid.symbolic.vocabulary import Expr, held, sin, tangent
+
+mechanisms.needs_mujoco()
+
+MODELS = {
+    "one": mechanisms.ONE,
+    "two": mechanisms.TWO,
+    "tree": mechanisms.TREE,
+    "seven": mechanisms.SEVEN,
+    "rubbing": mechanisms.SEVEN.replace('frictionloss="0.1"', 'frictionloss="1.5"'),
+}
+CLOSE = 1e-10
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_mujoco_gives_the_same_accelerations_and_readings(name: str, tmp_path: Path) -> None:
+    rig = mechanisms.rig_from(MODELS[name], tmp_path)
+    assert not rig.mechanism.hindrances
+    here, random = mechanisms.AtStates(rig), np.random.default_rng(1)
+    p = mechanisms.parameters(rig)
+    for _ in range(20):
+        x = {s.name: float(random.choice([-1, 1]) * random.uniform(0.4, 2.0)) for s in rig.states}
+        # from speeds at which some joints creep to those at which all friction is at its loss
+        speed = random.choice([0.01, 0.1, 1.0])
+        x |= {k: speed * v for k, v in x.items() if k.endswith("_velocity")}
+        # an activation is never beyond its range
+        x |= {a.state: 0.2 * x[a.state] for a in rig.mechanism.actuators if a.state}
+        u = {column: float(random.normal()) for column in rig.inputs}
+        rates, readings = here(x, u, p)
+        judged, read = mechanisms.mujoco_at(rig, x, u)
+        scale = max(map(abs, judged.values()))
+        for key, value in judged.items():
+            assert rates[key] == pytest.approx(value, rel=CLOSE, abs=CLOSE * scale), key
+        for joint in rig.mechanism.joints:
+            assert rates[joint.name] == x[f"{joint.name}_velocity"]
+        assert set(read) <= set(readings)
+        for key, value in read.items():
+            assert readings[key] == pytest.approx(value, rel=CLOSE, abs=CLOSE), key
+
+
+def _bent(rig: mechanisms.CompiledMechanism, at: set[str]) -> dict[str, Expr]:
+    """The rig's rates where something nonlinear acts at some ports."""
+
+    def port(name: str, value: Expr, **signals: Expr) -> Expr:
+        if name not in at:
+            return value
+        return 0.8 * value + 0.3 * sin(signals["position"]) * signals["velocity"]
+
+    names = [mechanisms._Names(space) for space in ("state", "input", "parameter")]
+    return dict(rig.rates(*names, port))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["two", "tree", "rubbing"])
+@pytest.mark.parametrize("bent", [False, True])
+def test_partials_equal_finite_differences(name: str, bent: bool, tmp_path: Path) -> None:
+    rig = mechanisms.rig_from(MODELS[name], tmp_path)
+    joints = rig.mechanism.joints
+    at = {joints[0].name, f"{joints[-1].name}_transmission"} if bent else set()
+    rates = _bent(rig, at)
+    wanted = [f"{j.name}_velocity" for j in joints]
+    roots = [rates[k] for k in wanted]
+    values, slopes = plain(roots), gradients(roots)
+    random = np.random.default_rng(2)
+    p = mechanisms.parameters(rig)
+    point = {("state", s.name): float(random.choice([-1, 1]) * random.uniform(0.5, 1.5))
+             for s in rig.states}  # fmt: skip
+    point |= {("input", c): float(random.uniform(0.1, 0.4)) for c in rig.inputs}
+    point |= {k: 0.03 * v for k, v in point.items() if k[1].endswith("_velocity")}
+    # off the corners: a loss of zero is one
+    point |= {("parameter", k): v or 0.02 for k, v in p.items()}
+
+    def at_point(nodes: list[Expr], moved: dict[tuple[str, str], float]) -> np.ndarray:
+        return mechanisms.numbers(plain(nodes), {**point, **moved})
+
+    size = np.abs(at_point(values, {})).max()
+    keys = [k for k in point if k[0] != "input"]
+    flat = at_point([g.get(symbol(*k), ZERO) for g in slopes for k in keys], {})
+    exact = flat.reshape(len(roots), len(keys)).T
+    for key, column in zip(keys, exact, strict=True):
+        h = 1e-6 * max(abs(point[key]), 0.1)
+        up, down = ({key: point[key] + s * h} for s in (1, -1))
+        found = (at_point(values, up) - at_point(values, down)) / (2.0 * h)
+        np.testing.assert_allclose(
+            column, found, rtol=2e-6, atol=2e-7 * (size + np.abs(found).max()), err_msg=str(key)
+        )
+
+
+def test_a_held_value_has_no_derivative_and_a_tangent_has_its_own() -> None:
+    x = symbol("state", "x")
+    node = x * held(sin(x)) + tangent(x * x, 5.0 * x)
+    (by,) = gradients([node])
+    value, slope = mechanisms.numbers(plain([node, by[x]]), {("state", "x"): 0.7})
+    assert value == pytest.approx(0.7 * np.sin(0.7) + 0.49)
+    assert slope == pytest.approx(np.sin(0.7) + 5.0)
+
+
+def test_seven_joints_are_a_short_program(tmp_path: Path) -> None:
+    """In operations, which do not depend on the machine: with what 28 sensitivities need less than
+    three times the plain equations, and few enough to be compiled at once."""
+    rig = mechanisms.rig_from(mechanisms.SEVEN, tmp_path)
+    assembly = Assembly(rig).for_fitting()
+    assert len(assembly.program.sensitive) == 28
+    rates = list(assembly.traced.rates.values())
+    columns: dict[tuple[str, str], int] = {}
+
+    def column(space: str, name: str) -> int:
+        return columns.setdefault((space, name), len(columns))
+
+    values, _, _ = with_partials(rates, column, assembly.program.sensitive)
+    count = [sum(bool(n.args) for n in walk(nodes)) for nodes in (plain(rates), values)]
+    assert count[0] < 5000 and count[1] < 3.0 * count[0]
