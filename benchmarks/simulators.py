@@ -206,14 +206,15 @@ def fits(joints: int, length_s: float) -> None:
         return
     print(f"mujoco.sysid {peer:.2f} s CPU; {why}")
     print(f"  {'parameter':30s} {'true':>10s} {'pamid':>10s} {'+-':>8s} {'sysid':>10s} {'+-':>8s}")
-    agree = near = also = 0  # intervals that meet, that hold the truth (pamid's, mujoco.sysid's)
+    meet = mutual = near = also = 0
     for q in free:
         name = q.parameter.name
         mine = next(v for k, v in ours.items() if k.startswith(name))
         value, half = theirs[name]
         low, high = mine["low"], mine["high"]
         true = truth[name]
-        agree += max(low, value - half) <= min(high, value + half)
+        meet += max(low, value - half) <= min(high, value + half)
+        mutual += low <= value <= high and abs(mine["value"] - value) <= half
         near += low <= true <= high
         also += abs(true - value) <= half
         print(
@@ -221,8 +222,8 @@ def fits(joints: int, length_s: float) -> None:
             f"{value:10.4g} {half:8.2g}"
         )
     print(
-        f"  intervals meet: {agree}/{len(free)}; hold the truth: pamid {near}/{len(free)}, "
-        f"mujoco.sysid {also}/{len(free)}",
+        f"  of {len(free)}: {mutual} within each other's intervals, {meet} intervals that meet; the "
+        f"truth is in {near} of pamid's and {also} of mujoco.sysid's",
         flush=True,
     )
 
