@@ -222,7 +222,7 @@ def fits(joints: int, length_s: float) -> None:
             f"{value:10.4g} {half:8.2g}"
         )
     print(
-        f"  of {len(free)}: {mutual} within each other's intervals, {meet} intervals that meet; the "
+        f"  of {len(free)}: {mutual} within each other's intervals, {meet} intervals meet; the "
         f"truth is in {near} of pamid's and {also} of mujoco.sysid's",
         flush=True,
     )
