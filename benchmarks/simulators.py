@@ -271,7 +271,10 @@ def _by_sysid(
     joints = len(mechanism.joints)
     times = PERIOD_S * np.arange(len(table))
     control = sysid.TimeSeries(times, table[:, 1 : 1 + joints])
-    sensors = sysid.TimeSeries.from_names(times, table[:, 1 + joints :], model)
+    # its prediction beside a row is the reading at the begin of the step that leads there
+    # (sensordata after mj_step are those of the state before), so readings are moved by a row
+    read = np.vstack([table[:1], table[:-1]])[:, 1 + joints :]
+    sensors = sysid.TimeSeries.from_names(times, read, model)
     start = sysid.create_initial_state(model, np.zeros(joints))
     params = sysid.ParameterDict()
     for q in free:
