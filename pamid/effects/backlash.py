@@ -74,5 +74,5 @@ class Backlash(Effect):
         spring = w * w * beyond + 2.0 * p.damping * w * loaded * z.twisting
         pull = where(beyond > 0.0, maximum(spring, 0.0), minimum(spring, 0.0))
         pull = where(absolute(beyond) > 0.0, pull, 0.0)
-        torque, acceleration = with_outboard(value, at.inertia, p.share, pull)
-        return torque, {"twist": z.twisting, "twisting": -pull - acceleration}
+        torque, twisting = with_outboard(value, at, p.share, pull)
+        return torque, {"twist": z.twisting, "twisting": twisting}

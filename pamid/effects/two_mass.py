@@ -11,8 +11,10 @@ Looks like it
     Muscle damping set too high or dead time, which ring without an anti-resonance and at a
     frequency that follows the pressure; backlash, whose frequency falls at small amplitude.
 Equation
-    q'' = -w^2 q - 2 damping w q' - a, w = 2 pi frequency; a = T_out/J,
-    T_out = (T + share J (w^2 q + 2 damping w q')) / (1 - share)
+    q'' = -w^2 q - 2 damping w q' - a + g, w = 2 pi frequency; a = T_out/J,
+    T_out = (T + share J (w^2 q + 2 damping w q' - g)) / (1 - share);
+    g: the acceleration `free_fall` of what is let go, 0 where the port does not offer it: weight is
+    borne by what is behind the spring
 References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319.
 """
@@ -48,13 +50,16 @@ DAMPING = Parameter(
 )
 
 
-def with_outboard(torque: Expr, inertia: Expr, share: Expr, pull: Expr) -> tuple[Expr, Expr]:
-    """Torque that accelerates the whole inertia as the joint moves, and that acceleration.
+def with_outboard(torque: Expr, at: Any, share: Expr, pull: Expr) -> tuple[Expr, Expr]:
+    """Torque that accelerates the whole inertia as the joint moves, and the acceleration of the
+    twist.
 
     pull: what the outboard part exerts on the joint, per unit of its inertia (rad/s2 or m/s2).
     """
-    total = (torque + share * inertia * pull) / (1.0 - share)
-    return total, total / inertia
+    if at.offers("free_fall"):
+        pull = pull - at.free_fall
+    total = (torque + share * at.inertia * pull) / (1.0 - share)
+    return total, -pull - total / at.inertia
 
 
 class TwoMass(Effect):
@@ -85,5 +90,5 @@ class TwoMass(Effect):
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:
         w = (2.0 * math.pi) * p.frequency
         pull = w * w * z.twist + 2.0 * p.damping * w * z.twisting
-        torque, acceleration = with_outboard(value, at.inertia, p.share, pull)
-        return torque, {"twist": z.twisting, "twisting": -pull - acceleration}
+        torque, twisting = with_outboard(value, at, p.share, pull)
+        return torque, {"twist": z.twisting, "twisting": twisting}

@@ -67,6 +67,7 @@ SIGNALS = {
     "load": "what presses a sliding contact together, positive",
     "pressure": "of the fluid behind the value, gauge",
     "inertia": "mass or moment of inertia of what the port drives",
+    "free_fall": "acceleration of what the port drives, let go: by its weight, say",
     "stored": "what is in the store: pressure, level, temperature",
     "outflow": "what leaves the store by itself, in the value's unit, positive",
     "side": "1 or -1: which of two opposed actuators or directions it is",

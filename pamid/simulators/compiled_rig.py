@@ -285,6 +285,7 @@ class _Equations:
                 position=self.q[j],
                 velocity=self.qd[j],
                 inertia=tree.mass_matrix[j, j],
+                free_fall=tree.free_fall(j),
             )
             passed.append(None if reaching is free else reaching)
         rubbing = [self.friction(j) for j in range(tree.n)]

@@ -67,7 +67,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         actuators,
         sensors,
         parameters_of(file, bodies, joints, tendons, actuators),
-        ports_of(joints, actuators, sensors),
+        ports_of(joints, tendons, actuators, sensors),
         findings_of(file, share, met),
         share,
     )

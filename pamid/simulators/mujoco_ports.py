@@ -1,29 +1,42 @@
 """Ports of a mechanism: a motion and a transmission at every joint, a command at every actuator, a
-reading at every sensor."""
+reading at every sensor.
+
+How large what passes is, recordings and free runs tell: a joint's inertia says nothing of the
+gravity that its motor holds, a command's range nothing of how much of it was used. Only at a joint
+without a drive is a size stated: nothing but its own friction passes there.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.simulators.mechanism import Actuator, MechanismJoint, MechanismSensor, ModelPort
+from pamid.simulators.mechanism import (
+    Actuator,
+    MechanismJoint,
+    MechanismSensor,
+    MechanismTendon,
+    ModelPort,
+)
 from pamid.simulators.mujoco_parameters import TYPICAL_ACCELERATION
 
 
 def ports_of(
     joints: Sequence[MechanismJoint],
+    tendons: Sequence[MechanismTendon],
     actuators: Sequence[Actuator],
     sensors: Sequence[MechanismSensor],
 ) -> tuple[ModelPort, ...]:
     """All of them, in this order; the port of a joint has the joint's own name."""
     found: list[ModelPort] = []
+    driven = {a.joint for a in actuators}
+    driven.update(j for a in actuators if a.tendon >= 0 for j in tendons[a.tendon].joints)
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide"):
-            found += _at_joint(i, joint)
+            found += _at_joint(i, joint, i in driven)
     taken = {port.name for port in found}
     for i, actuator in enumerate(actuators):
-        size = _command_size(actuator)
         name = _fresh(f"{actuator.name}_command", taken)
-        found.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i, size))
+        found.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
     for i, sensor in enumerate(sensors):
         name = _fresh(sensor.name, taken)
         rates = {"rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}
@@ -32,30 +45,22 @@ def ports_of(
     return tuple(found)
 
 
-def _at_joint(i: int, joint: MechanismJoint) -> list[ModelPort]:
+def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     inertia = "kg m2" if joint.kind == "hinge" else "kg"
     motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
     # a joint that only gravity moves passes no force of its own
-    size = (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
+    size = () if driven else (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
     return [
         ModelPort(joint.name, "motion", joint.force_unit, motion, "joint", i, size),
         ModelPort(
             f"{joint.name}_transmission",
             "transmission",
             joint.force_unit,
-            (*motion, ("inertia", inertia)),
+            (*motion, ("inertia", inertia), ("free_fall", f"{joint.unit}/s2")),
             "joint",
             i,
-            size,
         ),
     ]
-
-
-def _command_size(actuator: Actuator) -> tuple[tuple[str, float], ...]:
-    if actuator.command_range is None:
-        return ()
-    low, high = actuator.command_range
-    return (("value", 0.5 * (high - low)),)
 
 
 def _fresh(name: str, taken: set[str]) -> str:

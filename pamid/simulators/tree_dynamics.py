@@ -36,7 +36,17 @@ from pamid.simulators.spatial import (
     times,
     vec,
 )
-from pamid.symbolic.vocabulary import ZERO, Expr, Number, cos, expression, held, sin, tangent
+from pamid.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    Number,
+    cos,
+    expression,
+    held,
+    maximum,
+    sin,
+    tangent,
+)
 
 Array = NDArray[np.float64]
 
@@ -326,6 +336,12 @@ class Tree:
         """The bias c with its exact derivatives."""
         pairs = zip(self.bias, self.holding_change, strict=True)
         return [tangent(value, change) for value, change in pairs]
+
+    def free_fall(self, j: int) -> Expr:
+        """Acceleration of what a joint carries, let go by its motor: its weight and what other
+        joints' velocities make of it, over the inertia without the motor's."""
+        carried = self.mass_matrix[j, j] - self.armature[j]
+        return -self.holding[j] / maximum(carried, 1e-12)
 
 
 # ---- numbers -------------------------------------------------------------------------------------

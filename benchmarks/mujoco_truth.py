@@ -1,0 +1,351 @@
+"""Machines that MuJoCo simulates: arms of one, two and seven joints as MJCF text, one difference
+planted, and the recording that their user would export.
+
+Lengths in m, angles in rad, torques in N m. The machine and the model of it that its user has are
+the same text with other numbers; the model lacks what is planted.
+
+How each difference is made in MuJoCo:
+    frictionloss  frictionloss of the joint, 4 to 10 % of a motor's torque limit, 1.6 to 4 % of a
+                  servo's, which is 2.5 times as high
+    backlash      two joints with one axis, the motor with its armature on the first and a small
+                  range on the second: MuJoCo documentation, Modeling, "Backlash"
+    delay         commands arrive 3 to 10 samples late
+    armature      2.2 to 3.5 times what the model states: four to seven of the prior's tolerances
+    spring        two joints as for backlash, a spring and a damper on the second
+    payload       a body at the end of the last link, 30 to 60 % of its mass
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.excitation.aprbs import aprbs
+
+Array = NDArray[np.float64]
+KINDS = ("nothing", "frictionloss", "backlash", "delay", "armature", "spring", "payload")
+GRAVITY = 9.81
+PERIOD_S = 0.004  # of the log and of the commands
+STEP_S = 0.0005  # of the truth, RK4
+TORQUE_NOISE = 0.002  # of the torque limit, one standard deviation, new in every sample
+
+
+@dataclass(frozen=True)
+class Link:
+    """A joint and the body that it moves. offset: of the joint in the frame of the link before;
+    length: to the end of the link along `along`, its centre half way; inertia: (3,), about the
+    centre; limit: torque of the actuator; kp, kv: of a position servo, 0 for a torque motor."""
+
+    joint: str
+    body: str
+    axis: tuple[float, float, float]
+    offset: tuple[float, float, float]
+    along: tuple[float, float, float]
+    length: float
+    mass: float
+    inertia: tuple[float, float, float]
+    damping: float
+    armature: float
+    reach: float
+    limit: float
+    kp: float = 0.0
+    kv: float = 0.0
+
+    @property
+    def about_joint(self) -> float:
+        """Inertia of the body about its own joint, kg m2, where the axis is across the link."""
+        return max(self.inertia) + self.mass * (0.5 * self.length) ** 2
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One difference of a machine from its model. link: which; size: N m of friction, rad of half a
+    gap, samples of delay, factor of armature, N m/rad of spring, kg of payload; of a gap and a
+    spring, ratio is the damping ratio."""
+
+    kind: str
+    link: int
+    size: float
+    ratio: float = 0.0
+
+
+@dataclass(frozen=True)
+class Machine:
+    """An arm; velocities: whether they are recorded beside the positions."""
+
+    links: tuple[Link, ...]
+    velocities: bool
+
+
+# ---- arms ----------------------------------------------------------------------------------------
+
+
+def _rod(
+    joint: str, body: str, offset: float, length: float, mass: float, armature: float, servo: bool
+) -> Link:
+    """A slender link that turns about y and hangs along -z; armature: share of its inertia."""
+    across = mass * length**2 / 12.0
+    inertia = mass * length**2 / 3.0
+    holding = mass * GRAVITY * 0.5 * length
+    link = Link(
+        joint,
+        body,
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, -offset),
+        (0.0, 0.0, -1.0),
+        length,
+        mass,
+        (across, across, 0.02 * across),
+        0.15 * math.sqrt(inertia * holding),
+        armature * inertia,
+        2.6,
+        1.2 * holding,
+    )
+    return _servo(link, inertia * (1.0 + armature)) if servo else link
+
+
+def _servo(link: Link, inertia: float, hz: float = 3.0) -> Link:
+    """With a position servo of so many Hz."""
+    w = 2.0 * math.pi * hz
+    return replace(link, kp=inertia * w * w, kv=1.2 * inertia * w, limit=2.5 * link.limit)
+
+
+def arm(joints: int, random: np.random.Generator) -> Machine:
+    """An arm of 1, 2 or 7 joints with drawn sizes."""
+    servo = bool(random.random() < 0.5) or joints == 7
+    if joints == 7:
+        return Machine(_seven(random), bool(random.random() < 0.5))
+    lengths, masses = random.uniform(0.25, 0.5, joints), random.uniform(0.6, 2.0, joints)
+    names = (("shoulder", "upper"), ("elbow", "fore"))[:joints]
+    links = [
+        _rod(joint, body, before, length, mass, random.uniform(0.2, 0.5), servo)
+        for (joint, body), before, length, mass in zip(
+            names, (0.0, *lengths), lengths, masses, strict=False
+        )
+    ]
+    if joints == 2:  # what the shoulder holds and swings includes the forearm
+        first, last = links
+        held = first.limit + 1.2 * last.mass * GRAVITY * (first.length + 0.5 * last.length)
+        swung = first.about_joint + last.about_joint + last.mass * first.length**2
+        first = replace(
+            first, limit=held, damping=2.0 * first.damping, armature=0.3 * first.about_joint
+        )
+        links[0] = _servo(first, swung) if servo else first
+    return Machine(tuple(links), bool(random.random() < 0.5))
+
+
+def _seven(random: np.random.Generator) -> tuple[Link, ...]:
+    """Seven joints about z and y in turn, upright, with the sizes of a collaborative robot."""
+    lengths = (0.16, 0.17, 0.2, 0.2, 0.2, 0.1, 0.08)
+    masses = np.array((3.0, 3.0, 2.6, 2.4, 1.6, 1.4, 0.6)) * random.uniform(0.85, 1.15, 7)
+    found, before = [], 0.0
+    for i, (length, mass) in enumerate(zip(lengths, masses, strict=True)):
+        across = mass * (length**2 + 0.08**2) / 12.0
+        beyond = float(np.sum(masses[i:] * (np.cumsum(lengths[i:]) - 0.5 * length) ** 2))
+        swung = max(across, 0.6 * beyond if i % 2 else 0.15 * beyond)
+        limit = 6.0 + 0.8 * GRAVITY * float(
+            np.sum(masses[i:] * (np.cumsum(lengths[i:]) - 0.5 * length))
+        )
+        found.append(
+            _servo(
+                Link(
+                    f"joint{i + 1}",
+                    f"link{i + 1}",
+                    (0.0, 1.0, 0.0) if i % 2 else (0.0, 0.0, 1.0),
+                    (0.0, 0.0, before),
+                    (0.05, 0.0, 1.0),  # a little aside: so gravity and swing reach every joint
+                    length,
+                    float(mass),
+                    (across, across, 0.5 * across),
+                    0.4 * swung,
+                    0.25 * swung + 0.004,
+                    2.4,
+                    limit,
+                ),
+                1.2 * swung + 0.004,
+                2.5,
+            )
+        )
+        before = length
+    return tuple(found)
+
+
+# ---- text ----------------------------------------------------------------------------------------
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(f"{v:.9g}" for v in np.atleast_1d(values))
+
+
+def model_text(machine: Machine, planted: Planted | None = None, step_s: float = 0.002) -> str:
+    """MJCF of a machine, with what is planted."""
+    lines = ['<mujoco model="arm">', '  <compiler angle="radian" autolimits="true"/>']
+    lines.append(f'  <option timestep="{step_s:g}" integrator="RK4"/>')
+    lines.append('  <default><geom contype="0" conaffinity="0"/></default>')
+    lines.append("  <worldbody>")
+    for i, link in enumerate(machine.links):
+        lines += _body(link, planted if planted and planted.link == i else None)
+    lines.append("</body>" * len(machine.links))
+    lines += ["  </worldbody>", "  <actuator>"]
+    for link in machine.links:
+        name = f'name="{link.joint}_drive" joint="{link.joint}"'
+        if link.kp:
+            lines.append(
+                f'    <position {name} kp="{link.kp:.9g}" kv="{link.kv:.9g}" '
+                f'ctrlrange="{-link.reach:.9g} {link.reach:.9g}" '
+                f'forcerange="{-link.limit:.9g} {link.limit:.9g}"/>'
+            )
+        else:
+            lines.append(f'    <motor {name} gear="{link.limit:.9g}" ctrlrange="-1 1"/>')
+    lines += ["  </actuator>", "  <sensor>"]
+    for word in ("pos", "vel") if machine.velocities else ("pos",):
+        for link in machine.links:
+            lines.append(f'    <joint{word} name="{link.joint}_{word}" joint="{link.joint}"/>')
+    lines += ["  </sensor>", "</mujoco>"]
+    return "\n".join(lines) + "\n"
+
+
+def _body(link: Link, planted: Planted | None) -> list[str]:
+    kind, size = (planted.kind, planted.size) if planted else ("", 0.0)
+    armature = link.armature * (size if kind == "armature" else 1.0)
+    axis, centre = _numbers(link.axis), 0.5 * link.length * np.array(link.along)
+    loss = f' frictionloss="{size:.9g}"' if kind == "frictionloss" else ""
+    lines = [
+        f'    <body name="{link.body}" pos="{_numbers(link.offset)}">',
+        f'      <joint name="{link.joint}" axis="{axis}" damping="{link.damping:.9g}" '
+        f'armature="{armature:.9g}" range="{-link.reach:.9g} {link.reach:.9g}"{loss}/>',
+    ]
+    if planted and kind == "backlash":
+        lines.append(
+            f'      <joint name="behind" axis="{axis}" range="{-size:.9g} {size:.9g}" '
+            f'solreflimit="0.02 {planted.ratio:.9g}"/>'
+        )
+    if planted and kind == "spring":
+        damping = 2.0 * planted.ratio * math.sqrt(size * link.about_joint)
+        lines.append(
+            f'      <joint name="behind" axis="{axis}" stiffness="{size:.9g}" '
+            f'damping="{damping:.9g}"/>'
+        )
+    lines.append(
+        f'      <inertial pos="{_numbers(centre)}" mass="{link.mass:.9g}" '
+        f'diaginertia="{_numbers(link.inertia)}"/>'
+    )
+    if kind == "payload":
+        small = _numbers([1e-5 * size] * 3)
+        lines.append(
+            f'      <body name="load" pos="{_numbers(link.length * np.array(link.along))}">'
+            f'<inertial pos="0 0 0" mass="{size:.9g}" diaginertia="{small}"/></body>'
+        )
+    return lines
+
+
+# ---- what is planted, and what the user's model says ---------------------------------------------
+
+
+def draw_planted(kind: str, machine: Machine, random: np.random.Generator) -> Planted | None:
+    """A difference of a kind at a drawn link; None for nothing."""
+    if kind == "nothing":
+        return None
+    at = int(random.integers(len(machine.links)))
+    link = machine.links[at]
+    if kind == "frictionloss":
+        share = random.uniform(0.04, 0.1) * (0.4 if link.kp else 1.0)
+        return Planted(kind, at, float(link.limit * share))
+    if kind == "backlash":
+        return Planted(kind, at, random.uniform(0.008, 0.03), random.uniform(0.3, 1.0))
+    if kind == "delay":
+        return Planted(kind, at, float(random.integers(3, 11)))
+    if kind == "armature":
+        return Planted(kind, at, random.uniform(2.2, 3.5))
+    if kind == "spring":
+        w = 2.0 * math.pi * random.uniform(3.0, 7.0)
+        return Planted(kind, at, float(w * w * link.about_joint), random.uniform(0.01, 0.1))
+    last = len(machine.links) - 1
+    return Planted(kind, last, float(machine.links[last].mass * random.uniform(0.3, 0.6)))
+
+
+def misjudged(machine: Machine, random: np.random.Generator) -> Machine:
+    """The same machine as its user's model has it: every mass 10 to 20 % off."""
+    links = []
+    for link in machine.links:
+        factor = 1.0 + float(random.choice((-1.0, 1.0)) * random.uniform(0.1, 0.2))
+        inertia = tuple(factor * v for v in link.inertia)
+        links.append(replace(link, mass=factor * link.mass, inertia=inertia))
+    return replace(machine, links=tuple(links))
+
+
+# ---- recordings ----------------------------------------------------------------------------------
+
+
+def commands(machine: Machine, seconds: float, amplitude: float, seed: int) -> Array:
+    """Random steps on every command together, shape (samples, joints); amplitude: share of the
+    torque limit of a motor; of a servo, a quarter of it is a share of its range."""
+    columns = []
+    for i, link in enumerate(machine.links):
+        high = 0.25 * amplitude * link.reach if link.kp else amplitude
+        rate = 6.0 * high if link.kp else None
+        columns.append(
+            aprbs(seconds, PERIOD_S, high, (0.25, 1.2), seed=100 * seed + i, rate_limit=rate)
+        )
+    return np.column_stack(columns)
+
+
+def record(
+    machine: Machine,
+    planted: Planted | None,
+    seconds: float,
+    seed: int,
+    torque_noise: float = TORQUE_NOISE,
+) -> tuple[dict[str, Array], float]:
+    """A log's columns, and the amplitude at which every joint kept within its range (at most 95 %).
+
+    Positions by an encoder of 2^13 to 2^15 steps per turn, velocities with noise of half a percent
+    of their usual size."""
+    import mujoco
+    from mujoco import rollout
+
+    random = np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(model_text(machine, planted, STEP_S))
+    own = [model.joint(link.joint) for link in machine.links]
+    positions = np.array([int(j.qposadr[0]) for j in own])
+    dofs = np.array([int(j.dofadr[0]) for j in own])
+    late = int(planted.size) if planted and planted.kind == "delay" else 0
+    every, count = round(PERIOD_S / STEP_S), round(seconds / PERIOD_S)
+    ripple = torque_noise * random.normal(size=(count, len(own)))
+    spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+    start = np.zeros(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    amplitude = 0.8
+    while True:
+        sent = commands(machine, seconds, amplitude, seed)[:count]
+        reached = np.array(sent)
+        if late and planted:
+            i = planted.link
+            reached[:, i] = np.concatenate([np.zeros(late), sent[:-late, i]])
+        force = np.zeros((count, model.nv))
+        force[:, dofs] = ripple * [link.limit for link in machine.links]
+        driven = np.repeat(np.hstack([reached, force]), every, axis=0)
+        states, _ = rollout.rollout(
+            model, mujoco.MjData(model), start, driven, control_spec=spec, persistent_pool=False
+        )
+        sampled = np.vstack([start, states[0][every - 1 : -1 : every]])[:count]
+        q, qd = sampled[:, 1 + positions], sampled[:, 1 + model.nq + dofs]
+        reach = np.array([link.reach for link in machine.links])
+        if np.isfinite(q).all() and (np.abs(q) < 0.95 * reach).all():
+            break
+        amplitude *= 0.8
+    step = 2.0 * math.pi / 2 ** random.integers(13, 16)
+    columns = {"time_s": PERIOD_S * np.arange(count)}
+    unit = "_rad" if machine.links[0].kp else ""
+    for i, link in enumerate(machine.links):
+        columns[f"{link.joint}_drive_command{unit}"] = sent[:, i]
+    for i, link in enumerate(machine.links):
+        columns[f"{link.joint}_pos_rad"] = step * np.round(q[:, i] / step)
+    if machine.velocities:
+        noise = 0.005 * np.std(qd, axis=0) * random.normal(size=qd.shape)
+        for i, link in enumerate(machine.links):
+            columns[f"{link.joint}_vel_rad_per_s"] = qd[:, i] + noise[:, i]
+    return columns, amplitude
