@@ -40,8 +40,8 @@ def _windows(d: Diagnosis) -> list[str]:
     if count >= d.settings.few_windows:
         return []
     return [
-        f"Only {count} windows of {d.settings.few_windows} and more were held out: another "
-        "recording may say otherwise. Record for longer, or hold out more."
+        f"Only {count} windows were held out, and {d.settings.few_windows} or more are wanted: "
+        "another recording may say otherwise. Record for longer, or hold out more."
     ]
 
 

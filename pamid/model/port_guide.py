@@ -96,7 +96,8 @@ def reachable(
     for effect in effects:
         home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
         if home and (any_unit or effect.unit in ("", port.unit)):
-            lacking = set(effect.signals) - offered
+            stood_in = {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
+            lacking = set(effect.signals) - offered - stood_in
             if "velocity" in lacking:
                 lacking.discard("position")
             found.setdefault(tuple(sorted(lacking)), []).append(effect.name)

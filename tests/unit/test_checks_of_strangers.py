@@ -1,0 +1,78 @@
+"""What `pamid check` says of recordings and rigs that somebody wrote from the documents alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pamid
+from pamid.base.errors import FileError
+from pamid.checks.recording_quality import examine
+from pamid.recording.recording import match_column, recording_of
+
+RIG = '''
+from pamid import Parameter, Port, Rig, State
+
+
+class Wheel(Rig):
+    """A wheel that two torques turn."""
+
+    inputs = {"drive_n_m": "N m", "brake_n_m": "N m"}
+    outputs = {"speed_rad_per_s": "rad/s"}
+    ports = {"axle": Port("motion", "N m", {"velocity": "rad/s", "load": "N m"})}
+    states = (State("speed", "rad/s"),)
+    parameters = (Parameter("inertia_kg_m2", 0.1, low=0.01, high=1.0, source="drawing"),)
+
+    def rates(self, x, u, p, port):
+        torque = port("axle", u.drive_n_m - u.brake_n_m, velocity=x.speed, load=abs(u.brake_n_m))
+        return {"speed": torque / p.inertia_kg_m2}
+
+    def measure(self, x, u, p, port):
+        return {"speed_rad_per_s": x.speed}
+'''
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "wheel.py"
+    path.write_text(RIG)
+    return path
+
+
+def test_a_rate_written_as_a_product_is_told_how_to_be_named(tmp_path: Path, rig: Path) -> None:
+    time = 0.01 * np.arange(400)
+    made = recording_of(time, {"speed_rad_s": np.sin(time), "angle_deg": np.cos(time)})
+    said = pamid.check(made).summary()
+    assert "'rad s'" in said and "name it 'speed_rad_per_s'" in said
+    assert said.count("name it") == 1
+    with pytest.raises(FileError, match="rename it 'speed_rad_per_s'"):
+        match_column(list(made.columns), "speed_rad_per_s")
+
+
+def test_a_signal_that_stands_in_unlocks_nothing_that_acts_already(rig: Path) -> None:
+    (axle,) = pamid.check(rig).to_dict()["ports"]
+    assert "signal-dependent-friction" in axle["effects"]  # `load` serves as its `level`
+    assert not [one for one in axle["unlocks"] if "signal-dependent-friction" in one["effects"]]
+
+
+def test_each_of_a_few_inputs_is_told_between_its_samples(rig: Path) -> None:
+    time = 0.01 * np.arange(2000)
+    drive, brake = (np.repeat(np.random.default_rng(s).normal(size=40), 50) for s in (1, 2))
+    speed = np.concatenate([[0.0], np.cumsum(drive - brake)[:-1] * 0.01 / 0.1])
+    made = recording_of(time, {"drive_n_m": drive, "brake_n_m": brake, "speed_rad_per_s": speed})
+    lines = [s for s in pamid.check(made, rig=rig).summary().splitlines() if "ok     between" in s]
+    assert ["drive_n_m" in line for line in lines] == [True, False]
+    assert ["brake_n_m" in line for line in lines] == [False, True]
+
+
+def test_a_noisy_force_that_repeats_now_and_then_has_lost_nothing() -> None:
+    time = 0.005 * np.arange(8000)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        swing = 300.0 * np.sin(2.0 * np.pi * 0.7 * time + rng.uniform(0.0, 6.0))
+        force = 0.5 * np.round(2.0 * (swing + 2.0 * rng.standard_normal(time.size)))
+        assert (np.diff(force) == 0.0).sum() > 100
+        made = recording_of(time, {"command": swing / 400.0, "force_n": force})
+        assert not [issue for issue in examine(made) if issue.kind == "dropped"]
