@@ -12,8 +12,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.effect import KINDS, Effect
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.expression import symbols
-from pamid.symbolic.vocabulary import Expr
+from pamid.symbolic.expression import const, substitute, symbol, symbols
+from pamid.symbolic.vocabulary import EquationError, Expr
 
 WIDTH = 110
 
@@ -143,6 +143,36 @@ def _imposed(rig: Rig) -> set[str]:
             moves = symbols([value]) if isinstance(value, Expr) else set()
             if name in ("position", "velocity") and any(space == "input" for space, _ in moves):
                 found.add(passage.port)
+    return found
+
+
+def driven_by_speed(rig: Rig) -> dict[str, float]:
+    """Ports of motion whose value grows with the `velocity` that is offered there, with the slope
+    in SI, from one unit backwards to one forwards: at the data sheet's values, in the states of the
+    start, with inputs at 0.
+
+    What acts on a moving part opposes its motion, so that the value falls with the velocity; where
+    it grows, the sign of the port is most likely the wrong one, and every friction would drive.
+    """
+    assembly = Assembly(rig)
+    p = assembly.values()
+    known = {symbol("parameter", b.key): const(p[i]) for i, b in enumerate(assembly.parameters)}
+    known |= {symbol("state", name): const(x) for name, x in assembly.begin(p).items()}
+    known |= {symbol("input", name): const(0.0) for name in assembly.traced.inputs}
+    found = {}
+    for passage in assembly.traced.passages:
+        velocity = dict(passage.signals).get("velocity")
+        if rig.ports[passage.port].kind != "motion" or not isinstance(velocity, Expr):
+            continue
+        try:
+            ahead, back = (
+                substitute(substitute([passage.value], {velocity: const(v)}), known)[0]
+                for v in (1.0, -1.0)
+            )
+        except EquationError:  # not defined there: nothing can be said
+            continue
+        if ahead.op == back.op == "const" and ahead.value > back.value:
+            found[passage.port] = 0.5 * (ahead.value - back.value)
     return found
 
 

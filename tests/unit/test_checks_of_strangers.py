@@ -10,6 +10,8 @@ import pytest
 import pamid
 from pamid.base.errors import FileError
 from pamid.checks.recording_quality import examine
+from pamid.model.port_guide import driven_by_speed
+from pamid.model.registry import rigs
 from pamid.recording.recording import match_column, recording_of
 
 RIG = '''
@@ -76,3 +78,39 @@ def test_a_noisy_force_that_repeats_now_and_then_has_lost_nothing() -> None:
         assert (np.diff(force) == 0.0).sum() > 100
         made = recording_of(time, {"command": swing / 400.0, "force_n": force})
         assert not [issue for issue in examine(made) if issue.kind == "dropped"]
+
+
+BENCH = """
+from pamid import Parameter, Port, Rig
+from pamid.equations import rate_of
+
+
+class Bench(Rig):
+    \'\'\'A damper whose rod is moved, its force read.\'\'\'
+
+    inputs = {"position_mm": "m"}
+    outputs = {"force_n": "N"}
+    ports = {"rod": Port("motion", "N", {"position": "m", "velocity": "m/s"})}
+    states = ()
+    parameters = (Parameter("damping_n_s_per_m", 900.0, 0.0, 1e4, source="data sheet"),)
+
+    def measure(self, x, u, p, port):
+        speed = rate_of(u.position_mm)
+        along = WAY * p.damping_n_s_per_m * speed
+        along = port("rod", along, position=u.position_mm, velocity=speed)
+        return {"force_n": WAY * along}
+"""
+
+
+@pytest.mark.parametrize(("way", "notes"), [("-1.0", 0), ("1.0", 1)])
+def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_path: Path) -> None:
+    path = tmp_path / "bench.py"
+    path.write_text(BENCH.replace("WAY", way))
+    said = pamid.check(path).summary()
+    assert said.count("'rod' grows with its velocity (by 900 ") == notes
+    assert "nothing is wrong" in said
+
+
+def test_no_rig_that_is_shipped_lets_its_damping_drive() -> None:
+    wrong = {name: driven_by_speed(kind()) for name, kind in rigs().items()}
+    assert len(wrong) > 5 and not {name: ports for name, ports in wrong.items() if ports}
