@@ -39,6 +39,7 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "rad": (1.0, 0.0, (0, 0, 0, 0, 0, 1)),
     "mrad": (1e-3, 0.0, (0, 0, 0, 0, 0, 1)),
     "deg": (0.017453292519943295, 0.0, (0, 0, 0, 0, 0, 1)),
+    "rpm": (0.10471975511965977, 0.0, (0, 0, -1, 0, 0, 1)),  # 2 pi / 60
     "N": (1.0, 0.0, (1, 1, -2, 0, 0, 0)),
     "kN": (1e3, 0.0, (1, 1, -2, 0, 0, 0)),
     "Pa": (1.0, 0.0, (1, -1, -2, 0, 0, 0)),
@@ -288,6 +289,11 @@ def quotient(symbol: str, *below: str) -> str:
 def display_unit(symbol: str) -> str:
     """The unit people read: "rad" -> "deg", "Pa" -> "kPa"; every other unit as it is."""
     return _DISPLAY.get(symbol, symbol)
+
+
+def known_symbols() -> tuple[str, ...]:
+    """Every unit that products, powers and quotients are made of: "kg", "mm", "rpm" ..."""
+    return tuple(_ATOMS)
 
 
 def suffixes_for(symbol: str) -> tuple[str, ...]:

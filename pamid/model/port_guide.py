@@ -65,9 +65,19 @@ SIGNALS = {
     "position": "the coordinate along which the port counts; its zero is free",
     "velocity": "the rate of `position`; where it is offered, `position` need not be",
     "load": "what presses a sliding contact together, positive",
+    "level": "what friction grows with, in any unit; `load`, `pressure`, `current`, `voltage` or "
+    "`temperature` serve as it, too",
+    "current": "of a coil that stiffens a fluid or closes a brake",
+    "voltage": "at such a coil",
+    "temperature": "of what rubs",
     "pressure": "of the fluid behind the value, gauge",
     "inertia": "mass or moment of inertia of what the port drives",
     "stored": "what is in the store: pressure, level, temperature",
+    "upstream": "what is in the store that runs over into this one; the other port offers "
+    "`downstream`",
+    "downstream": "what is in the store that catches what this one spills; the other port offers "
+    "`upstream`",
+    "stretch": "how far a coupling is extended or twisted: the driving side less the driven one",
     "outflow": "what leaves the store by itself, in the value's unit, positive",
     "side": "1 or -1: which of two opposed actuators or directions it is",
     "law": "the actuator's own force law, as a function of position and pressure",
@@ -97,10 +107,14 @@ def reachable(
         home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
         if home and (any_unit or effect.unit in ("", port.unit)):
             stood_in = {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
-            lacking = set(effect.signals) - offered - stood_in
-            if "velocity" in lacking:
-                lacking.discard("position")
-            found.setdefault(tuple(sorted(lacking)), []).append(effect.name)
+            every = set()
+            for role in effect.roles or ((),):
+                lacking = {*effect.signals, *role} - offered - stood_in
+                if "velocity" in lacking:
+                    lacking.discard("position")
+                every.add(tuple(sorted(lacking)))
+            for signals in {()} if () in every else every:
+                found.setdefault(signals, []).append(effect.name)
     order = sorted(found, key=lambda signals: (len(signals), signals))
     return {signals: sorted(found[signals]) for signals in order}
 
@@ -108,7 +122,7 @@ def reachable(
 def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
     """Every port of the rig: what passes, its sign, what acts there, and what each further signal
     would let act."""
-    known = list(effects)
+    known = [e for e in effects if _has_room(rig, e)]
     fit = attachments(rig, known)
     driven = _imposed(rig)
     rows = []
@@ -131,6 +145,12 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+def _has_room(rig: Rig, effect: type[Effect]) -> bool:
+    """Has the rig as many ports of the effect's kinds as the effect takes together?"""
+    kinds = [*effect.kinds, *effect.general_kinds]
+    return sum(port.kind in kinds for port in rig.ports.values()) >= max(1, len(effect.roles))
 
 
 def _imposed(rig: Rig) -> set[str]:
@@ -224,9 +244,11 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
             offers = ", ".join(f"`{s}`" for s in signals) or "nothing"
             lines += [f"| {offers} | {', '.join(home)} |"] if home else []
         lines.append("")
-    used = sorted({s for effect in known for s in effect.signals})
+    used = {s for effect in known for s in effect.signals}
+    used |= {s for effect in known for role in effect.roles for s in role}
+    used |= {s for effect in known for names in effect.stand_ins.values() for s in names}
     lines += ["### Signals", "", "| signal | what it is |", "|---|---|"]
-    lines += [f"| `{s}` | {SIGNALS.get(s, 'see the effects that ask for it')} |" for s in used]
+    lines += [f"| `{s}` | {SIGNALS[s]} |" for s in sorted(used)]
     return "\n".join(lines)
 
 

@@ -76,7 +76,6 @@ _FOREIGN_UNITS = (
     "grad",
     "rev",
     "turns",
-    "rpm",
     "inch",
     "in",
     "ft",

@@ -9,6 +9,7 @@ import pytest
 
 import pamid
 from pamid.base.errors import FileError
+from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.recording_quality import examine
 from pamid.model.port_guide import driven_by_speed
 from pamid.model.registry import rigs
@@ -114,3 +115,18 @@ def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_pat
 def test_no_rig_that_is_shipped_lets_its_damping_drive() -> None:
     wrong = {name: driven_by_speed(kind()) for name, kind in rigs().items()}
     assert len(wrong) > 5 and not {name: ports for name, ports in wrong.items() if ports}
+
+
+def test_the_page_names_every_unit_and_what_it_says_of_names_holds() -> None:
+    page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
+    listed = page.partition("Units are written with these: ")[2].partition(".")[0].split()
+    assert sorted(listed) == sorted(known_symbols())
+    told = {"torque_n_m": "N m", "speed_rad_per_s": "rad/s", "drag_n_s_per_m": "N s/m"}
+    for name, symbol in told.items():
+        assert f"`{name}`" in page and split_column(name)[1] == symbol
+
+
+def test_turns_per_minute_are_an_angular_velocity() -> None:
+    assert to_si(60.0, "rpm") == pytest.approx(2.0 * np.pi)
+    made = recording_of(0.01 * np.arange(400), {"speed_rpm": np.arange(400.0)})
+    assert match_column(list(made.columns), "speed_rad_per_s") == "speed_rpm"
