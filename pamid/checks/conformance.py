@@ -30,7 +30,7 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect, State, problems
 from pamid.model.parameter import Parameter
-from pamid.model.port_guide import driven_by_speed
+from pamid.model.port_guide import driving_words
 from pamid.model.rig import Port, Rig
 from pamid.simulation.free_runs import choose_stepping, free_run, port_sizes
 from pamid.symbolic.vocabulary import Number, absolute, sqrt
@@ -361,17 +361,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
         for signal in port.signals
         if not port.unit_of(signal)
     ]
-    found += [
-        CheckOutcome(
-            "sign",
-            False,
-            f"what passes the port {name!r} grows with its velocity (by {slope:.3g} for one unit "
-            "of it), as if damping drove the part. Pass what acts on the moving part along its "
-            "position, and give a sensor that reads the force which moves it the negative",
-            advice=True,
-        )
-        for name, slope in driven_by_speed(rig).items()
-    ]
+    found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
     fit = sorted(a.label for a in attachments(rig, effects))
     found.append(
         CheckOutcome(

@@ -22,7 +22,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.port_guide import ports_of, ports_text
+from pamid.model.port_guide import driving_words, ports_of, ports_text
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
     check_header,
@@ -222,6 +222,8 @@ def _against_rig(
         return None, [CheckOutcome("rig", False, str(error))]
     found = _column_findings(recording, rig, wanted)
     runs = not any(f.wrong for f in found)
+    if runs:
+        found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
     plain = Assembly(rig)
     known = [p.outside_name for p in rig.parameters]
     found += [

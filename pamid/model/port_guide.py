@@ -196,6 +196,16 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
     return found
 
 
+def driving_words(rig: Rig) -> list[str]:
+    """A sentence for each port of `driven_by_speed`, and how to mend it."""
+    return [
+        f"What passes the port {port!r} grows with its velocity (by {slope:.3g} for one unit of "
+        "it), as if damping drove the part. Pass what acts on the moving part along its position, "
+        "and give a sensor that reads the force which moves it the negative."
+        for port, slope in driven_by_speed(rig).items()
+    ]
+
+
 # ---- text ----------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ import pamid
 from pamid.base.errors import FileError
 from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.recording_quality import examine
+from pamid.checks.scale_slips import ScaleSlip
+from pamid.diagnosis.notes import _signs as notes_of
 from pamid.model.port_guide import driven_by_speed
-from pamid.model.registry import rigs
+from pamid.model.registry import rig_named, rigs
 from pamid.recording.recording import match_column, recording_of
 
 RIG = '''
@@ -110,6 +113,15 @@ def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_pat
     said = pamid.check(path).summary()
     assert said.count("'rod' grows with its velocity (by 900 ") == notes
     assert "nothing is wrong" in said
+    time = 0.01 * np.arange(600)
+    made = recording_of(
+        time, {"position_mm": 10.0 * np.sin(4.0 * time), "force_n": 36.0 * np.cos(4.0 * time)}
+    )
+    assert pamid.check(made, rig=path).summary().count("grows with its velocity") == notes
+    told = notes_of(
+        SimpleNamespace(evidence=SimpleNamespace(rig=rig_named(str(path))), opposite=())
+    )
+    assert len(told) == notes
 
 
 def test_no_rig_that_is_shipped_lets_its_damping_drive() -> None:
@@ -130,3 +142,52 @@ def test_turns_per_minute_are_an_angular_velocity() -> None:
     assert to_si(60.0, "rpm") == pytest.approx(2.0 * np.pi)
     made = recording_of(0.01 * np.arange(400), {"speed_rpm": np.arange(400.0)})
     assert match_column(list(made.columns), "speed_rad_per_s") == "speed_rpm"
+
+
+BLIND = """
+from pamid import Parameter, Port, Rig, State
+
+
+class Spindle(Rig):
+    \'\'\'A spindle behind a motor, its speed read.\'\'\'
+
+    inputs = {"drive_v": "V"}
+    outputs = {"speed_rad_per_s": "rad/s"}
+    ports = {"axle": Port("motion", "V", {"velocity": "rad/s"})}
+    states = (State("speed", "rad/s"),)
+    parameters = (
+        Parameter("gain", 8.0, 1.0, 50.0, "rad/V/s", source="data sheet"),
+        Parameter("lag_s", 0.3, low=0.01, high=3.0, source="data sheet"),
+    )
+
+    def rates(self, x, u, p, port):
+        pull = port("axle", u.drive_v - x.speed / p.gain, velocity=x.speed)
+        return {"speed": p.gain * pull / p.lag_s}
+
+    def measure(self, x, u, p, port):
+        return {"speed_rad_per_s": x.speed}
+"""
+
+
+@pytest.mark.parametrize(("way", "asked"), [("size", True), ("minus", True), ("signed", False)])
+def test_a_sensor_that_never_crosses_zero_is_asked_about(
+    way: str, asked: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "spindle.py"
+    path.write_text(BLIND)
+    rng = np.random.default_rng(3)
+    drive = np.repeat(rng.uniform(-3.0, 3.0, 40), 80)
+    speed = np.zeros(drive.size)
+    for k in range(drive.size - 1):
+        speed[k + 1] = speed[k] + 0.01 / 0.27 * (9.0 * drive[k] - speed[k])
+    read = {"size": np.abs(speed), "minus": -np.abs(speed), "signed": speed}[way]
+    read = read + 0.05 * rng.standard_normal(drive.size)
+    made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
+    assert ("blind to the sign?" in pamid.check(made, rig=path).summary()) == asked
+
+
+def test_a_slip_of_a_column_is_told_with_the_unit_that_it_looks_like() -> None:
+    words = ScaleSlip("column", "position_m", 0.001, 0.1).words
+    assert words == "the column position_m times 0.001 (as if written in mm)"
+    assert ScaleSlip("column", "force_n", -10.0, 0.1).words == "the column force_n times -10"
+    assert ScaleSlip("parameter", "count", 100.0, 0.1).words.startswith("the parameter count")
