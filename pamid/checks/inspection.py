@@ -22,7 +22,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.port_guide import driving_words, ports_of, ports_text
+from pamid.model.port_guide import driving_words, folded, ports_of, ports_text
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
     check_header,
@@ -455,7 +455,7 @@ def inspection_text(said: dict[str, Any]) -> str:
             fine.setdefault(f["check"], []).append(f["detail"])
     for check, details in fine.items():
         told = [f"at {len(details)} places"] if len(details) > FEW_PLACES else details
-        lines += [f"ok     {check}: {detail}" for detail in told]
+        lines += [folded(f"ok     {check}: {detail}") for detail in told]
     wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
     counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""

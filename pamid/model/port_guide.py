@@ -227,12 +227,21 @@ def ports_text(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def _folded(title: str, words: str) -> list[str]:
-    return textwrap.wrap(
-        f"{title}: {words.replace('`', '')}" if title != "!" else f"! {words.replace('`', '')}",
+    plain = words.replace("`", "")
+    return folded(f"{title} {plain}" if title == "!" else f"{title}: {plain}", 9).splitlines()
+
+
+def folded(words: str, indent: int = 0) -> str:
+    """The words on lines of a terminal's width, those after the first indented by four more (by 7
+    where the first is not: behind the word that leads a finding)."""
+    further = indent + 4 if indent else 7
+    return textwrap.fill(
+        words,
         WIDTH,
-        initial_indent=" " * 9,
-        subsequent_indent=" " * 13,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * further,
         break_on_hyphens=False,
+        break_long_words=False,
     )
 
 

@@ -58,7 +58,9 @@ def test_a_rate_written_as_a_product_is_told_how_to_be_named(tmp_path: Path, rig
 
 
 def test_a_signal_that_stands_in_unlocks_nothing_that_acts_already(rig: Path) -> None:
-    (axle,) = pamid.check(rig).to_dict()["ports"]
+    found = pamid.check(rig)
+    assert max(map(len, found.summary().splitlines())) <= 110
+    (axle,) = found.to_dict()["ports"]
     assert "signal-dependent-friction" in axle["effects"]  # `load` serves as its `level`
     assert not [one for one in axle["unlocks"] if "signal-dependent-friction" in one["effects"]]
 
