@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pamid
+from pamid import Gain
 from pamid.base.errors import FileError
 from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.recording_quality import examine
@@ -193,3 +194,14 @@ def test_a_slip_of_a_column_is_told_with_the_unit_that_it_looks_like() -> None:
     assert words == "the column position_m times 0.001 (as if written in mm)"
     assert ScaleSlip("column", "force_n", -10.0, 0.1).words == "the column force_n times -10"
     assert ScaleSlip("parameter", "count", 100.0, 0.1).words.startswith("the parameter count")
+
+
+def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
+    code = page.partition("```python\nfrom pamid import")[2].partition("```")[0]
+    path = tmp_path / "lift.py"
+    path.write_text("from pamid import" + code)
+    said = pamid.check(path)
+    assert said.to_dict()["ok"], said.summary()
+    assert [f for f in said.to_dict()["findings"] if f["advice"] and not f["ok"]] == []
+    assert Gain("all", tolerance=0.02).parameters[0].spread == 0.02
