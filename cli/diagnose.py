@@ -207,11 +207,13 @@ def _ranking(found: dict[str, Any]) -> list[str]:
 
 def _further(found: dict[str, Any], output: Path) -> list[str]:
     """What to measure next."""
+    from pamid.base.share_words import minutes_text
+
     lines = [""]
     n = found["next_experiment"]
     if n:
         lines.append(
-            f"Measure next: {n['name']}, {n['minutes']:.2g} min on the rig, separates "
+            f"Measure next: {n['name']}, {minutes_text(n['minutes'])} on the rig, separates "
             f"{' and '.join(n['separates'])}; ready to run: "
             + " and ".join(
                 quoted(output / name) for name in n.get("excitations") or [n["excitation"]]

@@ -1,5 +1,5 @@
-"""Shares and probabilities as people read them: the same on the terminal, in the files and on the
-page."""
+"""Shares, probabilities and spans of time as people read them: the same on the terminal, in the
+files and on the page."""
 
 from __future__ import annotations
 
@@ -26,3 +26,8 @@ def chance_text(probability: float) -> str:
     if probability > 0.99:
         return "above 0.99"
     return "below 0.01" if probability < 0.01 else f"{probability:.2f}"
+
+
+def minutes_text(minutes: float) -> str:
+    """How long an experiment takes: 8.0 -> "8 min", 0.0017 -> "0.1 s"."""
+    return f"{minutes:.2g} min" if minutes >= 1.0 else f"{60.0 * minutes:.2g} s"

@@ -2,9 +2,10 @@
 
 A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_per_deg`. A symbol is
 the same unit as people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors
-separated by a space or `*`, a digit after a factor is its exponent, one `/`, parentheses around a
-denominator of several factors. An angle counts as a dimension of its own here, so that "rad/s" and
-"Hz", or "N m" and "N m/rad", are never taken for each other.
+separated by a space or `*`, a digit after a factor is its exponent, `/` before what divides
+("N s/m/A" is "N s/(m A)"), parentheses around a denominator of several factors. An angle counts as
+a dimension of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad", are never taken for
+each other.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "rad": (1.0, 0.0, (0, 0, 0, 0, 0, 1)),
     "mrad": (1e-3, 0.0, (0, 0, 0, 0, 0, 1)),
     "deg": (0.017453292519943295, 0.0, (0, 0, 0, 0, 0, 1)),
+    "rpm": (0.10471975511965977, 0.0, (0, 0, -1, 0, 0, 1)),  # 2 pi / 60
     "N": (1.0, 0.0, (1, 1, -2, 0, 0, 0)),
     "kN": (1e3, 0.0, (1, 1, -2, 0, 0, 0)),
     "Pa": (1.0, 0.0, (1, -1, -2, 0, 0, 0)),
@@ -188,6 +190,24 @@ def _same_size(symbol_a: str, symbol_b: str) -> bool:
     return a.dimension == b.dimension and close and a.offset == b.offset
 
 
+def divided_name(name: str) -> str:
+    """What a name was meant to be that multiplies by a time: "speed_m_s" is in metre seconds, in
+    which nobody measures, and reads "speed_m_per_s" in metres per second; "" where that is no
+    quantity either."""
+    stem, written = split_column(name)
+    above, below = _split_fraction(written)
+    moved = [(atom, n) for atom, n in above if unit(atom).dimension == unit("s").dimension]
+    kept = [factor for factor in above if factor not in moved]
+    if below or not moved or not kept:
+        return ""
+    meant = _join_symbol(kept, moved)
+    return with_unit(stem, meant) if _is_quantity(meant) and not _is_quantity(written) else ""
+
+
+def _is_quantity(symbol: str) -> bool:
+    return any(_dimension_of(known) == unit(symbol).dimension for known, _ in _QUANTITIES)
+
+
 def check_named_unit(what: str, name: str, symbol: str) -> None:
     """FileError where a name ends in a unit and `symbol`, stated beside it, is another one.
 
@@ -271,6 +291,11 @@ def display_unit(symbol: str) -> str:
     return _DISPLAY.get(symbol, symbol)
 
 
+def known_symbols() -> tuple[str, ...]:
+    """Every unit that products, powers and quotients are made of: "kg", "mm", "rpm" ..."""
+    return tuple(_ATOMS)
+
+
 def suffixes_for(symbol: str) -> tuple[str, ...]:
     """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad",
     "rad")."""
@@ -300,11 +325,14 @@ def _dimension_of(symbol: str) -> Dimension:
 
 
 def _split_fraction(text: str) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
-    above, slash, below = text.partition("/")
-    below = below.strip()
-    if below.startswith("(") and below.endswith(")"):
-        below = below[1:-1]
-    return _factors(above, text), (_factors(below, text) if slash else [])
+    above, *rest = text.split("/")
+    under = []
+    for below in rest:
+        below = below.strip()
+        if below.startswith("(") and below.endswith(")"):
+            below = below[1:-1]
+        under += _factors(below, text)
+    return _factors(above, text), under
 
 
 def _factors(part: str, text: str) -> list[tuple[str, int]]:

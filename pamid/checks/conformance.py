@@ -30,6 +30,7 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect, State, problems
 from pamid.model.parameter import Parameter
+from pamid.model.port_guide import driving_words
 from pamid.model.rig import Port, Rig
 from pamid.model.step_rig import StepRig
 from pamid.simulation.free_runs import choose_stepping, free_run, port_sizes
@@ -361,6 +362,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
         for signal in port.signals
         if not port.unit_of(signal)
     ]
+    found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
     fit = sorted(a.label for a in attachments(rig, effects))
     found.append(
         CheckOutcome(

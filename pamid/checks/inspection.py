@@ -14,7 +14,7 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
 from pamid.base.trust import MODEL_ENDINGS
-from pamid.base.units import NONE, is_unit, split_column
+from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
 from pamid.checks.hold_or_line import figures as between_json
 from pamid.checks.hold_or_line import tried_both_ways
@@ -23,7 +23,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.port_guide import ports_of, ports_text
+from pamid.model.port_guide import driving_words, folded, ports_of, ports_text
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
     check_header,
@@ -44,6 +44,7 @@ from pamid.schemas import check_file as result
 from pamid.simulation.data_split import require_informative
 
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
+FEW_PLACES = 4  # of one check that are told one by one
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,17 @@ def _recording(
 ) -> tuple[dict[str, Any], list[CheckOutcome], tuple[QualityIssue, ...]]:
     found = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
     found += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
+    found += [
+        CheckOutcome(
+            "unit",
+            False,
+            f"column {n!r} is read in {split_column(n)[1]!r}: in a name _ multiplies and _per_ "
+            f"divides. If a rate is meant, name it {divided_name(n)!r}",
+            advice=True,
+        )
+        for n in recording.columns
+        if divided_name(n)
+    ]
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     issues = examine(recording, rig)
@@ -214,6 +226,8 @@ def _against_rig(
         return None, [CheckOutcome("rig", False, str(error))]
     found = _column_findings(recording, rig, wanted)
     runs = not any(f.wrong for f in found)
+    if runs:
+        found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
     plain = Assembly(rig)
     known = [p.outside_name for p in rig.parameters]
     found += [
@@ -462,10 +476,9 @@ def inspection_text(said: dict[str, Any]) -> str:
     for f in said["findings"]:
         if f["ok"]:
             fine.setdefault(f["check"], []).append(f["detail"])
-    lines += [
-        f"ok     {check}: {details[0] if len(details) == 1 else f'at {len(details)} places'}"
-        for check, details in fine.items()
-    ]
+    for check, details in fine.items():
+        told = [f"at {len(details)} places"] if len(details) > FEW_PLACES else details
+        lines += [folded(f"ok     {check}: {detail}") for detail in told]
     wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
     counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""

@@ -52,6 +52,7 @@ FloatArray = NDArray[np.float64]
 STEPPED = 0.9  # of the time a column stands still between jumps: it is sent
 # how columns begin that are sent, where no rig says so
 SENT = ("command", "reference", "setpoint", "external")
+MOVES = 4.2  # times the noise: three of what two readings of a value at rest differ by
 FEW_STEPS, FEW_LEVELS, FEW_SAMPLES = 10, 2, 500
 TIMID = 0.1  # of the usual amplitude
 IDLE = 0.5  # of the time without any change of what is sent
@@ -255,15 +256,16 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
         and any(s.white for s in signals)
     ):
         return held
-    # Repeats may be natural here. Rows were lost only where a channel moved before and after, and
-    # the first step behind them, which makes up for those lost, is 1.6 times as large as either.
+    # Repeats may be natural here. Rows were lost only where a channel moved before and after, by
+    # more than noise does, and the first step behind them, which makes up for those lost, is 1.6
+    # times as large as either.
     moving = np.zeros(starts.size, dtype=bool)
     for s in signals:
         d = np.abs(np.diff(s.values))
         before, behind, after = (
             d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1, stops)
         )
-        least = max(5.0 * s.step, 1e-4 * s.span)
+        least = max(5.0 * s.step, 1e-4 * s.span, MOVES * s.noise if s.white else 0.0)
         neighbour = np.maximum(before, after)
         moving |= (
             (np.minimum(before, after) > least)

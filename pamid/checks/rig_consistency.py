@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
-from pamid.base.units import quantity_of, split_column, suffixes_for, unit
+from pamid.base.units import quantity_of, split_column, suffixes_for, unit, with_unit
 from pamid.checks.channel_quality import QualityIssue
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
@@ -273,8 +273,8 @@ def _issue_of(
         columns,
         "wrong",
         f"{columns[0]} has the opposite sign{other}: {figures}",
-        f"Set sign = -1 for it in the mapping of `pamid ingest`; if rig {rig.name!r} really is "
-        "built so, change the rig file.",
+        "Turn its sign, or set sign = -1 for it in the mapping of `pamid ingest`; if rig "
+        f"{rig.name!r} really is built so, change the rig file.",
         (),
         numbers,
     )
@@ -316,11 +316,12 @@ def _units(
             "wrong",
             f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times what the data sheet "
             f"of rig {rig.name!r} leads to; the values look like {other}, not {symbol}",
-            f'Set unit = "{other}" in the mapping of `pamid ingest`.',
+            f'Rename {named}, or set unit = "{other}" in the mapping of `pamid ingest`.',
             (),
             {"gain": float(np.mean(list(gains.values())))},
         )
         for (symbol, other), gains in mistaken.items()
+        for named in [listed([f"{n} to {with_unit(split_column(n)[0], other)}" for n in gains])]
     ]
     return replace(e, y=y), found
 

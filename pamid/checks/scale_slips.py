@@ -9,13 +9,14 @@ trend: what integrates drifts away with the best of data sheets.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import NONE, from_si, split_column
+from pamid.base.units import NONE, from_si, split_column, suffixes_for, unit
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
 from pamid.checks.rig_consistency import SheetComparison, recorded_as, shapes
 from pamid.model.rig import Rig
@@ -44,6 +45,8 @@ LEAST_ERROR, MOST_ERROR = (
     1e-3,
     1e12,
 )  # errors, as shares of the signal's motion, are held within these
+BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero where it ends
+BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
 MOST_SLIPS = 3  # named in one finding
 LEAST_MOTION = 2.0  # times its noise: a channel that shows something
 MOST_TRIED_SAMPLES = 4000  # samples on which they are looked for
@@ -63,7 +66,13 @@ class ScaleSlip:
 
     @property
     def words(self) -> str:
-        return f"the {self.kind} {self.name} times {self.factor:g}"
+        text = f"the {self.kind} {self.name} times {self.factor:g}"
+        symbol = split_column(self.name)[1]
+        for other in (split_column(f"signal_{s}")[1] for s in suffixes_for(symbol)):
+            factor = unit(other).factor / unit(symbol).factor
+            if math.isclose(factor, abs(self.factor), rel_tol=1e-9):
+                return f"{text} (as if written in {other})"
+        return text
 
 
 def errors(y: Array, model: Array | None) -> Array:
@@ -253,11 +262,27 @@ def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityI
             tuple(columns[i] for i in bad),
             "advice",
             f"{columns[bad[0]]}: the data sheet of rig {rig.name!r} {miss}",
-            advice(slips(e, recording)),
+            advice(slips(e, recording)) + _blind(columns[bad[0]], e, bad[0]),
             (),
             {"error": most},
         )
     ]
+
+
+def _blind(column: str, e: SheetComparison, k: int) -> str:
+    """The question, after a space, whether the sensor shows a size only: it never shows the other
+    side of zero, where the model goes, and the model's size is nearer to it than the model."""
+    y, model = e.y[:, k : k + 1], None if e.model is None else e.model[:, k : k + 1]
+    if model is None or not np.isfinite(model).all():
+        return ""
+    edge = BLIND_NOISE * float(noise_level(y)[0])
+    way = 1.0 if y.min() > -edge else -1.0 if y.max() < edge else 0.0
+    sized = way * np.abs(model)
+    other_side = float(np.mean(way * model < -edge))
+    if not way or other_side < BLIND_SHARE or errors(y, sized)[0] > errors(y, model)[0]:
+        return ""
+    side = "below" if way > 0.0 else "above"
+    return f" {column} never goes {side} 0, where the model does: is its sensor blind to the sign?"
 
 
 def advice(found: list[ScaleSlip]) -> str:

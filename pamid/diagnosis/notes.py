@@ -6,6 +6,7 @@ from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.observed_sizes import unsized
+from pamid.model.port_guide import driving_words
 
 
 def notes(d: Diagnosis) -> list[str]:
@@ -15,7 +16,7 @@ def notes(d: Diagnosis) -> list[str]:
 
 
 def _signs(d: Diagnosis) -> list[str]:
-    return [
+    return driving_words(d.evidence.rig) + [
         f"{c.attached[-1].label} ends at nothing, but the same with the opposite sign removes "
         f"{100.0 * removed:.0f} % of the error: check the sign of port {c.attached[-1].ports[0]} "
         "against its position and velocity. A force that opposes the motion lowers the value "
@@ -40,8 +41,8 @@ def _windows(d: Diagnosis) -> list[str]:
     if count >= d.settings.few_windows:
         return []
     return [
-        f"Only {count} windows of {d.settings.few_windows} and more were held out: another "
-        "recording may say otherwise. Record for longer, or hold out more."
+        f"Only {count} windows were held out, and {d.settings.few_windows} or more are wanted: "
+        "another recording may say otherwise. Record for longer, or hold out more."
     ]
 
 

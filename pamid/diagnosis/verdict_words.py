@@ -81,7 +81,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if found.verdict == "ambiguous":
         said += ": these recordings do not decide between them"
     if not rest.real:
-        return f"{said}; what remains is within noise and tolerances."
+        return f"{said}; {_left_beside(rest)}."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
 
 
@@ -145,6 +145,20 @@ def _tolerated(rest: Remainder | None) -> str:
         f" What is left, {rest.floors:.2g} times the noise floor, machines leave as well on which "
         "nothing is missing."
     )
+
+
+def _left_beside(rest: Remainder) -> str:
+    """What remains beside the causes and is not real: said with its size and chance where it is
+    plainly more than noise, for then tolerances alone have to answer for it."""
+    if rest.floors is None or rest.floors < DEFAULT.naive_near_floor:
+        return "what remains is within noise and tolerances"
+    text = (
+        f"what remains, {rest.floors:.2g} times the noise floor, is not told from ordinary "
+        "tolerances"
+    )
+    if rest.probability is None:
+        return text
+    return f"{text} (P {chance_figure(rest.probability)} that it is more)"
 
 
 def _entering(rest: Remainder, spelling: Spelling) -> str:

@@ -4,7 +4,7 @@ compared.
 They are effects like any other, one copy per place, with a prior as wide as the tolerance. An
 effect of the catalogue counts only beyond what they explain.
 
-    background = {"muscle": SmoothGain("force_map", "contraction", (0.0, 0.25), tolerance=0.03)}
+    background = {"muscle": SmoothGain("force_map", ("position", 0.0, 0.25), tolerance=0.03)}
 """
 
 from __future__ import annotations

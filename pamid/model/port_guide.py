@@ -12,8 +12,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.effect import KINDS, Effect
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.expression import symbols
-from pamid.symbolic.vocabulary import Expr
+from pamid.symbolic.expression import const, substitute, symbol, symbols
+from pamid.symbolic.vocabulary import EquationError, Expr
 
 WIDTH = 110
 
@@ -65,10 +65,20 @@ SIGNALS = {
     "position": "the coordinate along which the port counts; its zero is free",
     "velocity": "the rate of `position`; where it is offered, `position` need not be",
     "load": "what presses a sliding contact together, positive",
+    "level": "what friction grows with, in any unit; `load`, `pressure`, `current`, `voltage` or "
+    "`temperature` serve as it, too",
+    "current": "of a coil that stiffens a fluid or closes a brake",
+    "voltage": "at such a coil",
+    "temperature": "of what rubs",
     "pressure": "of the fluid behind the value, gauge",
     "inertia": "mass or moment of inertia of what the port drives",
     "free_fall": "acceleration of what the port drives, let go: by its weight, say",
     "stored": "what is in the store: pressure, level, temperature",
+    "upstream": "what is in the store that runs over into this one; the other port offers "
+    "`downstream`",
+    "downstream": "what is in the store that catches what this one spills; the other port offers "
+    "`upstream`",
+    "stretch": "how far a coupling is extended or twisted: the driving side less the driven one",
     "outflow": "what leaves the store by itself, in the value's unit, positive",
     "side": "1 or -1: which of two opposed actuators or directions it is",
     "law": "the actuator's own force law, as a function of position and pressure",
@@ -97,10 +107,15 @@ def reachable(
     for effect in effects:
         home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
         if home and (any_unit or effect.unit in ("", port.unit)):
-            lacking = set(effect.signals) - offered
-            if "velocity" in lacking:
-                lacking.discard("position")
-            found.setdefault(tuple(sorted(lacking)), []).append(effect.name)
+            stood_in = {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
+            every = set()
+            for role in effect.roles or ((),):
+                lacking = {*effect.signals, *role} - offered - stood_in
+                if "velocity" in lacking:
+                    lacking.discard("position")
+                every.add(tuple(sorted(lacking)))
+            for signals in {()} if () in every else every:
+                found.setdefault(signals, []).append(effect.name)
     order = sorted(found, key=lambda signals: (len(signals), signals))
     return {signals: sorted(found[signals]) for signals in order}
 
@@ -108,7 +123,7 @@ def reachable(
 def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
     """Every port of the rig: what passes, its sign, what acts there, and what each further signal
     would let act."""
-    known = list(effects)
+    known = [e for e in effects if _has_room(rig, e)]
     fit = attachments(rig, known)
     driven = _imposed(rig)
     rows = []
@@ -133,6 +148,12 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
     return rows
 
 
+def _has_room(rig: Rig, effect: type[Effect]) -> bool:
+    """Has the rig as many ports of the effect's kinds as the effect takes together?"""
+    kinds = [*effect.kinds, *effect.general_kinds]
+    return sum(port.kind in kinds for port in rig.ports.values()) >= max(1, len(effect.roles))
+
+
 def _imposed(rig: Rig) -> set[str]:
     """Ports of motion and actuators whose position or velocity follows from inputs directly."""
     found = set()
@@ -144,6 +165,46 @@ def _imposed(rig: Rig) -> set[str]:
             if name in ("position", "velocity") and any(space == "input" for space, _ in moves):
                 found.add(passage.port)
     return found
+
+
+def driven_by_speed(rig: Rig) -> dict[str, float]:
+    """Ports of motion whose value grows with the `velocity` that is offered there, with the slope
+    in SI, from one unit backwards to one forwards: at the data sheet's values, in the states of the
+    start, with inputs at 0.
+
+    What acts on a moving part opposes its motion, so that the value falls with the velocity; where
+    it grows, the sign of the port is most likely the wrong one, and every friction would drive.
+    """
+    assembly = Assembly(rig)
+    p = assembly.values()
+    known = {symbol("parameter", b.key): const(p[i]) for i, b in enumerate(assembly.parameters)}
+    known |= {symbol("state", name): const(x) for name, x in assembly.begin(p).items()}
+    known |= {symbol("input", name): const(0.0) for name in assembly.traced.inputs}
+    found = {}
+    for passage in assembly.traced.passages:
+        velocity = dict(passage.signals).get("velocity")
+        if rig.ports[passage.port].kind != "motion" or not isinstance(velocity, Expr):
+            continue
+        try:
+            ahead, back = (
+                substitute(substitute([passage.value], {velocity: const(v)}), known)[0]
+                for v in (1.0, -1.0)
+            )
+        except EquationError:  # not defined there: nothing can be said
+            continue
+        if ahead.op == back.op == "const" and ahead.value > back.value:
+            found[passage.port] = 0.5 * (ahead.value - back.value)
+    return found
+
+
+def driving_words(rig: Rig) -> list[str]:
+    """A sentence for each port of `driven_by_speed`, and how to mend it."""
+    return [
+        f"What passes the port {port!r} grows with its velocity (by {slope:.3g} for one unit of "
+        "it), as if damping drove the part. Pass what acts on the moving part along its position, "
+        "and give a sensor that reads the force which moves it the negative."
+        for port, slope in driven_by_speed(rig).items()
+    ]
 
 
 # ---- text ----------------------------------------------------------------------------------------
@@ -167,12 +228,21 @@ def ports_text(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def _folded(title: str, words: str) -> list[str]:
-    return textwrap.wrap(
-        f"{title}: {words.replace('`', '')}" if title != "!" else f"! {words.replace('`', '')}",
+    plain = words.replace("`", "")
+    return folded(f"{title} {plain}" if title == "!" else f"{title}: {plain}", 9).splitlines()
+
+
+def folded(words: str, indent: int = 0) -> str:
+    """The words on lines of a terminal's width, those after the first indented by four more (by 7
+    where the first is not: behind the word that leads a finding)."""
+    further = indent + 4 if indent else 7
+    return textwrap.fill(
+        words,
         WIDTH,
-        initial_indent=" " * 9,
-        subsequent_indent=" " * 13,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * further,
         break_on_hyphens=False,
+        break_long_words=False,
     )
 
 
@@ -194,9 +264,11 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
             offers = ", ".join(f"`{s}`" for s in signals) or "nothing"
             lines += [f"| {offers} | {', '.join(home)} |"] if home else []
         lines.append("")
-    used = sorted({s for effect in known for s in effect.signals})
+    used = {s for effect in known for s in effect.signals}
+    used |= {s for effect in known for role in effect.roles for s in role}
+    used |= {s for effect in known for names in effect.stand_ins.values() for s in names}
     lines += ["### Signals", "", "| signal | what it is |", "|---|---|"]
-    lines += [f"| `{s}` | {SIGNALS.get(s, 'see the effects that ask for it')} |" for s in used]
+    lines += [f"| `{s}` | {SIGNALS[s]} |" for s in sorted(used)]
     return "\n".join(lines)
 
 

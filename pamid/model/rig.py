@@ -38,7 +38,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.base.units import NONE, compatible, si_symbol, split_column, unit, with_unit
+from pamid.base.units import (
+    NONE,
+    compatible,
+    divided_name,
+    si_symbol,
+    split_column,
+    unit,
+    with_unit,
+)
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BETWEEN
@@ -307,6 +315,13 @@ def _check_column(what: str, column: str, declared: str) -> None:
         raise FileError(
             f"{what} has no unit in its name, but is declared in {declared!r}",
             f'name the column "{with_unit(stem, declared)}"',
+            code="unit",
+        )
+    meant = divided_name(column)
+    if meant and compatible(split_column(meant)[1], declared):
+        raise FileError(
+            f"{what} ends in {written!r}, but is declared in {declared!r}: in a name _ multiplies",
+            f'name the column "{meant}", here and in the recordings: _per_ divides',
             code="unit",
         )
     if not compatible(written, declared) or seen.factor != 1.0 or seen.offset:

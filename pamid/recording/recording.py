@@ -22,7 +22,15 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.base.card import Cells, card, html_table, interval, text_table
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
-from pamid.base.units import NONE, compatible, from_si, split_column, suffixes_for, to_si
+from pamid.base.units import (
+    NONE,
+    compatible,
+    divided_name,
+    from_si,
+    split_column,
+    suffixes_for,
+    to_si,
+)
 from pamid.recording.file_checks import (
     check_header,
     check_range,
@@ -68,7 +76,6 @@ _FOREIGN_UNITS = (
     "grad",
     "rev",
     "turns",
-    "rpm",
     "inch",
     "in",
     "ft",
@@ -359,6 +366,10 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
             return name
     for name in every:
         found_stem, found = split_column(name)
+        if wanted == (meant := divided_name(name)):
+            message = f"Column {name!r} is in {found!r}; {wanted!r} is wanted."
+            hint = f"In a name _ multiplies and _per_ divides: rename it {meant!r}."
+            raise FileError(message, hint, code="unit")
         if found_stem == stem and found != NONE and symbol != NONE:
             raise _wrong_unit(name, f"in {found!r}", wanted, symbol)
         tail = name.removeprefix(stem + "_").lower() if name.startswith(stem + "_") else ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import quoted
+from pamid.base.share_words import minutes_text
 from pamid.diagnosis import verdict_words
 from pamid.report import formatting
 from pamid.report.captions import (
@@ -458,9 +459,8 @@ def _expected(experiment: NextExperiment) -> str:
             f"{short(experiment.expected_separation, 2)} noise standard deviations rms"
         )
     if experiment.minutes is not None:
-        texts.append(
-            f"it takes about {short(experiment.minutes, 2)}{formatting.SPACE}min at the rig"
-        )
+        takes = minutes_text(experiment.minutes).replace(" ", formatting.SPACE)
+        texts.append(f"it takes about {takes} at the rig")
     return sentence("; ".join(texts))
 
 

@@ -181,6 +181,7 @@ def test_units_that_contradict_a_name_are_refused(parameter: dict[str, str], men
         ({"inputs": {"force_n": "m", "valve_percent": ""}}, '"force_n": "N"'),
         ({"outputs": {"position_mm": "mm"}}, '"position_mm": "m"'),
         ({"outputs": {"position": "m"}}, "position_m"),
+        ({"outputs": {"speed_m_s": "m/s"}}, '"speed_m_per_s", here and in the recordings'),
         ({"between": {"force_n": "stepwise"}}, "linear"),
         ({"between": {"forse_n": "held"}}, "force_n"),
         ({"ranges": {"valve_percent": (1.0, 0.0)}}, "lowest, highest"),

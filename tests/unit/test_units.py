@@ -13,6 +13,7 @@ from pamid.base.errors import FileError
 from pamid.base.units import (
     compatible,
     display_unit,
+    divided_name,
     from_si,
     is_unit,
     quantity_of,
@@ -194,6 +195,30 @@ def test_suffixes() -> None:
         and suffix_of("1") == ""
     )
     assert set(suffixes_for("kPa")) == {"pa", "kpa", "mpa", "mbar", "bar"}
+
+
+def test_a_second_slash_divides_by_one_more() -> None:
+    once, twice = unit("N s/(m A)"), unit("N s/m/A")
+    assert (twice.factor, twice.dimension, twice.suffix) == (1.0, once.dimension, "n_s_per_m_a")
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("speed_rad_s", "speed_rad_per_s"),
+        ("speed_mm_s", "speed_mm_per_s"),
+        ("acceleration_m_s2", "acceleration_m_per_s2"),
+        ("flow_l_min", "flow_l_per_min"),
+        ("flow_kg_s", "flow_kg_per_s"),
+        ("impulse_n_s", ""),
+        ("torque_n_m", ""),
+        ("gain_s_per_deg", ""),
+        ("time_ms", ""),
+        ("command", ""),
+    ],
+)
+def test_a_name_that_multiplies_by_a_time_was_meant_to_divide(name: str, meant: str) -> None:
+    assert divided_name(name) == meant
 
 
 @pytest.mark.parametrize("symbol", ["psi", "N mm2x", "kPA", "m/(s", "N//m", "m-2", "2", "N (m"])

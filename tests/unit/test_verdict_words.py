@@ -1,4 +1,4 @@
-"""What the sentence of a verdict says of a family without a law."""
+"""What the sentence of a verdict says of a family without a law, and of what is left."""
 
 from __future__ import annotations
 
@@ -39,3 +39,26 @@ def test_what_is_of_another_family_or_not_sure_to_help_is_not_the_nearest(
     other: dict[str, Any],
 ) -> None:
     assert free_families(said(**other)) == FORM
+
+
+@pytest.mark.parametrize(
+    ("left", "words"),
+    [
+        ({"floors": 1.4}, "what remains is within noise and tolerances."),
+        (
+            {"floors": 14.0, "probability": 0.66},
+            "what remains, 14 times the noise floor, is not told from ordinary tolerances (P 0.66 "
+            "that it is more).",
+        ),
+        (
+            {"floors": 14.0, "probability": None},
+            "what remains, 14 times the noise floor, is not told from ordinary tolerances.",
+        ),
+    ],
+)
+def test_what_tolerances_alone_have_to_answer_for_is_said_with_its_size(
+    left: dict[str, Any], words: str
+) -> None:
+    made = diagnosis_json("explained")
+    found = read(DiagnosisFile, made | {"remainder": made["remainder"] | left})
+    assert sentence(found).endswith(f"; {words}")

@@ -1,0 +1,207 @@
+"""What `pamid check` says of recordings and rigs that somebody wrote from the documents alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pamid
+from pamid import Gain
+from pamid.base.errors import FileError
+from pamid.base.units import known_symbols, split_column, to_si
+from pamid.checks.recording_quality import examine
+from pamid.checks.scale_slips import ScaleSlip
+from pamid.diagnosis.notes import _signs as notes_of
+from pamid.model.port_guide import driven_by_speed
+from pamid.model.registry import rig_named, rigs
+from pamid.recording.recording import match_column, recording_of
+
+RIG = '''
+from pamid import Parameter, Port, Rig, State
+
+
+class Wheel(Rig):
+    """A wheel that two torques turn."""
+
+    inputs = {"drive_n_m": "N m", "brake_n_m": "N m"}
+    outputs = {"speed_rad_per_s": "rad/s"}
+    ports = {"axle": Port("motion", "N m", {"velocity": "rad/s", "load": "N m"})}
+    states = (State("speed", "rad/s"),)
+    parameters = (Parameter("inertia_kg_m2", 0.1, low=0.01, high=1.0, source="drawing"),)
+
+    def rates(self, x, u, p, port):
+        torque = port("axle", u.drive_n_m - u.brake_n_m, velocity=x.speed, load=abs(u.brake_n_m))
+        return {"speed": torque / p.inertia_kg_m2}
+
+    def measure(self, x, u, p, port):
+        return {"speed_rad_per_s": x.speed}
+'''
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "wheel.py"
+    path.write_text(RIG)
+    return path
+
+
+def test_a_rate_written_as_a_product_is_told_how_to_be_named(tmp_path: Path, rig: Path) -> None:
+    time = 0.01 * np.arange(400)
+    made = recording_of(time, {"speed_rad_s": np.sin(time), "angle_deg": np.cos(time)})
+    said = pamid.check(made).summary()
+    assert "'rad s'" in said and "name it 'speed_rad_per_s'" in said
+    assert said.count("name it") == 1
+    with pytest.raises(FileError, match="rename it 'speed_rad_per_s'"):
+        match_column(list(made.columns), "speed_rad_per_s")
+
+
+def test_a_signal_that_stands_in_unlocks_nothing_that_acts_already(rig: Path) -> None:
+    found = pamid.check(rig)
+    assert max(map(len, found.summary().splitlines())) <= 110
+    (axle,) = found.to_dict()["ports"]
+    assert "signal-dependent-friction" in axle["effects"]  # `load` serves as its `level`
+    assert not [one for one in axle["unlocks"] if "signal-dependent-friction" in one["effects"]]
+
+
+def test_each_of_a_few_inputs_is_told_between_its_samples(rig: Path) -> None:
+    time = 0.01 * np.arange(2000)
+    drive, brake = (np.repeat(np.random.default_rng(s).normal(size=40), 50) for s in (1, 2))
+    speed = np.concatenate([[0.0], np.cumsum(drive - brake)[:-1] * 0.01 / 0.1])
+    made = recording_of(time, {"drive_n_m": drive, "brake_n_m": brake, "speed_rad_per_s": speed})
+    lines = [s for s in pamid.check(made, rig=rig).summary().splitlines() if "ok     between" in s]
+    assert ["drive_n_m" in line for line in lines] == [True, False]
+    assert ["brake_n_m" in line for line in lines] == [False, True]
+
+
+def test_a_noisy_force_that_repeats_now_and_then_has_lost_nothing() -> None:
+    time = 0.005 * np.arange(8000)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        swing = 300.0 * np.sin(2.0 * np.pi * 0.7 * time + rng.uniform(0.0, 6.0))
+        force = 0.5 * np.round(2.0 * (swing + 2.0 * rng.standard_normal(time.size)))
+        assert (np.diff(force) == 0.0).sum() > 100
+        made = recording_of(time, {"command": swing / 400.0, "force_n": force})
+        assert not [issue for issue in examine(made) if issue.kind == "dropped"]
+
+
+BENCH = """
+from pamid import Parameter, Port, Rig
+from pamid.equations import rate_of
+
+
+class Bench(Rig):
+    \'\'\'A damper whose rod is moved, its force read.\'\'\'
+
+    inputs = {"position_mm": "m"}
+    outputs = {"force_n": "N"}
+    ports = {"rod": Port("motion", "N", {"position": "m", "velocity": "m/s"})}
+    states = ()
+    parameters = (Parameter("damping_n_s_per_m", 900.0, 0.0, 1e4, source="data sheet"),)
+
+    def measure(self, x, u, p, port):
+        speed = rate_of(u.position_mm)
+        along = WAY * p.damping_n_s_per_m * speed
+        along = port("rod", along, position=u.position_mm, velocity=speed)
+        return {"force_n": WAY * along}
+"""
+
+
+@pytest.mark.parametrize(("way", "notes"), [("-1.0", 0), ("1.0", 1)])
+def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_path: Path) -> None:
+    path = tmp_path / "bench.py"
+    path.write_text(BENCH.replace("WAY", way))
+    said = pamid.check(path).summary()
+    assert said.count("'rod' grows with its velocity (by 900 ") == notes
+    assert "nothing is wrong" in said
+    time = 0.01 * np.arange(600)
+    made = recording_of(
+        time, {"position_mm": 10.0 * np.sin(4.0 * time), "force_n": 36.0 * np.cos(4.0 * time)}
+    )
+    assert pamid.check(made, rig=path).summary().count("grows with its velocity") == notes
+    told = notes_of(
+        SimpleNamespace(evidence=SimpleNamespace(rig=rig_named(str(path))), opposite=())
+    )
+    assert len(told) == notes
+
+
+def test_no_rig_that_is_shipped_lets_its_damping_drive() -> None:
+    wrong = {name: driven_by_speed(kind()) for name, kind in rigs().items()}
+    assert len(wrong) > 5 and not {name: ports for name, ports in wrong.items() if ports}
+
+
+def test_the_page_names_every_unit_and_what_it_says_of_names_holds() -> None:
+    page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
+    listed = page.partition("Units are written with these: ")[2].partition(".")[0].split()
+    assert sorted(listed) == sorted(known_symbols())
+    told = {"torque_n_m": "N m", "speed_rad_per_s": "rad/s", "drag_n_s_per_m": "N s/m"}
+    for name, symbol in told.items():
+        assert f"`{name}`" in page and split_column(name)[1] == symbol
+
+
+def test_turns_per_minute_are_an_angular_velocity() -> None:
+    assert to_si(60.0, "rpm") == pytest.approx(2.0 * np.pi)
+    made = recording_of(0.01 * np.arange(400), {"speed_rpm": np.arange(400.0)})
+    assert match_column(list(made.columns), "speed_rad_per_s") == "speed_rpm"
+
+
+BLIND = """
+from pamid import Parameter, Port, Rig, State
+
+
+class Spindle(Rig):
+    \'\'\'A spindle behind a motor, its speed read.\'\'\'
+
+    inputs = {"drive_v": "V"}
+    outputs = {"speed_rad_per_s": "rad/s"}
+    ports = {"axle": Port("motion", "V", {"velocity": "rad/s"})}
+    states = (State("speed", "rad/s"),)
+    parameters = (
+        Parameter("gain", 8.0, 1.0, 50.0, "rad/V/s", source="data sheet"),
+        Parameter("lag_s", 0.3, low=0.01, high=3.0, source="data sheet"),
+    )
+
+    def rates(self, x, u, p, port):
+        pull = port("axle", u.drive_v - x.speed / p.gain, velocity=x.speed)
+        return {"speed": p.gain * pull / p.lag_s}
+
+    def measure(self, x, u, p, port):
+        return {"speed_rad_per_s": x.speed}
+"""
+
+
+@pytest.mark.parametrize(("way", "asked"), [("size", True), ("minus", True), ("signed", False)])
+def test_a_sensor_that_never_crosses_zero_is_asked_about(
+    way: str, asked: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "spindle.py"
+    path.write_text(BLIND)
+    rng = np.random.default_rng(3)
+    drive = np.repeat(rng.uniform(-3.0, 3.0, 40), 80)
+    speed = np.zeros(drive.size)
+    for k in range(drive.size - 1):
+        speed[k + 1] = speed[k] + 0.01 / 0.27 * (9.0 * drive[k] - speed[k])
+    read = {"size": np.abs(speed), "minus": -np.abs(speed), "signed": speed}[way]
+    read = read + 0.05 * rng.standard_normal(drive.size)
+    made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
+    assert ("blind to the sign?" in pamid.check(made, rig=path).summary()) == asked
+
+
+def test_a_slip_of_a_column_is_told_with_the_unit_that_it_looks_like() -> None:
+    words = ScaleSlip("column", "position_m", 0.001, 0.1).words
+    assert words == "the column position_m times 0.001 (as if written in mm)"
+    assert ScaleSlip("column", "force_n", -10.0, 0.1).words == "the column force_n times -10"
+    assert ScaleSlip("parameter", "count", 100.0, 0.1).words.startswith("the parameter count")
+
+
+def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
+    code = page.partition("```python\nfrom pamid import")[2].partition("```")[0]
+    path = tmp_path / "lift.py"
+    path.write_text("from pamid import" + code)
+    said = pamid.check(path)
+    assert said.to_dict()["ok"], said.summary()
+    assert [f for f in said.to_dict()["findings"] if f["advice"] and not f["ok"]] == []
+    assert Gain("all", tolerance=0.02).parameters[0].spread == 0.02
