@@ -1,6 +1,6 @@
 """What a simulation of robots costs, beside MuJoCo's own tools in the same run.
 
-    python benchmarks/simulators.py [costs] [fits] [--joints 1 2 7] [--seconds 20]
+    python benchmarks/mujoco_costs.py [costs] [fits] [--joints 1 2 7] [--seconds 20]
 
 costs  a free run of 66667 samples of 3 ms, one RK4 step each, and one with sensitivities by the
        parameters that are fitted (20 at most): the model compiled into equations; stepped by
