@@ -210,6 +210,7 @@ def parameters_of(run: RunData) -> tuple[dict[str, FitParameter], dict[str, Esti
             at_bound=None,
             strain=one.strain,
             source="",
+            null=None,
         )
         for name, one in found.items()
     }
