@@ -73,7 +73,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
                 at_bound=x.at_bound,
                 strain=x.strain,
                 source=x.bound.source,
-                **({} if x.bound.null is None else {"null": x.bound.null / x.bound.factor}),
+                null=None if x.bound.null is None else x.bound.null / x.bound.factor,
             )
             for x in estimates(g.fit, g.draws)
             if not x.bound.nuisance

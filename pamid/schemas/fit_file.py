@@ -80,8 +80,8 @@ class FitParameter(Interval):
     at_bound: Text | None = Field(None, description=AT_BOUND)
     strain: Written[Number] = Field(None, description=STRAIN)
     source: Text = Field("", description="where the data-sheet value comes from")
-    null: Written[Number] = Field(
-        None, description="of an effect: the value at which it vanishes; absent where it never does"
+    null: Number | None = Field(
+        None, description="of an effect: the value at which it vanishes; null where it never does"
     )
 
 
