@@ -207,7 +207,7 @@ def test_a_diagnosis_names_the_cause_that_that_of_the_equations_names() -> None:
         for rig in (WrittenPendulum, SteppedTwin)
     ]
     for one in found:
-        assert one.verdict == "named"
+        assert one.verdict in ("explained", "partly-explained")
         assert [c.effect for c in one.causes] == ["coulomb-friction@rail"]
     level = [d.causes[0].parameters["force_n"].value for d in found]
     assert abs(level[0] - 0.5) < 0.01 and abs(level[1] - 0.5) < 0.01
