@@ -10,10 +10,10 @@
 
 # %% [markdown]
 # # Bring your own simulation
-#  You have a MuJoCo model of a robot, and a log of the robot that it does not follow. Here the model
-# is `reacher.xml`, an arm of two joints that ships with the package gymnasium, and the robot is a
-# MuJoCo simulation of it with two secrets: its second joint rubs, and its first one is damped more
-# than the file says. `pip install 'pamid[mujoco]' gymnasium` brings what this story needs.
+#  You have a MuJoCo model of a robot, and a log of the robot that it does not follow. Here the
+# model is `reacher.xml`, an arm of two joints that ships with the package gymnasium, and the robot
+# is a MuJoCo simulation of it with two secrets: its second joint rubs, and its first one is damped
+# more than the file says. `pip install 'pamid[mujoco]' gymnasium` brings what this story needs.
 
 # %%
 import subprocess
