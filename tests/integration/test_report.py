@@ -103,7 +103,8 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         "unknown-effect": [
             "Something material is missing from the model, and no effect of the catalogue "
             "explains it. It enters at the joint port. It is of the friction family, in a form not "
-            "in the catalogue.",
+            "in the catalogue (the nearest in it is Coulomb friction at the joint port (P 0.12), "
+            "86 % of the gap).",
             "What is left The whole gap, at the joint port. Left over: 10 times the noise floor",
             "A function of the velocity at the muscle port removes 71 % of the held-out error "
             "(95 % interval 62 to 78 %), whatever its curve.",
