@@ -93,7 +93,8 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     # an effect at several ports together is reported at what their names have in common
     here = [one for one in where.ports if one.port in together or one.port.startswith(cause.port)]
     evidence = max((one.at_port or 0.0 for one in own if one is not None), default=0.0)
-    if max(sum(one.share for one in here), evidence) < settings.port_negligible:
+    plain = cause.removes is not None and cause.removes.low >= settings.port_overruled
+    if max(sum(one.share for one in here), evidence) < settings.port_negligible and not plain:
         yield "next to nothing of the gap enters at its port"
 
 

@@ -71,7 +71,9 @@ class Weighed:
             found.append("it removes next to nothing")
         if self.at_bound:
             found.append(f"{', '.join(self.at_bound)} ended at a bound")
-        if self.here < settings.port_negligible:
+        # what removes most of the gap is there, whatever a slowly varying value at its port, as
+        # evidence is taken with, can make of it: a delay is none
+        if self.here < settings.port_negligible and self.removes.low < settings.port_overruled:
             found.append("next to nothing of the gap enters at its port")
         return found
 

@@ -94,12 +94,16 @@ def judge(
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
     compared = _Compared(ranking, signatures, classes, located, found.forward_steps, groups, doubt)
     weighed = _weighed_up(search, compared, best, after)
-    smaller = _smaller(search, compared, weighed)
-    if smaller is not None:
+    instead = _instead(search, compared, weighed)
+    if instead is not None:
         leaders = [k[0] for k in located.classes]
-        beside = locate(search.evidence, smaller, search.pool, leaders, settings=settings)
-        again = _weighed_up(search, compared, smaller, beside)
+        beside = locate(search.evidence, instead, search.pool, leaders, settings=settings)
+        again = _weighed_up(search, compared, instead, beside)
         weighed = again if again.decision.named else weighed
+    if weighed.best in ranking:
+        own = dict(zip(ranking, signatures, strict=True))
+        ranking = _with_best(ranking, weighed.best)
+        signatures = tuple(own[c] for c in ranking)
     return Judged(
         weighed.decision,
         weighed.grounds,
@@ -178,18 +182,29 @@ def _weighed_up(
     return _WeighedUp(best, after, grounds, halves, tied, members, decision)
 
 
-def _smaller(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
-    """The model that the figures are to be of instead of the best one: what may not be named does
+def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
+    """The model that the figures are to be of instead of the best one. What may not be named does
     not stay in it, unless the rest is nothing without it; where nothing may be, the first effect
-    is judged alone. Of several families it is the first that is named."""
+    is judged alone. Of several families it is the first that is named. Where a single effect ended
+    at a bound, it is the best of its family that did not and removes next to as much."""
     best, named = weighed.best, weighed.decision.named
     if weighed.decision.verdict == "ambiguous":
-        one_of = [c for c, _ in weighed.tied if c.label in named]
+        one_of = [one for one, _ in weighed.tied if one.label in named]
         return None if best in one_of else one_of[0]
-    if not len(named) < len(best.attached) > 1:
+    if len(named) < len(best.attached) > 1:
+        kept = tuple(a for a in best.attached if a.label in named) or best.attached[:1]
+        return _alone_or_refitted(search, c.ranking, kept, best)
+    if named or not at_bounds(best, search.settings):
         return None
-    kept = tuple(a for a in best.attached if a.label in named) or best.attached[:1]
-    return _alone_or_refitted(search, c.ranking, kept, best)
+    most = search.excess(best) + search.settings.worth * search.excess(search.budget.baseline)
+    within = (
+        one
+        for one in c.ranking
+        if one.family == best.family
+        and not at_bounds(one, search.settings)
+        and search.excess(one) < most
+    )
+    return next(within, None)
 
 
 def _members(

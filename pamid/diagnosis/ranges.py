@@ -23,14 +23,13 @@ from pamid.model.bound_parameter import Bound, Range
 
 def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> Assembly | None:
     """The model with wider ranges of what its last effect's parameters ended at; None where there
-    is none such. The lower end of a factor stays: it keeps an equation from growing stiff."""
+    is none such."""
     found = {
         e.bound.key: (
             e.bound.low * settings.wider if e.at_bound == "low" else e.bound.low,
             e.bound.high * settings.wider if e.at_bound == "high" else e.bound.high,
         )
         for e, _ in _at_guesses(assembly, fitted)
-        if e.at_bound == "high" or not e.bound.log
     }
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
 
@@ -61,8 +60,10 @@ def _at_guesses(
 
 
 def _guessed(bound: Bound, end: str) -> bool:
-    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing?"""
-    if not bound.sized:
+    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing? The
+    lower end of a factor is neither: it keeps an equation from growing stiff, so that what ends
+    there (friction that gives next to nothing before it slips) is as the limit of its form."""
+    if not bound.sized or (end == "low" and bound.log):
         return False
     return bound.high > 0.0 if end == "high" else bound.low != 0.0
 

@@ -72,6 +72,9 @@ class Settings:
     port_negligible: float = setting(
         0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"
     )
+    port_overruled: float = setting(
+        0.5, "share of the gap", "... unless it removes as much as this with 95 % confidence"
+    )
     black_box_samples: int = setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST
     )
@@ -422,10 +425,7 @@ class Settings:
         3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN_ONLY
     )
     formula_ridge: float = setting(
-        1e-3,
-        "share of the rows",
-        "ridge of the sparse regression, whose columns are of unit size",
-        SHOWN_ONLY,
+        1e-3, "share of the rows", "ridge of the sparse regression", SHOWN_ONLY
     )
     formula_sign: float = setting(
         0.05, "usual speed (95th percentile)", "of the sign: tanh(v / this)", SHOWN_ONLY

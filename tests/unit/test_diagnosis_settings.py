@@ -19,7 +19,7 @@ from pamid.base.errors import UsageError
 from pamid.diagnosis import notes, ranges
 from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
-from pamid.diagnosis.decision import at_noise_floor
+from pamid.diagnosis.decision import Share, at_noise_floor
 from pamid.diagnosis.naive_forecast import _better
 from pamid.diagnosis.port_evidence import _Smoothing
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
@@ -139,8 +139,10 @@ def test_the_margin_of_a_gap() -> None:
 def test_what_speaks_against_a_cause() -> None:
     assert not FRICTION.objections()
     assert FRICTION.objections(Settings(least_shrinkage=0.9)) == ["it removes next to nothing"]
-    elsewhere = replace(FRICTION, here=0.02)
+    elsewhere = replace(FRICTION, here=0.02, removes=Share(0.45, 0.3, 0.6))
     assert not elsewhere.objections() and elsewhere.objections(Settings(port_negligible=0.05))
+    plain = replace(elsewhere, here=0.0, removes=Share(0.98, 0.9, 1.0))
+    assert not plain.objections() and plain.objections(Settings(port_overruled=0.95))
 
 
 def test_the_pull_from_which_a_background_is_named() -> None:
@@ -280,7 +282,7 @@ def test_what_a_trajectory_may_jump_by() -> None:
 
 
 def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    bound = SimpleNamespace(owner="play", sized=True, low=0.0, high=1.0, name="gap")
+    bound = SimpleNamespace(owner="play", sized=True, log=True, low=0.1, high=1.0, name="gap")
     ended = SimpleNamespace(bound=bound, at_bound="high")
     monkeypatch.setattr(ranges, "estimates", lambda fitted: [ended])
     fitted = SimpleNamespace(
@@ -290,6 +292,10 @@ def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch)
     model: Any = SimpleNamespace(assembly=assembly, fit=fitted)
     assert ranges.at_bounds(model) == ("gap",)
     assert ranges.at_bounds(model, Settings(pressed=6.0)) == ()
+    ended.at_bound = "low"  # of a factor: as little of it as the equation can be solved with
+    assert ranges.at_bounds(model) == ()
+    bound.log = False
+    assert ranges.at_bounds(model) == ("gap",)
 
 
 def test_when_a_smoothing_ends_and_how_it_is_damped() -> None:

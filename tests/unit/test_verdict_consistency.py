@@ -340,7 +340,8 @@ SHARES_ELSEWHERE = [{"port": "valve", "share": 0.995}, {"port": "joint", "share"
         ("explained", {"members": [FRICTION_MEMBER]}, "ended at a bound"),
         (
             "explained",
-            of("explained", "where", ports=SHARES_ELSEWHERE, indistinguishable=[]),
+            of("explained", "where", ports=SHARES_ELSEWHERE, indistinguishable=[])
+            | of("explained", "causes", removes={"share": 0.45, "low": 0.3, "high": 0.6}),
             "next to nothing of the gap enters at its port",
         ),
         ("explained", of("explained", "where", port="valve"), "where no cause acts"),
