@@ -89,20 +89,13 @@ def test_check_says_how_it_goes_and_what_is_left_out(
         (body('<geom type="mesh" mesh="hull"/><joint/>',
               head='<asset><mesh name="hull" file="hull.stl"/></asset>'),
          ("hull.stl", "meshdir")),
-        (body('<joint name="fly" type="free"/>'), ("joint 'fly', line 2: a free joint",)),
-        (body('<joint name="eye" type="ball"/>'), ("joint 'eye', line 2: a ball joint",)),
-        (body('<joint name="j" type="slide" axis="0 0 1"/>',
-              '<geom name="floor" type="plane" size="1 1 1" pos="0 0 0.95"/>'),
-         ("geoms touch (floor and ball at the reference itself)",)),
-        (body('<joint name="j"/>', head='<option density="1.2"/>'), ("a medium",)),
-        (body('<joint name="j" springdamper="0.1 1" stiffness="1 2 3"/>'), ("not linear",)),
         (body(""), ("no joints",)),
         (body('<joint name="j"/>').replace("</mujoco>",
               '<sensor><clock name="c"/></sensor></mujoco>'), ("no sensor that pamid can read",)),
         ("not xml at all", ("MuJoCo cannot read it",)),
     ],
 )  # fmt: skip
-def test_what_cannot_be_compiled_is_named(
+def test_what_cannot_be_read_is_named(
     text: str, told: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = written(tmp_path, text)
@@ -112,6 +105,28 @@ def test_what_cannot_be_compiled_is_named(
         assert words in str(raised.value)
     assert str(file) in str(raised.value)
     assert not pamid(capsys, "check", file, code=3)["ok"]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (body('<joint name="fly" type="free"/>'), "joint 'fly', line 2: a free joint"),
+        (body('<joint name="eye" type="ball"/>'), "joint 'eye', line 2: a ball joint"),
+        (body('<joint name="j" type="slide" axis="0 0 1"/>',
+              '<geom name="floor" type="plane" size="1 1 1" pos="0 0 0.95"/>'),
+         "geoms touch (floor and ball at the reference itself)"),
+        (body('<joint name="j"/>', head='<option density="1.2"/>'), "a medium"),
+        (body('<joint name="j" springdamper="0.1 1" stiffness="1 2 3"/>'), "not linear"),
+    ],
+)  # fmt: skip
+def test_why_a_model_is_not_compiled_is_said(text: str, told: str, tmp_path: Path) -> None:
+    """It is stepped by MuJoCo, or refused where that cannot be done either."""
+    file = written(tmp_path, text)
+    try:
+        said = " ".join(rig_named(str(file)).remarks)
+    except FileError as error:
+        said = str(error)
+    assert told in said
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
