@@ -27,16 +27,17 @@ WRONG = 3
 )
 @frame.overwrite_option("Replace the figure if it exists.", formerly_force=True)
 def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -> frame.Result:
-    """Say what is in FILE and everything that is wrong with it: a recording, a rig file or an
-    effect file.
+    """Say what is in FILE and everything that is wrong with it: a recording, a rig file, an effect
+    file or a MuJoCo or URDF model.
 
     A recording (.csv): sampling, range, rest, noise and step of every column; what is clipped,
     frozen, lost, bridged, spiked, coarse or hardly excited; with a rig, columns exchanged, of the
     opposite sign, in another unit or late, inputs beyond their range, and whether each input is
     held or linear between samples. A rig (.py): its equations build, every port is used, nothing
     blows up over the bounds, sensitivities are exact; for every port what passes, its sign, which
-    effects can act there and which others each further signal would let act. An effect (.py): its
-    data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
+    effects can act there and which others each further signal would let act. A model (.xml, .urdf):
+    the same, after how it goes and what of it is left out, by element and line. An effect (.py):
+    its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
     anything is wrong; notes leave it at 0.
     """
     from pamid.api.checking import check

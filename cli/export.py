@@ -45,7 +45,7 @@ pamid export run --to fmu --output joint.fmu
     metavar="NAME=VALUE",
     help="Parameter that is known to be otherwise there.",
 )
-@click.option("--rig", help="The rig file that the run was made with (it is run).")
+@click.option("--rig", help="The rig file that the run was made with (it is run), or its model.")
 @click.option(
     "--effect",
     "effects",
@@ -66,8 +66,10 @@ def command(
     """Write the model that RUN found (rig, effects and a network, if there is one) for use in
     another tool.
 
-    Every form gives, sample by sample, what `pamid simulate --model RUN --noise none` gives. Inputs
-    and outputs are the columns of a recording, in their units; an input holds over the sample.
+    Every form but mjcf gives, sample by sample, what `pamid simulate --model RUN --noise none`
+    gives. Inputs and outputs are the columns of a recording, in their units; an input holds over
+    the sample. mjcf is the model file of the rig with the values of the run; what it cannot hold is
+    told.
     """
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model

@@ -80,7 +80,8 @@ def recording_options(function: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option(
             "--rig",
-            help="Rig by name, or the path of a rig file (it is run). "
+            help="Rig by name, or the path of a rig file (it is run) or of a MuJoCo or URDF "
+            "model. "
             "[default: the one the recordings name, else one-dof]",
         ),
         click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path)),

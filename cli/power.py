@@ -19,7 +19,7 @@ pamid power --rig one-dof --excitation excitation.csv --figure power.png
 @frame.command("power", example=EXAMPLE)
 @click.option(
     "--rig",
-    help="Rig by name, or the path of a rig file (it is run). "
+    help="Rig by name, or the path of a rig file (it is run) or of a MuJoCo or URDF model. "
     "[default: the one the excitation names, else one-dof]",
 )
 @click.option(

@@ -21,7 +21,7 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 @frame.command("simulate", example=EXAMPLE)
 @click.option(
     "--rig",
-    help="Rig by name, or the path of a rig file (it is run). "
+    help="Rig by name, or the path of a rig file (it is run) or of a MuJoCo or URDF model. "
     "[default: the one the excitation names, else one-dof]",
 )
 @click.option(

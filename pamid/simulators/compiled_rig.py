@@ -5,7 +5,7 @@
 with the friction of `pamid.simulators.soft_friction` at joints whose file states a loss; elsewhere,
 where a fit frees it, it grows with the velocity (`friction_slope`) until the loss is reached.
 Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
-`pamid.simulators.tree_dynamics`.
+`pamid.simulators.forward_dynamics`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
-from pamid.simulators.mechanism import Actuator, Mechanism, Sensor
+from pamid.simulators.forward_dynamics import accelerations
+from pamid.simulators.mechanism import Actuator, Mechanism, MechanismSensor
 from pamid.simulators.soft_friction import SoftFriction
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
@@ -30,7 +31,7 @@ from pamid.symbolic.vocabulary import (
     where,
 )
 
-LONGEST_DELAY = 5.0  # times the delay that the file states
+DELAY_ROOM = 5.0  # times the delay that the file states
 
 
 class CompiledMechanism(Rig):
@@ -131,7 +132,7 @@ class _Equations:
         sent = self.port(self.rig.port_of("actuator", i, "command"), getattr(self.u, a.column))
         if a.delay_s > 0.0:
             late = self.rig.value(self.p, "actuator", i, "delay", a.delay_s)
-            sent = delay(sent, late, LONGEST_DELAY * a.delay_s)
+            sent = delay(sent, late, DELAY_ROOM * a.delay_s)
         return sent if a.command_range is None else clip(sent, *a.command_range)
 
     def activation_rate(self, i: int) -> Expr:
@@ -288,7 +289,7 @@ class _Equations:
             )
             passed.append(None if reaching is free else reaching)
         rubbing = [self.friction(j) for j in range(tree.n)]
-        qdd = tree.accelerations(applied, passed, rubbing)
+        qdd = accelerations(tree, applied, passed, rubbing)
         found: dict[str, Number] = {}
         for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
             found[joint.name] = qd
@@ -300,7 +301,7 @@ class _Equations:
 
     # ---- readings --------------------------------------------------------------------------------
 
-    def reading(self, i: int, sensor: Sensor) -> Expr:
+    def reading(self, i: int, sensor: MechanismSensor) -> Expr:
         """What a sensor returns."""
         rate: Expr | None = None
         if sensor.kind in ("jointpos", "jointvel"):

@@ -135,7 +135,7 @@ class Actuator:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class MechanismSensor:
     """A reading: kind as the simulator calls it (jointpos, jointvel, actuatorfrc, tendonpos ...);
     of: number of the joint, tendon or actuator that it reads; adr: place among the simulator's
     sensor values, -1 where the file has no such sensor and pamid reads the joint itself."""
@@ -192,7 +192,7 @@ class ModelPort:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ModelFinding:
     """What a file holds that is not carried over, in a sentence, with the element and its line.
 
     hinders: it cannot be written as equations, so the model has to be stepped by its simulator.
@@ -223,14 +223,14 @@ class Mechanism:
     joints: tuple[MechanismJoint, ...]
     tendons: tuple[MechanismTendon, ...]
     actuators: tuple[Actuator, ...]
-    sensors: tuple[Sensor, ...]
+    sensors: tuple[MechanismSensor, ...]
     parameters: tuple[ModelParameter, ...]
     ports: tuple[ModelPort, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[ModelFinding, ...]
     contact_share: float = 0.0  # of the configurations within the joints' ranges
 
     @property
-    def hindrances(self) -> tuple[Finding, ...]:
+    def hindrances(self) -> tuple[ModelFinding, ...]:
         """Why it cannot be compiled; () where it can."""
         return tuple(f for f in self.findings if f.hinders)
 

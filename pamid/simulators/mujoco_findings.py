@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from pamid.simulators.mechanism import Finding
+from pamid.simulators.mechanism import ModelFinding
 from pamid.simulators.mujoco_file import MujocoFile
 
-DRAWS = 300  # configurations looked at for contacts
+CONFIGURATIONS = 300  # configurations looked at for contacts
 RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
@@ -27,7 +27,7 @@ _HARMLESS_FLAGS = (
 )
 
 
-def findings_of(file: MujocoFile, share: float, met: str) -> tuple[Finding, ...]:
+def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding, ...]:
     """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
     found = [
         *_joints(file),
@@ -48,7 +48,7 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
         return 0.0, ""
     data, random = mujoco.MjData(m), np.random.default_rng(0)
     touching, first = 0, ""
-    for draw in range(DRAWS):
+    for draw in range(CONFIGURATIONS):
         data.qpos[:] = m.qpos0
         if draw:
             _place(file, data.qpos, random)
@@ -60,7 +60,7 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
         touching += count > 0
         if not draw and count:
             return 1.0, first
-    return touching / DRAWS, first
+    return touching / CONFIGURATIONS, first
 
 
 def _place(file: MujocoFile, qpos: Any, random: np.random.Generator) -> None:
@@ -74,11 +74,11 @@ def _place(file: MujocoFile, qpos: Any, random: np.random.Generator) -> None:
 
 def _finding(
     file: MujocoFile, kind: str, number: int, text: str, *, hinders: bool = True
-) -> Finding:
-    return Finding(text, kind, file.name(kind, number), file.line(kind, number), hinders)
+) -> ModelFinding:
+    return ModelFinding(text, kind, file.name(kind, number), file.line(kind, number), hinders)
 
 
-def _joints(file: MujocoFile) -> Iterator[Finding]:
+def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.njnt):
         kind = file.word("mjtJoint", m.jnt_type[i])
@@ -94,7 +94,7 @@ def _joints(file: MujocoFile) -> Iterator[Finding]:
             yield _finding(file, "joint", i, text, hinders=False)
 
 
-def _bodies(file: MujocoFile) -> Iterator[Finding]:
+def _bodies(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nbody):
         if m.body_gravcomp[i]:
@@ -103,7 +103,7 @@ def _bodies(file: MujocoFile) -> Iterator[Finding]:
             yield _finding(file, "body", i, "a mocap body is moved from outside")
 
 
-def _tendons(file: MujocoFile) -> Iterator[Finding]:
+def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.ntendon):
         first, count = int(m.tendon_adr[i]), int(m.tendon_num[i])
@@ -121,7 +121,7 @@ def _tendons(file: MujocoFile) -> Iterator[Finding]:
             yield _finding(file, "tendon", i, "an armature or a limit of its actuators' force")
 
 
-def _actuators(file: MujocoFile) -> Iterator[Finding]:
+def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nactuator):
         drives = file.word("mjtTrn", m.actuator_trntype[i])
@@ -146,30 +146,32 @@ def _actuators(file: MujocoFile) -> Iterator[Finding]:
             yield _finding(file, "actuator", i, "armature or damping at a tendon")
 
 
-def _options(file: MujocoFile, share: float, met: str) -> Iterator[Finding]:
+def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]:
     m, mujoco = file.model, file.mujoco
     for i in range(m.neq):
         if m.eq_active0[i]:
             yield _finding(file, "equality", i, "a constraint that closes a loop")
     if m.opt.density or m.opt.viscosity:
-        yield Finding("a medium (density, viscosity) drags at the bodies", "option", "", 0, True)
+        yield ModelFinding(
+            "a medium (density, viscosity) drags at the bodies", "option", "", 0, True
+        )
     if m.nflex or m.nplugin:
-        yield Finding("flexible bodies or plugins", "model", "", 0, True)
+        yield ModelFinding("flexible bodies or plugins", "model", "", 0, True)
     known = 0
     for word in _HARMLESS_FLAGS.split():
         known |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{word}"))
     if m.opt.disableflags & ~known or m.opt.disableactuator:
-        yield Finding("forces are switched off by flags", "option", "", 0, True)
+        yield ModelFinding("forces are switched off by flags", "option", "", 0, True)
     if share:
         rare = share <= RARE
         text = (
             f"geoms touch ({met}) in {100 * share:.0f} % of the configurations within the joints' "
             f"ranges{': keep clear of them' if rare else ''}"
         )
-        yield Finding(text, "contact", "", 0, not rare)
+        yield ModelFinding(text, "contact", "", 0, not rare)
 
 
-def _sensors(file: MujocoFile) -> Iterator[Finding]:
+def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nsensor):
         word = file.word("mjtSensor", m.sensor_type[i])

@@ -14,9 +14,9 @@ from pamid.simulators.mechanism import (
     Body,
     Mechanism,
     MechanismJoint,
+    MechanismSensor,
     MechanismTendon,
     Range,
-    Sensor,
     Vector,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
@@ -301,7 +301,7 @@ def _sensors(
     tendons: tuple[MechanismTendon, ...],
     actuators: tuple[Actuator, ...],
     taken: set[str],
-) -> tuple[Sensor, ...]:
+) -> tuple[MechanismSensor, ...]:
     """The sensors that pamid can read; of a file without any, position and velocity of every
     joint."""
     m, found = file.model, []
@@ -320,7 +320,7 @@ def _sensors(
         unit = _units_of(joints, tendons, *at)[place]
         column = _fresh(with_unit(_stem(name, unit), unit), taken)
         found.append(
-            Sensor(
+            MechanismSensor(
                 name,
                 kind,
                 of,
@@ -342,7 +342,7 @@ def _sensors(
             ("jointvel", "velocity", f"{joint.unit}/s"),
         ):
             name = f"{joint.name}_{word}"
-            found.append(Sensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
+            found.append(MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
     return tuple(found)
 
 

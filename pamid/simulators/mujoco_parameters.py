@@ -22,11 +22,11 @@ from pamid.simulators.mechanism import (
 )
 from pamid.simulators.mujoco_file import MujocoFile
 
-TOLERANCE = 1.2  # factor, one standard deviation, around what the file states
-REACH = 10.0  # factor from the file's value to the bounds
-SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
-RATE = 1.0  # 1/s, of a typical damping over the inertia
-ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
+STATED_FACTOR = 1.2  # factor, one standard deviation, around what the file states
+BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
+ABSENT_SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
+TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia
+TYPICAL_ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
 
 
 def parameters_of(
@@ -60,10 +60,10 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
         return Parameter(
             name,
             value,
-            value / REACH,
-            value * REACH,
+            value / BOUND_FACTOR,
+            value * BOUND_FACTOR,
             unit,
-            spread=TOLERANCE,
+            spread=STATED_FACTOR,
             log=True,
             fitted=fitted,
             source="the model file, taken for right within 20 %",
@@ -71,10 +71,10 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
     return Parameter(
         name,
         value,
-        -REACH * size,
-        -size / REACH,
+        -BOUND_FACTOR * size,
+        -size / BOUND_FACTOR,
         unit,
-        spread=(TOLERANCE - 1.0) * size,
+        spread=(STATED_FACTOR - 1.0) * size,
         fitted=fitted,
         source="the model file, taken for right within 20 %",
     )
@@ -82,12 +82,12 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
 
 def _absent(name: str, size: float, unit: str) -> Parameter:
     """A number that the file states as zero."""
-    spread = SHARE * size
+    spread = ABSENT_SHARE * size
     return Parameter(
         name,
         0.0,
         0.0,
-        5.0 * REACH * spread,
+        5.0 * BOUND_FACTOR * spread,
         unit,
         spread=spread,
         fitted=False,
@@ -129,13 +129,13 @@ def _of_joint(i: int, joint: MechanismJoint) -> list[ModelParameter]:
         )
 
     return [
-        of("damping", joint.damping, inertia * RATE, quotient(force, velocity),
+        of("damping", joint.damping, inertia * TYPICAL_RATE, quotient(force, velocity),
            "dof_damping", joint.dof),
-        of("frictionloss", joint.friction_loss, inertia * ACCELERATION, force,
+        of("frictionloss", joint.friction_loss, inertia * TYPICAL_ACCELERATION, force,
            "dof_frictionloss", joint.dof),
         of("armature", joint.armature, inertia, "kg m2" if joint.kind == "hinge" else "kg",
            "dof_armature", joint.dof),
-        of("stiffness", joint.stiffness, inertia * RATE * RATE, quotient(force, joint.unit),
+        of("stiffness", joint.stiffness, inertia * TYPICAL_RATE**2, quotient(force, joint.unit),
            "jnt_stiffness", i),
     ]  # fmt: skip
 

@@ -13,19 +13,18 @@ from collections.abc import Sequence
 from pamid.simulators.mechanism import (
     Actuator,
     MechanismJoint,
+    MechanismSensor,
     MechanismTendon,
     ModelPort,
-    Sensor,
 )
-
-ACCELERATION = 10.0  # rad/s2 or m/s2: what moves a joint without a drive gives its inertia
+from pamid.simulators.mujoco_parameters import TYPICAL_ACCELERATION
 
 
 def ports_of(
     joints: Sequence[MechanismJoint],
     tendons: Sequence[MechanismTendon],
     actuators: Sequence[Actuator],
-    sensors: Sequence[Sensor],
+    sensors: Sequence[MechanismSensor],
 ) -> tuple[ModelPort, ...]:
     """All of them, in this order; the port of a joint has the joint's own name."""
     found: list[ModelPort] = []
@@ -49,7 +48,7 @@ def ports_of(
 def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     inertia = "kg m2" if joint.kind == "hinge" else "kg"
     motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
-    size = () if driven else (("value", max(joint.typical_inertia, 1e-9) * ACCELERATION),)
+    size = () if driven else (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
     return [
         ModelPort(joint.name, "motion", joint.force_unit, motion, "joint", i, size),
         ModelPort(

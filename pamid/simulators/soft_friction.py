@@ -16,12 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from pamid.simulators.tree_dynamics import Factors, Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, absolute, clip, where
-
-if TYPE_CHECKING:
-    from pamid.simulators.tree_dynamics import Factors, Tree
 
 SWEEPS, SOLVES = 4, 2  # of several joints; a single one is found at once
 

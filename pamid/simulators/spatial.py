@@ -96,7 +96,7 @@ class Spatial(NamedTuple):
         return Spatial(plus(cross(self.a, force.a), cross(self.b, force.b)), cross(self.a, force.b))
 
 
-STILL = Spatial(NOUGHT, NOUGHT)
+AT_REST = Spatial(NOUGHT, NOUGHT)
 
 
 class Inertia(NamedTuple):

@@ -3,15 +3,6 @@
 Everything is held about the world's origin, link by link. The mass matrix comes from composite
 inertias, the bias c from the recursive Newton-Euler algorithm, and q'' from the factors L' D L of
 M, which has no fill-in for a tree (Featherstone 2008, Rigid Body Dynamics Algorithms, ch. 5, 6, 8).
-
-What q'' depends on is not found by differentiating all that. Along a solution the inverse dynamics
-ID(q, q', q'', p) = force stay true, so that
-
-    dq'' = M^-1 (dforce - dID)      at q'' held
-
-and the partials of ID have a closed form in the composites (Singh, Russell and Wensing 2022, IEEE
-Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. By a mass, ID has the force on
-that body per mass.
 """
 
 from __future__ import annotations
@@ -24,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint
-from pamid.simulators.soft_friction import SoftFriction, rub
 from pamid.simulators.spatial import (
+    AT_REST,
     IDENTITY,
     NOTHING,
     NOUGHT,
-    STILL,
     UNMOVED,
     Inertia,
     Mat,
@@ -182,7 +172,7 @@ class Tree:
     def velocity(self) -> list[Spatial]:
         found: list[Spatial] = []
         for i in range(self.n):
-            found.append(self._below(found, i, STILL) + self.axis[i].by(self.qd[i]))
+            found.append(self._below(found, i, AT_REST) + self.axis[i].by(self.qd[i]))
         return found
 
     def _below(self, of: list[Spatial], i: int, ground: Spatial) -> Spatial:
@@ -191,7 +181,7 @@ class Tree:
     @cached_property
     def turning(self) -> list[Spatial]:
         """How fast each joint's motion vector turns."""
-        return [self._below(self.velocity, i, STILL).cross(self.axis[i]) for i in range(self.n)]
+        return [self._below(self.velocity, i, AT_REST).cross(self.axis[i]) for i in range(self.n)]
 
     @cached_property
     def momentum(self) -> list[Spatial]:
@@ -313,7 +303,7 @@ class Tree:
         return change
 
     def _second(self, i: int, acceleration: list[Spatial]) -> Spatial:
-        below = self._below(self.velocity, i, STILL)
+        below = self._below(self.velocity, i, AT_REST)
         pushed = self._below(acceleration, i, self.gravity)
         return pushed.cross(self.axis[i]) + below.cross(self.turning[i])
 
@@ -330,38 +320,6 @@ class Tree:
             alone = one.each.momentum(acceleration[i]) + self.velocity[i].cross_force(h)
             found.append((one.mass, alone))
         return found
-
-    def accelerations(
-        self,
-        force: Sequence[Expr],
-        passed: Sequence[Expr | None],
-        friction: Sequence[SoftFriction | None],
-    ) -> list[Expr]:
-        """q'' under these forces, with its exact derivatives.
-
-        force: at each joint, without c and friction. passed: where what reaches the joint is not
-        force - c but something else that was made of `force - self.holding`, that; elsewhere None.
-        """
-        reaching = [
-            f - c if p is None else p for f, c, p in zip(force, self.holding, passed, strict=True)
-        ]
-        found = rub(self, reaching, friction)
-        still = [held(v) for v in found.value]
-        moving = self.inverse_dynamics(still)
-        change = []
-        for i in range(self.n):
-            own = moving[i] + still[i] * (self.armature[i] + found.added[i]) - found.friction[i]
-            if passed[i] is None:
-                change.append(own - force[i])
-            else:
-                change.append(own - self.holding_change[i] - reaching[i])
-        inverse = [self.unit(found.factors, i) for i in range(self.n)]
-        return [
-            tangent(
-                found.value[i], -total([held(inverse[j][i]) * change[j] for j in range(self.n)])
-            )
-            for i in range(self.n)
-        ]
 
     def unit(self, factors: Factors, i: int) -> list[Expr]:
         """A column of M^-1."""
@@ -384,13 +342,6 @@ class Tree:
         joints' velocities make of it, over the inertia without the motor's."""
         carried = self.mass_matrix[j, j] - self.armature[j]
         return -self.holding[j] / maximum(carried, 1e-12)
-
-
-def total(terms: Sequence[Expr]) -> Expr:
-    found = ZERO
-    for one in terms:
-        found = found + one
-    return found
 
 
 # ---- numbers -------------------------------------------------------------------------------------

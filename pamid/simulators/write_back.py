@@ -7,6 +7,7 @@ and every value that it does not find as it should be is told instead.
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -69,8 +70,10 @@ def write_back(mechanism: Mechanism, values: Mapping[str, float]) -> WrittenMode
 
 def _not_found_again(path: Path, text: bytes, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
     """The values that MuJoCo reads otherwise from the text than they were to be. The text stands
-    beside the file for a moment, where it finds the meshes that it names."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=path.suffix) as beside:
+    beside the file for a moment, where it finds the meshes that it names; elsewhere where that
+    folder cannot be written."""
+    folder = path.parent if os.access(path.parent, os.W_OK) else None
+    with tempfile.NamedTemporaryFile(dir=folder, suffix=path.suffix) as beside:
         beside.write(text)
         beside.flush()
         try:

@@ -4,9 +4,10 @@ spells it.
 An operator is added here and nowhere else: folding of constants, derivatives, machine code, and the
 exports to C, MATLAB and ONNX all read this table; `tests/unit/test_operators.py` walks it.
 
-Three kinds of node are no operators and are known to every reader by name: `const`, `symbol` and
+Four kinds of node are no operators and are known to every reader by name: `const`, `symbol`,
 `where`, whose condition is a truth value rather than a number and whose derivative is a choice
-between two. Memory operators (play, lag, delay ...) are gone before anything is compiled or
+between two, and `tangent`, of which `pamid.symbolic.expression.plain` leaves the value.
+Memory operators (play, lag, delay ...) are gone before anything is compiled or
 exported, see `pamid.symbolic.memory_cells`.
 """
 

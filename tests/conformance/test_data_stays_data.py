@@ -53,11 +53,12 @@ DANGEROUS = {
     "extractall",
 }
 #: where it is meant: a file the user named; jobs of a cluster the user named; a digest of code;
-#: compiled patterns
+#: compiled patterns; MuJoCo's reading of a model, which makes numbers of it and runs nothing
 MEANT = {
     ("pamid/model/registry.py", "exec"),
     ("pamid/parallel/dask_backend.py", "cloudpickle"),
     ("pamid/parallel/result_store.py", "marshal"),
+    ("pamid/simulators/mujoco_file.py", "compile"),
 }
 HARMLESS = {"re.compile", "platform.system"}
 

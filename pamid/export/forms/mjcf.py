@@ -18,6 +18,8 @@ _AT_A_JOINT = {
     "viscous-friction": ("damping", "damping"),
 }
 
+_SOFT = "solreffriction and solimpfriction of the joint say how"
+
 
 def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Written:
     """FileError for a rig that is not made of a model file."""
@@ -53,7 +55,8 @@ def _effect(
         for port in ports:
             name = _parameter(mechanism, port.number, attribute).parameter.name
             found[name] += own[parameter]
-        return ""
+        soft = effect == "coulomb-friction"
+        return f"{label} is a frictionloss there, which sets in softly: {_SOFT}" if soft else ""
     told = ", ".join(f"{k} = {v:.5g}" for k, v in own.items())
     return (
         f"{label} ({told}, SI) is not in the file: no attribute says it; "

@@ -1,0 +1,58 @@
+"""Accelerations of a tree under forces and friction, with derivatives that follow from the
+equations they solve.
+
+What q'' depends on is not found by differentiating how it is computed. Along a solution the inverse
+dynamics ID(q, q', q'', p) = force stay true, so that
+
+    dq'' = M^-1 (dforce - dID)      at q'' held
+
+and the partials of ID have a closed form in the composites (Singh, Russell and Wensing 2022, IEEE
+Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. By a mass, ID has the force on
+that body per mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pamid.simulators.soft_friction import SoftFriction, rub
+from pamid.simulators.tree_dynamics import Tree
+from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
+
+
+def accelerations(
+    tree: Tree,
+    force: Sequence[Expr],
+    passed: Sequence[Expr | None],
+    friction: Sequence[SoftFriction | None],
+) -> list[Expr]:
+    """q'' (n,) under these forces, with its exact derivatives.
+
+    force: at each joint, without c and friction. passed: where what reaches the joint is not
+    force - c but something else that was made of `force - tree.holding`, that; elsewhere None.
+    """
+    reaching = [
+        f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
+    ]
+    found = rub(tree, reaching, friction)
+    still = [held(v) for v in found.value]
+    moving = tree.inverse_dynamics(still)
+    change = []
+    for i in range(tree.n):
+        own = moving[i] + still[i] * (tree.armature[i] + found.added[i]) - found.friction[i]
+        if passed[i] is None:
+            change.append(own - force[i])
+        else:
+            change.append(own - tree.holding_change[i] - reaching[i])
+    inverse = [tree.unit(found.factors, i) for i in range(tree.n)]
+    return [
+        tangent(found.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
+        for i in range(tree.n)
+    ]
+
+
+def _total(terms: Sequence[Expr]) -> Expr:
+    found = ZERO
+    for one in terms:
+        found = found + one
+    return found
