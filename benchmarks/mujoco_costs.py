@@ -6,7 +6,8 @@ costs  a free run of 66667 samples of 3 ms, one RK4 step each, and one with sens
        parameters that are fitted (20 at most): the model compiled into equations; stepped by
        MuJoCo, where that way is installed; MuJoCo's own rollout in C, once and once more for each
        parameter, as differences want it; and mjd_transitionFD, which gives the derivatives by state
-       and command along one run, none by parameters, on a twentieth of the samples.
+       and command along one run, none by parameters, on a twentieth of the samples (implicitfast,
+       since it does not do RK4).
 fits   the same parameters (masses, dampings, armatures; gains of servos held, since only a known
        torque gives a mass) fitted to the same log by pamid and by mujoco.sysid (pip install
        'mujoco[sysid]'). Nothing is missing in the model, its masses are 10 to 20 % off. The log has
@@ -153,6 +154,7 @@ def _rollouts(path: Path, u: Array, count: int) -> None:
         f"  {'mujoco.rollout:':26s} {free:8.3f}   {count + 1} of them, as differences want "
         f"{(count + 1) * free:8.3f}"
     )
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # it knows no RK4
     nv, nu = model.nv, model.nu
     A, B = np.zeros((2 * nv, 2 * nv)), np.zeros((2 * nv, nu))
 

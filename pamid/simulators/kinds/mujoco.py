@@ -26,8 +26,11 @@ def rig_of(mechanism: Mechanism) -> Rig:
         raise FileError(f"{mechanism.path}: it has no joints, so nothing in it can move.")
     if not mechanism.sensors:
         raise FileError(
-            f"{mechanism.path}: it has no sensor that pamid can read.",
-            "Add <jointpos joint=...> for every joint that is recorded, or leave <sensor> out.",
+            f"{mechanism.path}: it has no sensor that pamid can read"
+            + "".join(f"; {why}" for why in mechanism.hindrances)
+            + ".",
+            "Add <jointpos joint=...> for every hinge or slide that is recorded, or leave <sensor> "
+            "out.",
         )
     if mechanism.hindrances:
         return SteppedMechanism(mechanism)
