@@ -86,6 +86,9 @@ print(run)
 assert run.causes[0].family == "friction" and "joint1" in run.causes[0].effect
 run
 
+# %%
+run.plot_worst_window()
+
 # %% [markdown]
 # ## 4. The model, written back
 #  Identified values go into the model's own text, which keeps its comments and its order; what MJCF

@@ -23,13 +23,14 @@ from pamid.model.bound_parameter import Bound, Range
 
 def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> Assembly | None:
     """The model with wider ranges of what its last effect's parameters ended at; None where there
-    is none such."""
+    is none such. The lower end of a factor stays: it keeps an equation from growing stiff."""
     found = {
         e.bound.key: (
             e.bound.low * settings.wider if e.at_bound == "low" else e.bound.low,
             e.bound.high * settings.wider if e.at_bound == "high" else e.bound.high,
         )
         for e, _ in _at_guesses(assembly, fitted)
+        if not _is_limit(e)
     }
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
 
@@ -38,9 +39,23 @@ def at_bounds(
     model: CandidateModel, settings: Settings = DEFAULT, label: str = ""
 ) -> tuple[str, ...]:
     """Parameters of one of the model's effects (default: the last) that are pressed against a
-    bound which physics did not set, by their names outside."""
+    bound which physics did not set, by their names outside. The lower end of a factor is none: it
+    keeps an equation from growing stiff, and what ends there (friction that gives next to nothing
+    before it slips) is as the limit of its form."""
     found = _at_guesses(model.assembly, model.fit, label)
-    return tuple(e.bound.name for e, pressed in found if pressed > settings.pressed)
+    return tuple(
+        e.bound.name for e, pressed in found if pressed > settings.pressed and not _is_limit(e)
+    )
+
+
+def is_plain_inside(model: CandidateModel, settings: Settings = DEFAULT) -> bool:
+    """Has none of the last effect's parameters ended at a bound or at the limit of its form? One
+    at its limit is a plainer effect with a parameter too many."""
+    return all(p <= settings.pressed for _, p in _at_guesses(model.assembly, model.fit))
+
+
+def _is_limit(e: FittedParameter) -> bool:
+    return e.at_bound == "low" and e.bound.log
 
 
 def _at_guesses(
@@ -60,10 +75,8 @@ def _at_guesses(
 
 
 def _guessed(bound: Bound, end: str) -> bool:
-    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing? The
-    lower end of a factor is neither: it keeps an equation from growing stiff, so that what ends
-    there (friction that gives next to nothing before it slips) is as the limit of its form."""
-    if not bound.sized or (end == "low" and bound.log):
+    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing?"""
+    if not bound.sized:
         return False
     return bound.high > 0.0 if end == "high" else bound.low != 0.0
 

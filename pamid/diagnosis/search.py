@@ -17,7 +17,7 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
-from pamid.diagnosis.ranges import at_bounds, mirrored, widened
+from pamid.diagnosis.ranges import is_plain_inside, mirrored, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
@@ -265,15 +265,15 @@ def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel
 def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     """The first, or a simpler member of its family over which its gain is slight or uncertain (the
     one-standard-error rule of Breiman et al. 1984, at three). Where a parameter of the first ended
-    at a bound that physics did not set, any model counts as simpler whose parameters did not: such
-    an end says that the form is another."""
+    at a bound that physics did not set, or at the limit of its form, any model counts as simpler
+    whose parameters did not: such an end says that the form is another."""
     best = ranking[0]
-    forced = bool(at_bounds(best, search.settings))
+    forced = not is_plain_inside(best, search.settings)
     same_family = [
         c
         for c in ranking[1:]
         if (c.family == best.family and _complexity(c) < _complexity(best))
-        or (forced and not at_bounds(c, search.settings))
+        or (forced and is_plain_inside(c, search.settings))
     ]
     if not same_family:
         return best
