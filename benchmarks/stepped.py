@@ -17,7 +17,9 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path[:0] = [
+    str(Path(__file__).resolve().parents[1] / "tests" / part) for part in ("", "support")
+]
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "data/rigs/stepped_pendulum.py"
 ROUNDS = 3
@@ -44,7 +46,7 @@ def cost(rig: Rig, u: np.ndarray, slopes: bool) -> tuple[float, int]:
 
 def main() -> None:
     from integration.test_stepped_mujoco import COMMANDS, LEG
-    from rigs.pendulums import SteppedTwin, WrittenPendulum
+    from pendulums import SteppedTwin, WrittenPendulum
 
     pushed = np.random.default_rng(0).standard_normal((2000, 1))
     with tempfile.TemporaryDirectory() as folder:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from rigs.pendulums import WrittenPendulum
+from pendulums import WrittenPendulum
 
 import pamid
 from pamid.base.errors import PamidError

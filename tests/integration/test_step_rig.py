@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from pamid_cli import frame
-from rigs.pendulums import SteppedTwin, WrittenPendulum
+from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
 from pamid.base.errors import PamidError
