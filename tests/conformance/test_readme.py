@@ -93,7 +93,7 @@ def test_effects_and_rigs_named_exist(page: Path) -> None:
                 assert split_spec(value)[0].partition("@")[0] in effects(), value
             if option == "--rig" and value.endswith(".py") and not value.startswith("./"):
                 assert (ROOT / value).is_file(), value
-            if option == "--rig" and not value.endswith(".py"):
+            if option == "--rig" and not value.startswith("./") and not value.endswith(".py"):
                 assert value in rigs(), value
     for text in quoted(page):
         if re.fullmatch(r"[a-z]+(-[a-z]+)+", text):
