@@ -13,8 +13,8 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-#: endings of model files that a rig can be made of (`pamid.model.model_file`). Nothing in them is
-#: run; like code they are opened only where the user names them
+#: endings of model files that a rig can be made of (`pamid.model.model_file`). The binary of an FMU
+#: is run; like code all of them are opened only where the user names them
 MODEL_ENDINGS = (".xml", ".mjcf", ".urdf", ".fmu")
 
 
