@@ -1,4 +1,4 @@
-"""the model file (MJCF or URDF) that the rig was made of, with the identified values."""
+"""`pamid export --to mjcf`: the model file (MJCF or URDF) of the rig, with what was found."""
 
 from __future__ import annotations
 
