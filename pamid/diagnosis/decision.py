@@ -159,10 +159,15 @@ def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     return beyond and (probable or left.missing >= plain)
 
 
-def _plausible(tied: list[Weighed], settings: Settings) -> list[Weighed]:
-    """Those that the other figures do not speak against, beside the most probable one."""
+def _plausible(
+    tied: list[Weighed], weighed: Sequence[Weighed], settings: Settings
+) -> list[Weighed]:
+    """Those that the other figures do not speak against, beside the most probable one; all of them
+    where an effect of the best model is not among these."""
     most = max((w.probability for w in tied), default=0.0)
-    return [w for w in tied if w.probability >= settings.ambiguous_share * most]
+    found = [w for w in tied if w.probability >= settings.ambiguous_share * most]
+    own = {w.effect for w in weighed}
+    return found if any(w.effect in own for w in found) else tied
 
 
 def more_probable_than_not(
@@ -197,7 +202,7 @@ def decide(
     gap_real, rest_real = (is_real(p, m, settings) for p, m in ((gap, before), (rest, after)))
     fit = [w for w in weighed if not w.objections(settings)]
     named = [w for w in fit if w.probability >= yes]
-    one_of = _plausible([w for w in tied if not w.objections(settings)], settings)
+    one_of = _plausible([w for w in tied if not w.objections(settings)], weighed, settings)
     together = min(1.0, sum(w.probability for w in one_of))
     known = max((w.probability for w in weighed), default=0.0)
     why = doubt

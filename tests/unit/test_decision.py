@@ -163,6 +163,10 @@ def test_families_that_tie_are_ambiguous_where_one_of_them_is_probable() -> None
     assert found.named == (FRICTION.effect, LEAK.effect)
     few = [replace(one, probability=0.1) for one in halves]
     assert decide(GAP, GAP, few[:1], few).verdict == "unknown-effect"
+    slight = [replace(FRICTION, probability=0.8), replace(LEAK, probability=0.1)]
+    assert decide(GAP, SILENT, slight[:1], slight).named == (FRICTION.effect,)
+    behind = [replace(FRICTION, probability=0.1), replace(LEAK, probability=0.8)]
+    assert len(decide(GAP, SILENT, behind[:1], behind).named) == 2, "the best model's own stays"
     twins = [FRICTION, replace(FRICTION, effect="lugre-friction")]
     assert decide(GAP, SILENT, twins[:1], twins).verdict == "explained", "of one family"
 

@@ -137,7 +137,7 @@ def test_what_becomes_more_probable_is_not_dropped_for_it(
 
     first = decide(before, after, weighed, tied, doubt=doubt)
     then = decide(before, after, raised(weighed), raised(tied), doubt=doubt)
-    assert set(first.named) <= set(then.named)
+    assert one.effect in then.named or one.effect not in first.named
     beside = decide(before, after, raised(weighed), [], raised(tied), doubt=doubt)
     assert (
         one.effect in beside.named
