@@ -175,8 +175,12 @@ def more_probable_than_not(
 ) -> list[Weighed]:
     """The fewest families, two at least, of which one is there more probably than not: a single
     cause has one family, so that their probabilities add up. Empty where that takes too many."""
-    fit = [w for w in rivals if not w.objections(settings)]
-    fit = sorted(fit, key=lambda w: w.probability, reverse=True)[: settings.ambiguous_families]
+    ordered = sorted(rivals, key=lambda w: w.probability, reverse=True)
+    of: dict[str, Weighed] = {}
+    for w in ordered:
+        if not w.objections(settings):
+            of.setdefault(w.family, w)
+    fit = list(of.values())[: settings.ambiguous_families]
     sums = np.cumsum([w.probability for w in fit])
     enough = np.flatnonzero(sums >= calibration().lines["cause"].yes)
     return fit[: max(int(enough[0]) + 1, 2)] if enough.size and len(fit) > 1 else []
