@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from pamid.diagnosis.candidate_model import CandidateModel, replayed
 from pamid.diagnosis.cross_fitting import Crossed, crossed, reported
@@ -39,7 +40,6 @@ class Member:
     removes: Share
 
 
-T = TypeVar("T")
 Tied = tuple[CandidateModel, Member]
 
 
@@ -158,28 +158,31 @@ def _weighed_up(
     )
     alike = indistinguishable_from_first(search, c.ranking, c.classes)
     halves = crossed(search, c.ranking, best, alike, c.classes)
-    tied = tuple(
-        (one, _member(search, one.attached[0], one, base, own, halves))
-        for one, own in zip(c.ranking, c.signatures, strict=True)
-        if one in alike or (halves and not halves.steady and one is halves.other)
-    )
     members = _members(search, c.ranking, c.signatures, best, c.located, halves)
-    rivals = tuple(
-        (one, _member(search, one.attached[0], one, base, own, halves))
-        for one, own in _of_families(tuple(zip(c.ranking, c.signatures, strict=True)), best)
-    )
+    tied = [
+        one
+        for one in c.ranking
+        if one in alike or (halves and not halves.steady and one is halves.other)
+    ]
+    rivals = _of_families(c.ranking, best)
+    alone = {
+        one: _member(search, one.attached[0], one, base, own, halves)
+        for one, own in zip(c.ranking, c.signatures, strict=True)
+        if one in tied or one in rivals
+    }
     decision = decide(
         grounds.before,
         grounds.after(c.forward_steps),
         [_weighed(search, c, best, m) for m in members],
-        [_weighed(search, c, one, m) for one, m in _of_families(tied, best)],
-        [_weighed(search, c, one, m) for one, m in rivals],
+        [_weighed(search, c, one, alone[one]) for one in _of_families(tied, best)],
+        [_weighed(search, c, one, alone[one]) for one in rivals],
         doubt=c.doubt,
         settings=search.settings,
     )
     if decision.verdict == "ambiguous":
-        tied = tuple(t for t in dict((*rivals, *tied)).items() if t[0].label in decision.named)
-    return _WeighedUp(best, after, grounds, halves, tied, members, decision)
+        tied = [one for one in alone if one.label in decision.named]
+    one_of = tuple((one, alone[one]) for one in tied)
+    return _WeighedUp(best, after, grounds, halves, one_of, members, decision)
 
 
 def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
@@ -274,13 +277,11 @@ def _alone_or_refitted(
     return own or refitted_with(search, attached, source)
 
 
-def _of_families(
-    models: tuple[tuple[CandidateModel, T], ...], best: CandidateModel
-) -> list[tuple[CandidateModel, T]]:
+def _of_families(models: Sequence[CandidateModel], best: CandidateModel) -> list[CandidateModel]:
     """The first of every family among models of one effect each, where the best has one: neither
     ties nor rivals are sought among several effects."""
-    first = {c.family: c for c, _ in reversed(models)}
-    return [(c, m) for c, m in models if first[c.family] is c] if len(best.attached) == 1 else []
+    first = {c.family: c for c in reversed(models)}
+    return [c for c in models if first[c.family] is c] if len(best.attached) == 1 else []
 
 
 def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:

@@ -41,7 +41,6 @@ class Signature:
     bounds: float  # parameters that ended at a bound which physics did not set
     converged: float  # 1 or 0
     beside: float  # number of other effects in its model
-    beyond: float  # share of the gap by which it goes beyond a network fitted to the same windows
 
     def features(self) -> dict[str, float]:
         """As the logistic function takes them: within the range of the trial, what spans decades
@@ -62,7 +61,6 @@ class Signature:
             "bounds": within(self.bounds, 0.0, 1.0),
             "converged": self.converged,
             "beside": within(self.beside, 0.0, 1.0),
-            "beyond": within(self.beyond, -1.0, 1.0),
         }
 
 
@@ -79,7 +77,6 @@ def signature(
     family, or the model without; located: latent evidence before any effect."""
     gap = max(search.excess(search.budget.baseline), 1e-9)
     before, after = search.excess(without), search.excess(model)
-    network = search.budget.excess(search.budget.black_box, search.chosen)
     losses = search.losses([without, model, rival])
     rows = search.chosen
     smaller = (
@@ -106,7 +103,6 @@ def signature(
         bounds=float(len(at_bounds(model, search.settings, effect.label))),
         converged=float(model.fit.converged),
         beside=float(len(model.attached) - 1),
-        beyond=(network - after) / gap,
     )
 
 

@@ -97,7 +97,7 @@ def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     nearest = found.members[0] if len(found.members) == 1 and not found.causes else None
     if nearest is None or nearest.family not in families or nearest.removes is None:
         return text
-    if nearest.removes.share is None or (nearest.removes.low or 0.0) <= 0.0:
+    if nearest.removes.low <= 0.0:
         return text
     share = percent_text(nearest.removes.share)
     return f"{text} (the nearest in it is {_with_chance(nearest, spelling)}, {share} of the gap)"

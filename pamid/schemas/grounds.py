@@ -67,10 +67,6 @@ class SignatureFigures(NumbersByKey):
     )
     converged: Written[Number] = Field(None, description="1 or 0")
     beside: Written[Number] = Field(None, description="other effects in its model")
-    beyond: Written[Number] = Field(
-        None,
-        description="share of the gap by which it goes beyond a network fitted to the same windows",
-    )
 
 
 class Grounds(NumbersByKey):

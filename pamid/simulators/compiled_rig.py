@@ -60,10 +60,10 @@ class CompiledMechanism(Rig):
         self._ports = {(p.element, p.number, p.kind): p.name for p in m.ports}
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        return _Equations(self, x, u, p, port).rates()
+        return MechanismEquations(self, x, u, p, port).rates()
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        equations = _Equations(self, x, u, p, port)
+        equations = MechanismEquations(self, x, u, p, port)
         return {s.column: equations.reading(i, s) for i, s in enumerate(self.mechanism.sensors)}
 
     def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
@@ -116,7 +116,7 @@ def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
     return m.tendons[actuator.tendon].joints if actuator.tendon >= 0 else (actuator.joint,)
 
 
-class _Equations:
+class MechanismEquations:
     """One run through the equations of a mechanism, on symbols."""
 
     def __init__(self, rig: CompiledMechanism, x: Any, u: Any, p: Any, port: Any) -> None:

@@ -22,7 +22,7 @@ from pamid.simulators.mechanism import (
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_findings import contact_share, findings_of
 from pamid.simulators.mujoco_parameters import parameters_of
-from pamid.simulators.mujoco_ports import ports_of
+from pamid.simulators.mujoco_ports import numbered, ports_of
 
 #: what a sensor reads: (element, place of its value's unit among position, velocity and force)
 SENSORS = {
@@ -84,12 +84,7 @@ class _Names:
         self.used: dict[str, set[str]] = {}
 
     def of(self, kind: str, number: int) -> str:
-        stem = name = _word(self.file.name(kind, number))
-        used, count = self.used.setdefault(kind, set()), 2
-        while name in used:
-            name, count = f"{stem}_{count}", count + 1
-        used.add(name)
-        return name
+        return numbered(_word(self.file.name(kind, number)), self.used.setdefault(kind, set()))
 
 
 def _word(name: str) -> str:

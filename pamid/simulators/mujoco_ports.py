@@ -35,10 +35,10 @@ def ports_of(
             found += _at_joint(i, joint, i in driven)
     taken = {port.name for port in found}
     for i, actuator in enumerate(actuators):
-        name = _fresh(f"{actuator.name}_command", taken)
+        name = numbered(f"{actuator.name}_command", taken)
         found.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
     for i, sensor in enumerate(sensors):
-        name = _fresh(sensor.name, taken)
+        name = numbered(sensor.name, taken)
         rates = {"rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}
         offered = (("rate", rates[sensor.unit]),) if sensor.kind.endswith("pos") else ()
         found.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
@@ -63,7 +63,8 @@ def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     ]
 
 
-def _fresh(name: str, taken: set[str]) -> str:
+def numbered(name: str, taken: set[str]) -> str:
+    """The name, with a number behind it where it is taken, which it is from then on."""
     stem, count = name, 2
     while name in taken:
         name, count = f"{stem}_{count}", count + 1

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
-from pamid.simulators.compiled_rig import CompiledMechanism, _Equations
+from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
 from pamid.simulators.mechanism import Actuator, Mechanism
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
@@ -70,7 +70,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     # ---- what goes in, and what comes of it ------------------------------------------------------
 
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        equations, m = _Equations(self, x, u, p, port), self.mechanism
+        equations, m = MechanismEquations(self, x, u, p, port), self.mechanism
         own = [i for i, a in enumerate(m.actuators) if a.adr >= 0]
         into: dict[str, Number] = {
             f"{m.actuators[i].name}_command": equations.command(i) for i in own
@@ -83,7 +83,9 @@ class SteppedMechanism(StepRig, CompiledMechanism):
             into[f"{m.joints[j].name}_force"] = passed - inside[j]
         return into
 
-    def _known_forces(self, equations: _Equations, p: Any, actuators: Iterable[int]) -> list[Expr]:
+    def _known_forces(
+        self, equations: MechanismEquations, p: Any, actuators: Iterable[int]
+    ) -> list[Expr]:
         """What joints, tendons and these actuators are known to exert at every joint."""
         m = self.mechanism
         found = [ZERO] * len(m.joints)

@@ -39,9 +39,9 @@ CALIBRATION_SCHEMA = "pamid.calibration/1"
 #: features below left the smallest log loss on machines that were left out (1 to 16, six sets)
 RIDGE = {"missing": 4.0, "cause": 4.0, "further": 4.0}
 #: question -> features it looks at; more of them fit the machines at hand and mislead on others.
-#: `beyond` is left out of `cause`: on virtual machines it helps (log loss 0.259 for 0.272), but a
-#: network learns more from a real machine's recordings, where it spoke against the right cause on
-#: three of three measured sets
+#: What a network takes beyond an effect is left out of `cause`: on virtual machines it helps (log
+#: loss 0.259 for 0.272), but a network learns more from a real machine's recordings, where it spoke
+#: against the right cause on three of three measured sets
 LOOKS_AT = {
     "missing": ("floors", "of_signal", "missing", "next_sure", "network"),
     "cause": ("removed", "sure", "steady", "lead_sure", "wins", "evidence", "bounds"),

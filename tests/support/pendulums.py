@@ -2,46 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pamid.model.effect import State
-from pamid.model.parameter import Parameter
-from pamid.model.rig import Port, Rig
+from pamid.model.registry import rig_named
+from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.symbolic.vocabulary import Number, cos, sin
 
 GRAVITY = 9.81
+#: what the machine is called and consists of is declared there, once
+EXAMPLE = rig_named(str(Path(__file__).resolve().parents[2] / "data/rigs/stepped_pendulum.py"))
 
 
 class WrittenPendulum(Rig):
     """With equations."""
 
-    inputs = {"force_n": "N"}
-    outputs = {"position_m": "m", "angle_rad": "rad"}
-    ports = {
-        "rail": Port("motion", "N", ("position", "velocity")),
-        "hinge": Port("motion", "N m", ("position", "velocity"), size={"value": 0.5}),
-        "ruler": Port("reading", "m"),
-        "encoder": Port("reading", "rad"),
-    }
-    states = (
-        State("position", "m"),
-        State("velocity", "m/s"),
-        State("angle", "rad"),
-        State("turning", "rad/s"),
-    )
-    parameters = (
-        Parameter("cart_kg", 1.0, 0.3, 3.0, source="scale"),
-        Parameter("bob_kg", 0.2, 0.05, 0.8, source="scale"),
-        Parameter("rod_m", 0.4, 0.2, 0.8, source="ruler"),
-        Parameter("rail_n_s_per_m", 2.0, 0.2, 20.0, source="guess"),
-        Parameter("hinge_n_m_s", 0.01, 0.001, 0.1, source="guess"),
-    )
-    noise = {"position_m": 2e-4, "angle_rad": 1e-3}
-    excited = {"force_n": 6.0}
-    period_s = 0.01
+    inputs, outputs, ports = EXAMPLE.inputs, EXAMPLE.outputs, EXAMPLE.ports
+    states, parameters = EXAMPLE.states, EXAMPLE.parameters
+    noise, excited, period_s = EXAMPLE.noise, EXAMPLE.excited, EXAMPLE.period_s
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         into = self.drive(x, u, p, port)

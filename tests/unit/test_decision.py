@@ -70,7 +70,6 @@ SPEAKING = Signature(
     bounds=0.0,
     converged=1.0,
     beside=0.0,
-    beyond=0.6,
 )
 SPEECHLESS = replace(
     SPEAKING,
@@ -80,7 +79,6 @@ SPEECHLESS = replace(
     steady=0.5,
     lead=-0.2,
     lead_sure=-6.0,
-    beyond=-0.4,
     wins=0.0,
     at_port=0.3,
     evidence=1.0,
