@@ -57,7 +57,7 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
     """MAE of the model in its own loop over the held-out part, with the band a 0.1 % change of
     conductance-like (logarithmic) parameters moves it by; None where no recording was made in a
     closed loop."""
-    runs = {"data_sheet": g.assembly.values(), "refitted": g.fit.p}
+    runs = {"data_sheet": g.assembly.data_sheet(), "refitted": g.fit.p}
     errors: dict[str, dict[str, list[float]]] = {}
     for span in g.evidence.held_out:
         for name, p in runs.items():

@@ -101,7 +101,8 @@ def fit_model(
         for i, r in enumerate(replays)
     )
     sheet = tuple(
-        replay_track(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held
+        replay_track(assembly, assembly.data_sheet(), t, fitted.stepping, evidence.noise)
+        for t in held
     )
     return GreyBox(
         evidence,

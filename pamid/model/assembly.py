@@ -117,6 +117,10 @@ class Assembly:
             p[i] = value * factor
         return p
 
+    def data_sheet(self) -> Array:
+        """Parameter vector (SI) of the rig as its data sheet has it: every effect at its null."""
+        return np.array([b.value if b.null is None else b.null for b in self.parameters])
+
     def index_of(self, name: str) -> int:
         """Place of a parameter; see `place_of`."""
         return self.place_of(name)[0]

@@ -22,9 +22,10 @@ from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.registry import rig_named
+from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
@@ -195,6 +196,14 @@ def test_the_angle_alone_is_enough_to_fit_and_says_less() -> None:
 @cache
 def joint_model() -> GreyBox:
     return fit_model(split_recordings(JOINT, [recorded(7, 15.0)], []))
+
+
+def test_the_data_sheet_knows_nothing_of_an_effect() -> None:
+    """Whatever size an effect begins with: the figure is that of the rig alone."""
+    attached = attachments(JOINT, [effects()["coulomb-friction"]])[:1]
+    with_friction = fit_model(split_recordings(JOINT, [recorded(7, 15.0)], []), attached)
+    for alone, beside in zip(joint_model().data_sheet, with_friction.data_sheet, strict=True):
+        np.testing.assert_allclose(beside.model, alone.model, rtol=1e-6, atol=1e-9)
 
 
 def test_doubled_substeps_change_nothing() -> None:
