@@ -35,6 +35,7 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import toml_string
 
 WHOLE_NAME = 100  # score of a channel that is called as the column is
+PAUSE = 100.0  # times the usual step
 EQUAL_TO = 1.05  # what is sent stays within -1 to 1, or is in per cent
 BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
 _LIKELY_TIME_UNITS = ("s", "ms", "us", "ns", "min")
@@ -338,7 +339,7 @@ def _signal_lines(
         lines.append(f"# {fit.why}")
     if fit is not None and fit.scale is not None:
         return [*lines, f"scale = {float(f'{fit.scale:.12g}')!r}", ""]
-    guessed, remark = _unit(column, channel, answers.angles)
+    guessed, remark = _unit(column, channel, answers.angles, si=fit is not None and fit.si)
     if guessed == UNANSWERED:
         left.append(f"signals.{column}.unit")
     lines.append(f"unit = {toml_string(guessed)}" + (f"  # {remark}" if remark else ""))
@@ -354,7 +355,7 @@ def _signal_lines(
     return [*lines, ""]
 
 
-def _unit(column: str, channel: Channel, angles: str) -> tuple[str, str]:
+def _unit(column: str, channel: Channel, angles: str, *, si: bool) -> tuple[str, str]:
     """(unit of the source or "?", remark)."""
     symbol, logged = split_column(column)[1], channel.unit.strip()
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
@@ -367,10 +368,10 @@ def _unit(column: str, channel: Channel, angles: str) -> tuple[str, str]:
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
-    if channel.robot is not None and channel.robot.si:
-        for si in _SI:
-            if unit(si).dimension == unit(symbol).dimension:
-                return si, "as such messages have it" if symbol != NONE else ""
+    if si:
+        for one in _SI:
+            if unit(one).dimension == unit(symbol).dimension:
+                return one, "as such logs have it" if symbol != NONE else ""
     if angles and unit(symbol).dimension in _TURNING:
         return angles + ("/s" if unit(symbol).dimension == _TURNING[1] else ""), "as you say"
     if symbol == NONE:
@@ -397,7 +398,11 @@ def _about(channel: Channel, time: TimeGuess) -> str:
         else (time.stamps if time.unit != UNANSWERED else None)
     )
     if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
-        said += f", {(values.size - 1) / (stamps[-1] - stamps[0]):.4g} Hz"
+        step = float(np.median(np.diff(stamps)))
+        # pauses between the parts of a log say nothing of the rate
+        paused = bool((np.diff(stamps) > PAUSE * step).any()) and step > 0.0
+        rate = 1.0 / step if paused else (values.size - 1) / (stamps[-1] - stamps[0])
+        said += f", {rate:.4g} Hz"
     return " ".join(said.split())
 
 

@@ -57,11 +57,13 @@ _DIMENSIONS = {
 @dataclass(frozen=True)
 class NameFit:
     """How well a channel fits a column: score; why, where the name alone does not say it; scale:
-    column's unit per unit of the channel, where that follows from the model."""
+    column's unit per unit of the channel, where that follows from the model; si: the channel is in
+    SI by the definition of such a log."""
 
     score: int
     why: str = ""
     scale: float | None = None
+    si: bool = False
 
 
 def fits_by_name(channels: Sequence[Channel], rig: Rig) -> dict[tuple[int, str], NameFit]:
@@ -152,12 +154,14 @@ def _fit(value: RobotValue, name: LogName, sizes: Mapping[str, int]) -> NameFit 
         return None
     if not value.quantity and value.element:
         score -= _UNSAID
-    if effort:
-        assert name.per_effort is not None
-        said = f"{1.0 / name.per_effort:g} of effort per unit that is sent, by the model"
-        return NameFit(score - _AS_EFFORT, "; ".join(filter(None, (why, said))), name.per_effort)
-    scale = name.per_effort if value.quantity == "effort" and name.sent and value.si else None
-    return NameFit(score + (value.group.rpartition("/")[2] == "joint_states"), why, scale)
+    if value.quantity == "effort" and name.sent and name.per_effort is not None:
+        if not effort and not value.si:
+            return NameFit(score, why, si=value.si)
+        said = f"{1.0 / name.per_effort:.6g} of effort per unit that is sent, by the model"
+        said = "; ".join(filter(None, (why, said)))
+        return NameFit(score - (_AS_EFFORT if effort else 0), said, name.per_effort)
+    # of a state before and after a filter the plain one
+    return NameFit(score + (value.group.rpartition("/")[2] == "joint_states"), why, si=value.si)
 
 
 def _same_kind(value: RobotValue, name: LogName) -> bool:
@@ -185,8 +189,14 @@ def _alike(one: str, other: str) -> int:
     plain_a, plain_b = _plain(a), _plain(b)
     if plain_a == plain_b:
         return PLAIN
+    return END if _ends(a, b) or _ends(plain_a, plain_b) else 0
+
+
+def _ends(a: list[str], b: list[str]) -> bool:
+    """Are the words of one name the last ones of the other? A number alone says nothing."""
     short, long = sorted((a, b), key=len)
-    return END if short and len(short) < len(long) and long[-len(short) :] == short else 0
+    said = len(short) < len(long) and not all(word.isdigit() for word in short)
+    return said and long[-len(short) :] == short
 
 
 def _plain(words: list[str]) -> list[str]:
@@ -227,7 +237,7 @@ def require_clear(
 
 def _apart(one: str, other: str) -> str:
     """The first part of a name that the other does not have: to tell the two apart."""
-    parts = [part for part in re.split("/", one) if part and part not in other]
+    parts = [part for part in re.split(r"[/_.]", one) if part and part not in other]
     return parts[0] if parts else one
 
 
@@ -294,8 +304,8 @@ def _other_quantity(name: LogName, values: Iterable[RobotValue]) -> str:
         other = bool(value.quantity and name.quantity) and value.quantity != name.quantity
         if other and value.sent and name.sent and _by_name(value.element, name.names)[0]:
             return (
-                f"{value.group} sends a {value.quantity} to {value.element}; the model's "
-                f"{name.names[0]} takes a {name.quantity}: it needs an actuator of that kind."
+                f"{value.group} sends a {value.quantity} to {value.element}; what the model's "
+                f"{name.names[0]} takes is {name.quantity}."
             )
     return ""
 

@@ -105,14 +105,17 @@ def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
             f"{name} has no header: its stamps tell when it was recorded, not when it was measured"
         )
     stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
+    partly: dict[int, list[str]] = {}
     shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under one topic
     for path in dict.fromkeys(path for row in topic.rows for path in row):
         there = np.array([path in row for row in topic.rows])
         own = shared.setdefault(there.tobytes(), stamps[there])
         values = np.array([row[path] for row in topic.rows if path in row])
-        if own.size < stamps.size:
-            gathering.note(f"{path} is in {own.size} of {stamps.size} messages")
+        partly.setdefault(own.size, []).append(path)
         gathering.add(path, values, own, robot=topic.robot.get(path))
+    for count, paths in partly.items():
+        if count < stamps.size:
+            gathering.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")
 
 
 @dataclass
@@ -129,7 +132,8 @@ class _Flat:
         if isinstance(value, bool | int | float | np.number):
             self.row[path] = float(value)
         elif is_dataclass(value):
-            parts = {part.name: getattr(value, part.name) for part in fields(value)}
+            names_of_fields = (part.name for part in fields(value))
+            parts = {n: getattr(value, n) for n in names_of_fields if not n.startswith("__")}
             parts.pop("header", None)
             for word in _NAMES:
                 if isinstance(parts.get(word), list):
