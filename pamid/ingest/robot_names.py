@@ -19,19 +19,19 @@ from pamid.model.log_names import LogName
 from pamid.model.rig import Rig
 
 #: how well names fit
-WHOLE, WORDS_ALIKE, PLAIN, PLACE, END = 95, 90, 80, 70, 60
+WHOLE_ALIKE, WORDS_ALIKE, PLAIN_ALIKE, SAME_PLACE, ENDING_ALIKE = 95, 90, 80, 70, 60
 _AS_EFFORT = 40  # taken off where a measured effort stands for what was sent
 _UNSAID = 5  # where the log does not say what of a joint it is
 
 _GENERIC = frozenset(
     ["joint", "joints", "j", "jnt", "motor", "motors", "servo", "actuator", "act", "axis", "main"]
 )
-_WORDS = {
+_OF_QUANTITY = {
     "position": ["position", "pos", "angle", "angles", "q", "qpos", "encoder", "enc"],
     "velocity": ["velocity", "vel", "speed", "omega", "qd", "dq", "qvel"],
     "effort": ["effort", "torque", "tau", "force", "moment"],
 }
-_MEANT = {word: quantity for quantity, words in _WORDS.items() for word in words}
+_MEANT = {word: quantity for quantity, words in _OF_QUANTITY.items() for word in words}
 #: vectors of a simulator -> what they hold, and are they sent?
 _VECTORS = {
     "qpos": ("position", False),
@@ -43,7 +43,7 @@ _VECTORS = {
 }
 _ELEMENT = re.compile(rf"(.*(?:^|[/._ ]))?({'|'.join(_VECTORS)})(?:[/_. \[(]*(\d+)[\])]?)?")
 _NUMBERED = re.compile(r"(.+)/data/(\d+)")
-_DIMENSIONS = {
+_QUANTITY_OF = {
     unit(symbol).dimension: quantity
     for quantity, symbols in (
         ("position", ("rad", "m")),
@@ -88,7 +88,7 @@ def log_names(rig: Rig) -> dict[str, LogName]:
     for column in (*rig.inputs, *rig.outputs):
         stem, symbol = split_column(column)
         own = [word for word in tokens(stem) if word not in _MEANT and not says_sent(word)]
-        quantity = _DIMENSIONS.get(unit(symbol).dimension, "")
+        quantity = _QUANTITY_OF.get(unit(symbol).dimension, "")
         found[column] = LogName(("_".join(own) or stem,), quantity, sent=column in rig.inputs)
     return found
 
@@ -182,14 +182,14 @@ def _by_name(element: str, names: Iterable[str]) -> tuple[int, str]:
 
 def _alike(one: str, other: str) -> int:
     if one == other:
-        return WHOLE
+        return WHOLE_ALIKE
     a, b = tokens(one), tokens(other)
     if a == b:
         return WORDS_ALIKE
     plain_a, plain_b = _plain(a), _plain(b)
     if plain_a == plain_b:
-        return PLAIN
-    return END if _ends(a, b) or _ends(plain_a, plain_b) else 0
+        return PLAIN_ALIKE
+    return ENDING_ALIKE if _ends(a, b) or _ends(plain_a, plain_b) else 0
 
 
 def _ends(a: list[str], b: list[str]) -> bool:
@@ -210,7 +210,7 @@ def _by_place(value: RobotValue, name: LogName, sizes: Mapping[str, int]) -> tup
         vector = "ctrl" if value.sent else "qpos"
     if sizes.get(vector) != value.size or name.places.get(vector) != value.place:
         return 0, ""
-    return PLACE, f"by its place in the model's {vector}"
+    return SAME_PLACE, f"by its place in the model's {vector}"
 
 
 # ---- what does not fit ---------------------------------------------------------------------------

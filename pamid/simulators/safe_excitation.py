@@ -9,26 +9,21 @@ ever asked for more than it has.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, UsageError, nearest
+from pamid.simulators.excitation_bench import ExcitationBench, Trouble
 from pamid.simulators.mechanism import Actuator, Mechanism
-from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.xml_text import tags_of
 
 Array = NDArray[np.float64]
 
-SMALLER = 0.8  # an amplitude from one run to the next
-LEAST = 0.02  # of what was asked for: less excites nothing
-BESIDE = 0.3  # of the largest factor: commands this small are no longer the ones to blame alone
-REST_S = 10.0  # of the run in which nothing is sent
-WILD = 1e6  # rad, m or their rates: a run beyond is unstable
-TOUCHING = 1e-6  # rad or m: an end that is met by rounding is not left
+SMALLER_BY = 0.8  # an amplitude from one run to the next
+LEAST_SHARE = 0.01  # of what was asked for: less excites nothing
+SMALL_BESIDE = 0.3  # of the largest factor: commands this small are not to blame alone
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
 
 
@@ -59,7 +54,7 @@ class SafeExcitation:
 
     def sentences(self) -> list[str]:
         """What was done, and what the run then reaches."""
-        said = [f"Run on the model: {'; '.join(self.limits)}."]
+        said = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
         for one in self.kept:
             if one.changed:
                 moved = f"its centre moved by {one.shift:.4g}" if one.shift else ""
@@ -68,32 +63,23 @@ class SafeExcitation:
                 said.append(f"{one.column}: {done}, because {'; '.join(one.why)}.")
         if not any(one.changed for one in self.kept):
             said.append("It stays within all of them as it is.")
-        reach = ", ".join(
-            f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in self.reached.items()
-        )
-        return [*said, f"Reached in that run: {reach}."]
-
-
-@dataclass(frozen=True)
-class _Trouble:
-    """What a run met: in words, which actuators may be the cause, the joint whose range it is."""
-
-    text: str
-    guilty: tuple[int, ...]
-    joint: int = -1
+        reach = ", ".join(f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.reached.items())
+        return [*said, f"Reached in that run (rad or m): {reach}."]
 
 
 @dataclass
-class _Course:
-    """How one command is changed so far: sent = centre + shift + factor * (asked - centre). rest:
-    samples before it sets out, which stay as they are unless the whole is moved."""
+class _CommandCourse:
+    """How one command is changed so far: sent = centre + shift + factor * (asked + balance -
+    centre). rest: samples before it sets out; they stay as they are, and lead to the centre where
+    that is moved. why: what was in the way -> at which time it was first met, s; -1 at none."""
 
     asked: Array
     centre: float
+    range: tuple[float, float] | None = None
     factor: float = 1.0
     shift: float = 0.0
     balance: float = 0.0
-    why: list[str] = field(default_factory=list)
+    why: dict[str, float] = field(default_factory=dict)
 
     @property
     def rest(self) -> int:
@@ -108,9 +94,18 @@ class _Course:
         if not self.changed:
             return self.asked
         moved = self.centre + self.shift + self.factor * (self.asked + self.balance - self.centre)
-        if not self.shift:
-            moved[: self.rest] = self.asked[0]
-        return moved
+        begins = np.full(self.rest, self.asked[0])
+        if self.shift:  # no jump: a drive would have to follow it at once
+            begins = np.linspace(self.asked[0], self.centre + self.shift, self.rest)
+        moved[: self.rest] = begins
+        return moved if self.range is None else np.clip(moved, *self.range)
+
+    def note(self, text: str, at_s: float = -1.0) -> None:
+        """Note what was in the way, the first time that it was."""
+        self.why.setdefault(text, at_s)
+
+    def reasons(self) -> tuple[str, ...]:
+        return tuple(text if at < 0.0 else f"{text} at {at:.4g} s" for text, at in self.why.items())
 
     @property
     def changed(self) -> bool:
@@ -130,9 +125,13 @@ def safe_excitation(
 
     UsageError for a joint that is not there; DataError (code "no-room") where nothing is left.
     """
-    bench = _Bench(mechanism, period_s, dict(speeds or {}))
+    bench = ExcitationBench(mechanism, period_s, dict(speeds or {}))
     courses = {
-        i: _Course(np.asarray(columns[a.column], float), (centres or {}).get(a.column, 0.0))
+        i: _CommandCourse(
+            np.asarray(columns[a.column], float),
+            (centres or {}).get(a.column, 0.0),
+            a.command_range,
+        )
         for i, a in enumerate(mechanism.actuators)
         if a.column in columns
     }
@@ -154,13 +153,15 @@ def safe_excitation(
             moved.add(trouble.joint)
             if _recentred(mechanism, courses, trouble):
                 continue
+            if not any(course.centre for course in courses.values()):
+                bench.require_held(trouble)
         _shrink(mechanism, courses, trouble)
     kept = [
         KeptCommand(
             mechanism.actuators[i].column,
             c.factor,
             c.shift + c.factor * c.balance,
-            tuple(dict.fromkeys(c.why)),
+            c.reasons(),
         )
         for i, c in courses.items()
     ]
@@ -171,7 +172,7 @@ def safe_excitation(
 # ---- what is changed -----------------------------------------------------------------------------
 
 
-def _fit(course: _Course, low: float, high: float, why: str) -> None:
+def _fit(course: _CommandCourse, low: float, high: float, why: str) -> None:
     """Move a signal as little as needed to lie within low .. high, smaller where it must be."""
     half = course.factor * course.half
     now = course.centre + course.shift
@@ -181,10 +182,10 @@ def _fit(course: _Course, low: float, high: float, why: str) -> None:
         course.factor *= (high - low) / (2.0 * half)
         half = 0.5 * (high - low)
     course.shift += min(max(now, low + half), high - half) - now
-    course.why.append(why)
+    course.note(why)
 
 
-def _within_range(a: Actuator, course: _Course) -> None:
+def _within_range(a: Actuator, course: _CommandCourse) -> None:
     if a.command_range is not None:
         low, high = a.command_range
         _fit(course, low, high, f"{a.column} lies within {low:.4g} .. {high:.4g}")
@@ -202,7 +203,7 @@ def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
     return (ends[0], ends[1]) if ends[1] > ends[0] else None
 
 
-def _within_joint(m: Mechanism, a: Actuator, course: _Course) -> None:
+def _within_joint(m: Mechanism, a: Actuator, course: _CommandCourse) -> None:
     allowed = _place_range(m, a)
     if allowed is not None:
         low, high = m.joints[a.joint].range or (0.0, 0.0)
@@ -211,7 +212,7 @@ def _within_joint(m: Mechanism, a: Actuator, course: _Course) -> None:
         )
 
 
-def _recentred(m: Mechanism, courses: Mapping[int, _Course], trouble: _Trouble) -> bool:
+def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> bool:
     """Move the signals at a joint whose end was reached: a position to the middle of the range, a
     push so that it pushes as much either way. Was there anything to move?"""
     done = False
@@ -226,252 +227,26 @@ def _recentred(m: Mechanism, courses: Mapping[int, _Course], trouble: _Trouble) 
             _within_range(a, course)
         moved = abs(course.shift - before[0]) + abs(course.balance - before[1])
         if moved > 1e-3 * course.half:
-            course.why.append(trouble.text)
+            course.note(trouble.text, trouble.at_s)
             done = True
     return done
 
 
-def _shrink(m: Mechanism, courses: Mapping[int, _Course], trouble: _Trouble) -> None:
+def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> None:
     """Make the guilty commands smaller, all of them where the guilty are small already."""
     guilty = [i for i in trouble.guilty if i in courses] or list(courses)
     largest = max(course.factor for course in courses.values())
-    if all(courses[i].factor < BESIDE * largest for i in guilty):
+    if all(courses[i].factor < SMALL_BESIDE * largest for i in guilty):
         guilty = list(courses)
     for i in guilty:
-        courses[i].factor *= SMALLER
-        courses[i].why.append(trouble.text)
-    if all(courses[i].factor < LEAST for i in guilty):
+        courses[i].factor *= SMALLER_BY
+        courses[i].note(trouble.text, trouble.at_s)
+    if any(courses[i].factor < LEAST_SHARE for i in guilty):
         names = ", ".join(m.actuators[i].column for i in guilty)
         raise DataError(
-            f"{m.path}: nothing is left of {names}: even {LEAST:.0%} of the signal is too much, "
-            f"{trouble.text}.",
+            f"{m.path}: nothing is left of {names}: even with {100 * LEAST_SHARE:g} % of the "
+            f"signal {trouble.text}, at {trouble.at_s:.4g} s.",
             "Shorter --hold or --duration let a joint drift less; an --offset can hold it against "
             "gravity; a joint that has to be held is better sent positions than torques.",
             code="no-room",
         )
-
-
-# ---- the run -------------------------------------------------------------------------------------
-
-
-class _Bench:
-    """MuJoCo with the model of the data sheet, and everything that it is watched for."""
-
-    def __init__(self, m: Mechanism, period_s: float, speeds: dict[str, float]) -> None:
-        file = open_mujoco(m.path)
-        self.file, self.m, self.mujoco = file, m, file.mujoco
-        self.model = file.model
-        self.count = max(1, int(np.ceil(period_s / m.timestep_s - 1e-9)))
-        self.period_s = period_s
-        self.model.opt.timestep = period_s / self.count
-        self.model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        self.forces = [i for i, a in enumerate(m.actuators) if a.adr >= 0 and a.force_range]
-        self.force_ends = np.array([m.actuators[i].force_range for i in self.forces]).reshape(-1, 2)
-        self.efforts = [j for j, joint in enumerate(m.joints) if joint.force_range]
-        self.effort_ends = np.array([m.joints[j].force_range for j in self.efforts]).reshape(-1, 2)
-        self.model.actuator_forcelimited[:] = 0
-        self.model.jnt_actfrclimited[:] = 0
-        self.ranged = [j for j, joint in enumerate(m.joints) if joint.range is not None]
-        self.ends = np.array([m.joints[j].range for j in self.ranged]).reshape(-1, 2)
-        names = [joint.name for joint in m.joints]
-        speeds = {**_stated_speeds(file, names), **speeds}
-        for name, speed in speeds.items():
-            if name not in names:
-                raise UsageError(
-                    f"--speed-limit {name}: there is no such joint.",
-                    nearest(name, names) or f"Joints: {', '.join(names)}.",
-                )
-            if not speed > 0.0:
-                raise UsageError(f"--speed-limit {name}={speed:g}: it must be above 0.")
-        self.fast = [j for j, name in enumerate(names) if name in speeds]
-        self.speeds = np.array([speeds[names[j]] for j in self.fast])
-        self.usual: set[tuple[int, int]] = set()
-
-    def limits(self) -> tuple[str, ...]:
-        """What was looked at, in words."""
-        said = []
-        for what, found in (
-            ("range", [self.m.joints[j].name for j in self.ranged]),
-            ("speed", [self.m.joints[j].name for j in self.fast]),
-            ("force", [self.m.actuators[i].name for i in self.forces]),
-            ("force", [self.m.joints[j].name for j in self.efforts]),
-        ):
-            if found:
-                said.append(f"{what} of {', '.join(found)}")
-        return (*said, "bodies that touch")
-
-    def _require_start(self) -> None:
-        """DataError where the model stands outside its own ranges."""
-        for joint in (self.m.joints[j] for j in self.ranged):
-            low, high = joint.range or (0.0, 0.0)
-            if not low - TOUCHING <= joint.reference <= high + TOUCHING:
-                raise DataError(
-                    f"{self.m.path}: joint {joint.name} stands at {joint.reference:.4g} at the "
-                    f"start, outside its range {low:.4g} .. {high:.4g}.",
-                    "Give it a reference within (ref), or send the signal as it is with "
-                    "--no-limits.",
-                    code="no-room",
-                )
-
-    def rest(self, first: Mapping[int, Array]) -> None:
-        """Learn which bodies touch at the start, and which touch the surroundings with no more sent
-        than at first."""
-        self._require_start()
-        data = self._begin()
-        self.usual = {pair for pair, _ in self._pairs(data)}
-        length = round(REST_S / self.period_s)
-        resting = {i: np.full(length, values[0]) for i, values in first.items()}
-        self.run(resting, learn=True)
-
-    def run(
-        self, sent: Mapping[int, Array], *, learn: bool = False
-    ) -> tuple[_Trouble | None, dict[str, tuple[float, float]]]:
-        """The first trouble of a run, None where there is none, and how far the joints went."""
-        data, m = self._begin(), self.m
-        own = [i for i in sent if m.actuators[i].adr >= 0]
-        bare = [i for i in sent if m.actuators[i].adr < 0]
-        controls = np.array([sent[i] for i in own]).reshape(len(own), -1)
-        torques = np.array([sent[i] for i in bare]).reshape(len(bare), -1)
-        places = [m.actuators[i].adr for i in own]
-        dofs = [m.joints[m.actuators[i].joint].dof for i in bare]
-        qpos = [joint.qpos for joint in m.joints]
-        low, high = data.qpos[qpos].copy(), data.qpos[qpos].copy()
-        self.mujoco.set_mju_user_warning(lambda _: None)
-        try:
-            for k in range(max(controls.shape[1] * bool(own), torques.shape[1] * bool(bare))):
-                data.ctrl[places] = controls[:, k] if own else []
-                data.qfrc_applied[dofs] = torques[:, k] if bare else []
-                self.mujoco.mj_step(self.model, data, self.count)
-                q = data.qpos[qpos]
-                np.minimum(low, q, out=low)
-                np.maximum(high, q, out=high)
-                trouble = self._trouble(data, k, learn)
-                if trouble is not None and not learn:
-                    return trouble, {}
-                if learn and not np.isfinite(q).all():
-                    break
-        finally:
-            self.mujoco.set_mju_user_warning(None)
-        names = (joint.name for joint in m.joints)
-        return None, {n: (float(a), float(b)) for n, a, b in zip(names, low, high, strict=True)}
-
-    def _begin(self) -> Any:
-        data = self.mujoco.MjData(self.model)
-        self.mujoco.mj_forward(self.model, data)
-        return data
-
-    def _trouble(self, data: Any, sample: int, learn: bool) -> _Trouble | None:
-        """What is wrong at this sample. learn: touching the surroundings is noted instead."""
-        m, at = self.m, f"at {sample * self.period_s:.4g} s"
-        everything = tuple(range(len(m.actuators)))
-        wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
-        if not max(wild) < WILD:
-            return _Trouble(f"the run became unstable {at}", everything)
-        if data.ncon:
-            for pair, (one, other) in self._pairs(data):
-                if learn and self._is_fixed(pair):
-                    self.usual.add(pair)
-                elif pair not in self.usual:
-                    guilty = self._movers(pair)
-                    return _Trouble(f"{one} would touch {other} {at}", guilty)
-        q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
-        for k in np.flatnonzero(
-            (q < self.ends[:, 0] - TOUCHING) | (q > self.ends[:, 1] + TOUCHING)
-        )[:1]:
-            j = self.ranged[int(k)]
-            low, high = self.ends[k]
-            said = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g} {at}"
-            return _Trouble(said, self._drivers(j), j)
-        v = np.abs(data.qvel[[m.joints[j].dof for j in self.fast]])
-        for k in np.flatnonzero(v > self.speeds)[:1]:
-            j = self.fast[int(k)]
-            unit = f"{m.joints[j].unit}/s"
-            said = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit} {at}"
-            return _Trouble(said, self._drivers(j))
-        return self._overload(data, at)
-
-    def _overload(self, data: Any, at: str) -> _Trouble | None:
-        m = self.m
-        f = data.actuator_force[[m.actuators[i].adr for i in self.forces]]
-        for k in np.flatnonzero((f < self.force_ends[:, 0]) | (f > self.force_ends[:, 1]))[:1]:
-            i = self.forces[int(k)]
-            low, high = self.force_ends[k]
-            said = (
-                f"{m.actuators[i].name} would have to exert {f[k]:.4g} of {low:.4g} .. {high:.4g}"
-            )
-            return _Trouble(f"{said} {at}", (i,))
-        f = data.qfrc_actuator[[m.joints[j].dof for j in self.efforts]]
-        for k in np.flatnonzero((f < self.effort_ends[:, 0]) | (f > self.effort_ends[:, 1]))[:1]:
-            j = self.efforts[int(k)]
-            low, high = self.effort_ends[k]
-            said = f"joint {m.joints[j].name} would be sent {f[k]:.4g} of {low:.4g} .. {high:.4g}"
-            return _Trouble(f"{said} {m.joints[j].force_unit} {at}", self._drivers(j))
-        return None
-
-    # ---- who touches whom ------------------------------------------------------------------------
-
-    def _pairs(self, data: Any) -> list[tuple[tuple[int, int], tuple[str, str]]]:
-        """Pairs of geoms in contact, with their names."""
-        found = []
-        for c in range(data.ncon):
-            contact = data.contact[c]
-            one, other = sorted(int(g) for g in contact.geom)
-            if one >= 0 and contact.exclude == 0 and contact.dist <= 0.0:
-                found.append(((one, other), (self._named(one), self._named(other))))
-        return found
-
-    def _named(self, geom: int) -> str:
-        own = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
-        body = self.m.bodies[int(self.model.geom_bodyid[geom])].name
-        return str(own) if own else f"a geom of {body}"
-
-    def _is_fixed(self, pair: tuple[int, int]) -> bool:
-        """Is one of the two a part of the surroundings?"""
-        return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
-
-    def _chain(self, body: int) -> list[int]:
-        """A body and those that carry it, without the world."""
-        found = []
-        while body > 0:
-            found.append(body)
-            body = self.m.bodies[body].parent
-        return found
-
-    def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
-        """The actuators of the joints between two geoms."""
-        one, other = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
-        between = one ^ other
-        joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
-        drivers = {i for j in joints for i in self._drivers(j)}
-        return tuple(sorted(drivers)) or tuple(range(len(self.m.actuators)))
-
-    def _drivers(self, joint: int) -> tuple[int, ...]:
-        """The actuators of a joint, all where it has none of its own."""
-        m = self.m
-        found = [
-            i
-            for i, a in enumerate(m.actuators)
-            if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints)
-        ]
-        return tuple(found or range(len(m.actuators)))
-
-
-def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
-    """What a URDF says of its joints' speeds, which MuJoCo does not read; MJCF says nothing of
-    them."""
-    if file.path.suffix.lower() != ".urdf":
-        return {}
-    tags = tags_of(file.path.read_bytes())
-    own = {file.name("joint", i): name for i, name in enumerate(joints)}
-    found = {}
-    for tag in tags:
-        if tag.name != "limit" or tag.parent < 0 or "velocity" not in tag.attributes:
-            continue
-        name = tags[tag.parent].attributes.get("name", "")
-        try:
-            speed = float(tag.attributes["velocity"])
-        except ValueError:
-            continue
-        if name in own and speed > 0.0:  # 0 is written by tools for "not known"
-            found[own[name]] = speed
-    return found

@@ -33,7 +33,13 @@ _PER_JOINT = {
     "efforts": "effort",
 }
 #: parts of a controller's state that hold such fields -> are they commands?
-_PARTS = {"desired": True, "reference": True, "output": True, "actual": False, "feedback": False}
+_CONTROLLER_PARTS = {
+    "desired": True,
+    "reference": True,
+    "output": True,
+    "actual": False,
+    "feedback": False,
+}
 _NAMES = ("name", "names", "joint_names")
 
 
@@ -175,9 +181,9 @@ class _Flat:
     ) -> None:
         """Note what the value at `path` is to a robot, the first time it is met."""
         part = group.removeprefix(self.topic).strip("/")
-        if word not in _PER_JOINT or path in self.robot or (part and part not in _PARTS):
+        if word not in _PER_JOINT or path in self.robot or (part and part not in _CONTROLLER_PARTS):
             return
-        sent = _PARTS.get(part, says_sent(self.topic.rpartition("/")[2]))
+        sent = _CONTROLLER_PARTS.get(part, says_sent(self.topic.rpartition("/")[2]))
         self.robot[path] = RobotValue(group, name, *where, _PER_JOINT[word], sent, si=True)
 
 
