@@ -27,7 +27,7 @@ PAUSE_S, PAUSE_FRAMES = 10.0, 1000.0  # between episodes, the longer of the two
 #: columns that say where a frame belongs: no signals
 _PLACES = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 _EXACT = 1e-3  # s: stamps this near to frame / fps are that, rounded
-_ENDINGS = {
+_SAID_BY = {
     "pos": "position",
     "position": "position",
     "vel": "velocity",
@@ -159,10 +159,10 @@ def _enter(gathering: Gathering, name: str, values: Any, stamps: FloatArray, fea
 def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
     """What a value is: "shoulder_pan.pos" is a position of shoulder_pan."""
     element, _, ending = name.rpartition(".")
-    quantity = _ENDINGS.get(ending, "") if element else ""
+    quantity = _SAID_BY.get(ending, "") if element else ""
     if not quantity:
         element = name
-        quantity = next((_ENDINGS[w] for w in tokens(group) if w in _ENDINGS), "")
+        quantity = next((_SAID_BY[w] for w in tokens(group) if w in _SAID_BY), "")
     return RobotValue(group, element, place, size, quantity, says_sent(group))
 
 
