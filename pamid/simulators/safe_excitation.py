@@ -149,12 +149,12 @@ def safe_excitation(
         trouble, reached = bench.run({i: course.sent() for i, course in courses.items()})
         if trouble is None:
             break
-        if trouble.joint >= 0 and trouble.joint not in moved:
+        if trouble.joint not in moved:
             moved.add(trouble.joint)
             if _recentred(mechanism, courses, trouble):
                 continue
-            if not any(course.centre for course in courses.values()):
-                bench.require_held(trouble)
+        if not any(course.centre for course in courses.values()):
+            bench.require_held(trouble)
         _shrink(mechanism, courses, trouble)
     kept = [
         KeptCommand(
@@ -216,7 +216,8 @@ def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Tro
     """Move the signals at a joint whose end was reached: a position to the middle of the range, a
     push so that it pushes as much either way. Was there anything to move?"""
     done = False
-    for i in trouble.guilty:
+    guilty = trouble.guilty if trouble.joint >= 0 else ()
+    for i in (one for one in guilty if one in courses):
         a, course = m.actuators[i], courses[i]
         allowed = _place_range(m, a) if a.joint == trouble.joint else None
         before = course.shift, course.balance
