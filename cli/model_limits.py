@@ -65,17 +65,18 @@ def within(
     """The signals within what the rig allows, where it is a model that says so."""
     from pamid.api.exciting import within_limits
     from pamid.base.errors import FileError, UsageError
-    from pamid.model.registry import rig_named
 
     speeds = _speeds(request["speed_limit"])
-    try:
-        rig = rig_named(request["rig"])
-    except FileError:  # only noted, for a column that is named by hand
-        return LimitedSignals()
     found = None
-    if request["limits"] and set(sent) <= set(rig.inputs):
+    if request["limits"]:
         columns = {column: one.samples for column, one in sent.items()}
-        found = within_limits(rig, columns, request["period"], centres=offsets, speed_limits=speeds)
+        try:
+            found = within_limits(
+                request["rig"], columns, request["period"], centres=offsets, speed_limits=speeds
+            )
+        except FileError:
+            if request["column"] is None:
+                raise  # a rig is only noted where a column is named by hand
     if speeds and found is None:
         raise UsageError(
             "--speed-limit belongs to a MuJoCo or URDF model that is kept within its limits."

@@ -70,14 +70,14 @@ def within_limits(
 ) -> SafeExcitation | None:
     """An excitation within the limits of a MuJoCo or URDF model: run there, moved and made smaller
     until it keeps ranges, speeds and forces, and no bodies touch. None where the rig is no such
-    model.
+    model, or none of the columns is a command of it.
 
     columns: samples every period_s by column, in its unit; centres: what they swing about where
     that is not 0; speed_limits: joint -> rad/s or m/s, beside those that a URDF states. DataError
     (code "no-room") where nothing of it is left, UsageError for a joint that is not there.
     """
     made = _made(rig)
-    if not isinstance(made, CompiledMechanism):
+    if not isinstance(made, CompiledMechanism) or not set(columns) & set(made.inputs):
         return None
     values = {name: np.asarray(one, dtype=np.float64) for name, one in columns.items()}
     return safe_excitation(made.mechanism, values, period_s, centres, speed_limits)

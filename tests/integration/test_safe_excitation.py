@@ -165,6 +165,7 @@ def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
         within_limits(path, drawn(4.0), PERIOD_S)
     with pytest.raises(UsageError, match="Did you mean 'shoulder'"):
         within_limits(path, drawn(4.0), PERIOD_S, speed_limits={"sholder": 1.0})
+    assert within_limits(path, {"other": np.zeros(9)}, PERIOD_S) is None
     assert within_limits("dc-motor", {"voltage_v": np.zeros(9)}, PERIOD_S) is None
 
 
@@ -197,3 +198,18 @@ def test_a_urdf_is_excited_without_naming_a_column(tmp_path: Path) -> None:
     words = ["generate-aprbs", "--rig", str(path), "--duration", "6", "--output", str(output)]
     assert frame.run(words) == 0
     assert list(read_recording(output).columns) == ["pivot_1_torque_nm"]
+
+
+@pytest.mark.slow
+def test_power_works_on_a_model_and_its_excitation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, output = tmp_path / "one.xml", tmp_path / "sent.csv"
+    path.write_text(mechanisms.ONE)
+    words = ["generate-aprbs", "--rig", str(path), "--duration", "8", "--period", "0.01"]
+    assert frame.run([*words, "--seed", "1", "--output", str(output)]) == 0
+    capsys.readouterr()
+    asked = ["power", "--rig", str(path), "--excitation", str(output), "--json"]
+    assert frame.run(asked) == 0
+    found = {one["effect"]: one for one in json.loads(capsys.readouterr().out)["effects"]}
+    assert found["coulomb-friction@shoulder"]["shows"]
