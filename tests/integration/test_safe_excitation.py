@@ -211,5 +211,6 @@ def test_power_works_on_a_model_and_its_excitation(
     capsys.readouterr()
     asked = ["power", "--rig", str(path), "--excitation", str(output), "--json"]
     assert frame.run(asked) == 0
-    found = {one["effect"]: one for one in json.loads(capsys.readouterr().out)["effects"]}
-    assert found["coulomb-friction@shoulder"]["shows"]
+    found = json.loads(capsys.readouterr().out)
+    friction = next(one for one in found["effects"] if one["effect"].startswith("coulomb-friction"))
+    assert friction["port"] == "shoulder" and max(friction["visible"]) >= found["seen"]
