@@ -1,5 +1,8 @@
 """What a MuJoCo model of seven joints costs as equations: CPU seconds to read and to assemble it,
-cold and from the cache, of a free run of 66667 steps, and of one with the sensitivities of a fit.
+cold and from the cache, of a free run of 66667 steps, and of one with the sensitivities of a fit;
+beside it MuJoCo's own steps over the same commands, alone and with its Jacobians of a step by the
+states and the commands (mjd_transitionFD, forward differences; by Euler where the model says RK4,
+which it does not take). Those say nothing of parameters: each of them costs one more run there.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/simulators.py
 """
@@ -54,9 +57,48 @@ def _costs(file: Path) -> None:
     )
 
 
+def _mujoco_costs(file: Path) -> None:
+    """Print what MuJoCo's own steps cost; the Jacobians over a tenth of them."""
+    import mujoco
+
+    from pamid.model.registry import rig_named
+
+    rig = rig_named(str(file))
+    model = mujoco.MjModel.from_xml_path(str(file))
+    model.opt.timestep = PERIOD_S
+    data = mujoco.MjData(model)
+    random = np.random.default_rng(0)
+    levels = random.uniform(-1.0, 1.0, (SAMPLES // 200 + 1, model.nu))
+    size = [rig.excited[name] for name in rig.inputs]
+    u = np.repeat(levels * size, 200, axis=0)[:SAMPLES]
+    states = 2 * model.nv + model.na
+    a, b = np.zeros((states, states)), np.zeros((states, model.nu))
+
+    def once(samples: int, *, jacobians: bool) -> float:
+        mujoco.mj_resetData(model, data)
+        before = time.process_time()
+        for row in u[:samples]:
+            data.ctrl[:] = row
+            if jacobians:
+                mujoco.mjd_transitionFD(model, data, 1e-6, False, a, b, None, None)
+            mujoco.mj_step(model, data)
+        return time.process_time() - before
+
+    part = SAMPLES // 10
+    plain = float(np.median([once(SAMPLES, jacobians=False) for _ in range(REPEATS)]))
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    tenth = float(np.median([once(part, jacobians=True) for _ in range(REPEATS)]))
+    print(
+        f"  {SAMPLES} steps {plain:.3f} s; with mjd_transitionFD ({states} states, {model.nu} "
+        f"commands) {tenth:.2f} s for a tenth of them, {tenth * SAMPLES / part:.1f} s for all "
+        f"({tenth * SAMPLES / part / plain:.0f} times)"
+    )
+
+
 def main() -> None:
     if len(sys.argv) > 1:
-        _costs(Path(sys.argv[1]))
+        (_costs if sys.argv[1] == "pamid" else _mujoco_costs)(Path(sys.argv[2]))
         return
     sys.path.insert(0, str(ROOT / "tests/support"))
     import mechanisms
@@ -74,8 +116,12 @@ def main() -> None:
             for state in ("cold", "from the cache"):
                 print(f"{name}, {state}:", flush=True)
                 subprocess.run(
-                    [sys.executable, __file__, file], env={**os.environ, **cache}, check=True
+                    [sys.executable, __file__, "pamid", file],
+                    env={**os.environ, **cache},
+                    check=True,
                 )
+            print(f"{name}, MuJoCo's own steps:", flush=True)
+            subprocess.run([sys.executable, __file__, "mujoco", file], check=True)
 
 
 if __name__ == "__main__":

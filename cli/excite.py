@@ -22,7 +22,7 @@ _SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase")
 #: options that only some signals and experiments take; valve pulses and gravity tests have always
 #: taken a seed
 _TAKEN_BY: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("loop", "column", "offset"), _SIGNALS),
+    **dict.fromkeys(("loop", "column", "offset", "limits", "speed_limit"), _SIGNALS),
     **dict.fromkeys(("amplitude", "rate_limit", "figure"), (*_SIGNALS, "torque-loops")),
     "duration": ("aprbs", "prbs", "multisine", "chirp", "steps", "torque-loops", "gravity-test"),
     "hold": ("aprbs", "prbs", "steps", "staircase"),
@@ -116,6 +116,8 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.excitation.aprbs import coverage
     from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 
+    from .model_limits import within
+
     signal, period, limit = (request[name] for name in ("signal", "period", "rate_limit"))
     asked = {
         "duration_s": request["duration"],
@@ -135,13 +137,12 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     sending = _sending(request)
     amplitudes, offsets = sending.amplitudes, sending.offsets
     sent = draw(plan, amplitudes, offsets, sending.ramped)
+    safe = within(request, sent, offsets)
     each, said, shown = [], [], []
     for column, one in sent.items():
-        unit, reach = (
-            split_column(column)[1],
-            (offsets[column] - amplitudes[column], offsets[column] + amplitudes[column]),
-        )
-        excited = one.samples[one.turn]
+        unit = split_column(column)[1]
+        reach = safe.reach(column, offsets[column], amplitudes[column])
+        excited = safe.samples(column, one)[one.turn]
         covers = coverage(excited, period, span=reach)
         each.append(
             {
@@ -166,12 +167,13 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         said += [f"  {sentence}" for sentence in covers.sentences()]
         if column in sending.ramped:
             said += [f"  {column} is imposed: it goes from level to level in ramps."]
-    columns = {column: one.samples for column, one in sent.items()}
+    said += [f"  {sentence}" for sentence in safe.said]
+    columns = {column: safe.samples(column, one) for column, one in sent.items()}
     held, meta = _valves_shut(request, columns) if signal == "torque-loops" else ({}, {})
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
     return PlannedExcitation(
         {**held, **columns},
-        _about_signals(request, settings, each, columns, meta),
+        _about_signals(request, settings, each, columns, meta) | safe.noted,
         said,
         meta,
         shown,

@@ -113,6 +113,19 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     "--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped where it is released."
 )
 @click.option("--payload", type=float, metavar="KG", help="Mass on the tip.")
+@click.option(
+    "--limits/--no-limits",
+    default=True,
+    show_default=True,
+    help="Keep a MuJoCo or URDF model within its joints' ranges, its speeds and forces, and its "
+    "bodies apart: run there first, moved and made smaller.",
+)
+@click.option(
+    "--speed-limit",
+    multiple=True,
+    metavar="JOINT=V",
+    help="Of such a model: a joint's highest speed, rad/s or m/s, beside those that a URDF states.",
+)
 @seed_option("Same seed, same signal.")
 @click.option(
     "--output",

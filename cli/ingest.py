@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -41,6 +42,16 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
     help="What all pressures of the log are; where neither this nor the mapping says, it is asked.",
 )
 @click.option(
+    "--angles",
+    type=click.Choice(["deg", "rad"]),
+    help="With --guess: what all angles are in whose unit the log does not say.",
+)
+@click.option(
+    "--only",
+    metavar="TEXT",
+    help="With --guess, of a log with several robots: take channels whose names contain this.",
+)
+@click.option(
     "--time-base",
     "repair",
     type=click.Choice(names.cures()),
@@ -67,6 +78,8 @@ def command(
     guess: bool,
     rig: str | None,
     pressures: str | None,
+    angles: str | None,
+    only: str | None,
     repair: str | None,
     known: tuple[str, ...],
     kind: str | None,
@@ -78,7 +91,8 @@ def command(
     First `--guess` writes a mapping to look through. With it, each log becomes a CSV with a TOML
     beside it and an account of everything that was done (.ingest.json). Uneven stamps are diagnosed
     before they are mended; where the data do not tell, it is asked. Long gaps split a recording,
-    they are never bridged.
+    they are never bridged. Of a robot's log (ROS JointState, LeRobot, MuJoCo's own vectors)
+    `--guess` finds a model's joints and motors by name or order.
     """
     from pamid.base.errors import UsageError
     from pamid.ingest.ingesting import ingest
@@ -86,9 +100,10 @@ def command(
     if guess:
         if mapping is not None or len(logs) != 1:
             raise UsageError("--guess takes one LOG and no --mapping.")
-        return _guess(
-            logs[0], rig or "one-dof", pressures, parse_known(known), kind, output, overwrite
-        )
+        asked = {"pressures": pressures, "angles": angles, "only": only or "", "kind": kind}
+        return _guess(logs[0], rig or "one-dof", asked, parse_known(known), output, overwrite)
+    if angles or only:
+        raise UsageError(f"{'--angles' if angles else '--only'} belongs to --guess.")
     if mapping is None or output is None:
         missing = "--mapping" if mapping is None else "--output"
         hint = (
@@ -123,24 +138,25 @@ def command(
 def _guess(
     log: Path,
     rig: str,
-    pressures: str | None,
+    asked: dict[str, Any],
     known: dict[str, float],
-    kind: str | None,
     output: Path | None,
     overwrite: bool,
 ) -> frame.Result:
     from pamid.ingest.ingesting import guess_mapping
     from pamid.schemas.command_files import GuessedMappingFile
 
-    found = guess_mapping(
-        log, rig, pressures=pressures, known=known, kind=kind, output=output, overwrite=overwrite
-    )
+    found = guess_mapping(log, rig, **asked, known=known, output=output, overwrite=overwrite)
+    kind = asked["kind"]
     said = GuessedMappingFile(
         log=str(log),
         output=str(output) if output else None,
         toml=found.text,
         open=found.open,
+        notes=found.notes,
     )
+    for note in found.notes:
+        aside(f"Warning: {note}")
     if output is None:
         return frame.Result(said, found.text)
     to_answer = "".join(f"\n  to be answered: {key}" for key in found.open)

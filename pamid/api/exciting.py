@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pamid.base.errors import UsageError
 from pamid.model.registry import RigLike, name_of, rig_given, rig_named
@@ -17,6 +18,8 @@ from pamid.rigs.muscle_experiments import (
     muscle_pulses,
     nothing_sent,
 )
+from pamid.simulators.compiled_rig import CompiledMechanism
+from pamid.simulators.safe_excitation import SafeExcitation, safe_excitation
 
 
 def release_excitation(
@@ -55,6 +58,29 @@ def pulse_excitation(
     made = _made(rig)
     period = made.period_s if period_s is None else period_s
     return _excitation(made, muscle_pulses(made, muscles, level, period), period, "pulses", {})
+
+
+def within_limits(
+    rig: RigLike,
+    columns: Mapping[str, ArrayLike],
+    period_s: float,
+    *,
+    centres: Mapping[str, float] | None = None,
+    speed_limits: Mapping[str, float] | None = None,
+) -> SafeExcitation | None:
+    """An excitation within the limits of a MuJoCo or URDF model: run there, moved and made smaller
+    until it keeps ranges, speeds and forces, and no bodies touch. None where the rig is no such
+    model, or none of the columns is a command of it.
+
+    columns: samples every period_s by column, in its unit; centres: what they swing about where
+    that is not 0; speed_limits: joint -> rad/s or m/s, beside those that a URDF states. DataError
+    (code "no-room") where nothing of it is left, UsageError for a joint that is not there.
+    """
+    made = _made(rig)
+    if not isinstance(made, CompiledMechanism) or not set(columns) & set(made.inputs):
+        return None
+    values = {name: np.asarray(one, dtype=np.float64) for name, one in columns.items()}
+    return safe_excitation(made.mechanism, values, period_s, centres, speed_limits)
 
 
 def _made(rig: RigLike) -> Rig:

@@ -140,10 +140,11 @@ def menu(bench: Bench) -> list[Experiment]:
 
 def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
     """Columns that carry an excitation: the references of a rig's loops, with loop "open" their
-    commands; without loops the inputs that it needs. UsageError where it has neither."""
+    commands; without loops the inputs that it needs, or those that are usually excited. UsageError
+    where it has neither."""
     if rig.loops:
         return tuple(q.reference if loop == "closed" else q.command for q in rig.loops)
-    needed = tuple(c for c in rig.inputs if c not in rig.optional)
+    needed = tuple(c for c in rig.inputs if c not in rig.optional) or tuple(rig.excited)
     if not needed:
         raise UsageError(
             f"rig {rig.name!r} has no loop and needs no input.",

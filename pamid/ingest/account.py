@@ -3,6 +3,7 @@ of them or none."""
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +35,8 @@ STAGE = (
 )
 # samples in a row at the highest or lowest value of a channel: it may be clipped there
 AT_LIMIT = 3
+
+_READ_IN_FOLDERS = (".parquet", ".json", ".yaml", ".mcap", ".db3")  # of a log that is one
 
 
 def outputs_for(
@@ -143,11 +146,21 @@ def tables_of(conversion: Conversion) -> dict[str, Any]:
     return {title: table for title, table in tables.items() if table}
 
 
+def _digest(path: Path) -> str:
+    """The sha256 of a log; of a folder that of the names and sums of the files that are
+    read."""
+    if not path.is_dir():
+        return sha256_of(path)
+    files = sorted(part for part in path.rglob("*") if part.suffix in _READ_IN_FOLDERS)
+    lines = [f"{sha256_of(part)}  {part.relative_to(path).as_posix()}\n" for part in files]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
 def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
     log, lead = conversion.log, conversion.lead
     return result.IngestFile(
         source=result.LogRead(
-            path=str(log.path), sha256=sha256_of(log.path), kind=log.kind, details=log.details
+            path=str(log.path), sha256=_digest(log.path), kind=log.kind, details=log.details
         ),
         mapping=result.MappingUsed(
             path=str(mapping_file), sha256=sha256_of(mapping_file), **plain(conversion.mapping)

@@ -225,3 +225,31 @@ def number(name: str) -> str:
     words = tokens(name)
     digits = "".join(word for word in words if word.isdigit())
     return digits or next((_SIDES[word] for word in words if word in _SIDES), "")
+
+
+_SENT = frozenset(
+    [
+        "command",
+        "commands",
+        "commanded",
+        "cmd",
+        "desired",
+        "des",
+        "target",
+        "goal",
+        "setpoint",
+        "reference",
+        "ref",
+        "action",
+        "actions",
+        "ctrl",
+        "control",
+        "controls",
+        "u",
+    ]
+)
+
+
+def says_sent(name: str) -> bool:
+    """Is a word of this name one for what is sent to a robot?"""
+    return not _SENT.isdisjoint(tokens(name))

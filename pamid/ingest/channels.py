@@ -10,16 +10,38 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.metrics import FloatArray
 
 
+@dataclass(frozen=True)
+class RobotValue:
+    """What the log of a robot says itself that a channel is.
+
+    group     the topic, or the column of vectors, that it is a part of
+    element   joint or motor by the log's name, "" where only the order tells
+    place, size  in the vector: from 0, and of how many
+    quantity  position, velocity or effort, "" where it is not said
+    sent      a command, not a measurement
+    si        in rad, m, rad/s, m/s, N m or N, as the format demands
+    """
+
+    group: str
+    element: str
+    place: int
+    size: int
+    quantity: str = ""
+    sent: bool = False
+    si: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One signal as the log has it. values (n,) float64, NaN where the log has none; stamps (n,) s
     of its own, or None where it shares the log's rows; unit as the log writes it, "" if it says
-    none."""
+    none; robot: of a robot's log, what it is there."""
 
     name: str  # groups joined by "/"
     values: FloatArray
     stamps: FloatArray | None = None
     unit: str = ""
+    robot: RobotValue | None = None
 
 
 @dataclass(frozen=True, eq=False)

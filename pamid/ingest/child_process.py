@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 from pamid.base.errors import FileError, PamidError
 from pamid.base.files import LOG
 from pamid.base.npz import load_arrays
-from pamid.ingest.channels import Channel, Log
+from pamid.ingest.channels import Channel, Log, RobotValue
 
 #: s that a reader may take, and more for each MB of the file
 PATIENCE = 120.0
@@ -32,7 +33,9 @@ def read_in_child(path: Path, kind: str) -> Log:
     dies or hangs."""
     search = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     command = [sys.executable, "-P", "-c", "from pamid.ingest.child_process import serve; serve()"]
-    patience = PATIENCE + PATIENCE_PER_MB * path.stat().st_size / 1e6
+    parts = path.rglob("*") if path.is_dir() else [path]
+    size = sum(part.stat().st_size for part in parts if part.is_file())
+    patience = PATIENCE + PATIENCE_PER_MB * size / 1e6
     with tempfile.TemporaryDirectory(prefix="pamid-") as folder:
         request = json.dumps({"path": str(path.absolute()), "kind": kind, "folder": folder})
         try:
@@ -73,7 +76,12 @@ def serve() -> None:
         np.savez(folder / "channels.npz", **arrays)  # type: ignore[arg-type]
         answer = {
             "channels": [
-                (channel.name, channel.unit, stamps.get(id(channel.stamps), ""))
+                (
+                    channel.name,
+                    channel.unit,
+                    stamps.get(id(channel.stamps), ""),
+                    None if channel.robot is None else asdict(channel.robot),
+                )
                 for channel in log.channels
             ],
             "details": log.details,
@@ -92,8 +100,14 @@ def _fetch(path: Path, folder: Path) -> Log:
         )
     arrays = load_arrays(folder / "channels.npz", most=LOG)
     channels = tuple(
-        Channel(name, arrays[f"values_{index}"], arrays[stamps] if stamps else None, unit)
-        for index, (name, unit, stamps) in enumerate(answer["channels"])
+        Channel(
+            name,
+            arrays[f"values_{index}"],
+            arrays[stamps] if stamps else None,
+            unit,
+            None if robot is None else RobotValue(**robot),
+        )
+        for index, (name, unit, stamps, robot) in enumerate(answer["channels"])
     )
     return Log(path, answer["kind"], channels, tuple(answer["details"]))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.ingest.channels import Channel, Log
+from pamid.ingest.channels import Channel, Log, RobotValue
 
 #: whole numbers above it have no exact float64
 EXACT_INTEGERS = 2**53
@@ -31,10 +31,17 @@ class Gathering:
         self.notes: list[str] = []
         self.left_out: dict[str, list[str]] = {}
 
-    def add(self, name: str, values: Any, stamps: FloatArray | None = None, unit: str = "") -> None:
+    def add(
+        self,
+        name: str,
+        values: Any,
+        stamps: FloatArray | None = None,
+        unit: str = "",
+        robot: RobotValue | None = None,
+    ) -> None:
         """Enter an array of numbers, truth values, dates or durations. (n,) is one channel; (n, m)
         or (m, n), n samples along the longer axis (the one of the stamps), becomes name/1 ...
-        name/m; anything else is left out by name."""
+        name/m; anything else is left out by name. robot: what one channel is to a robot."""
         array = np.asarray(values)
         if array.ndim > 1:
             array = array.squeeze()
@@ -63,7 +70,7 @@ class Gathering:
         numbers, seconds, note = found
         if note:
             self.note(f"{name}: {note}")
-        self.channels.append(Channel(name, numbers, stamps, "s" if seconds else unit))
+        self.channels.append(Channel(name, numbers, stamps, "s" if seconds else unit, robot))
 
     def fits(self, name: str, size: int) -> bool:
         """False, and left out, if an array of this size is nothing to be read into memory."""

@@ -19,28 +19,59 @@ from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
 from pamid.ingest.mapping import UNANSWERED
+from pamid.ingest.robot_names import (
+    NameFit,
+    chosen_by,
+    fits_by_name,
+    notes_on,
+    refuse_strangers,
+    require_clear,
+    robot_values,
+)
 from pamid.ingest.source_units import PRESSURE_DIMENSION, is_readable, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.model.rig import Rig
 from pamid.recording.recording import toml_string
 
+WHOLE_NAME = 100  # score of a channel that is called as the column is
+PAUSE = 100.0  # times the usual step
 EQUAL_TO = 1.05  # what is sent stays within -1 to 1, or is in per cent
 BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
 _LIKELY_TIME_UNITS = ("s", "ms", "us", "ns", "min")
 _RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
+_SI = ("rad", "m", "rad/s", "m/s", "N m", "N", NONE)
+_TURNING = (unit("rad").dimension, unit("rad/s").dimension)
 _RISING = 0.98  # share of steps up: then a channel may be the time
 
 
 @dataclass(frozen=True)
 class GuessedMapping:
-    """The text of a mapping, the keys that are left open, and how many channels were taken of how
-    many."""
+    """The text of a mapping, the keys that are left open, how many channels were taken of how many,
+    and what to know of those that were not."""
 
     text: str
     open: tuple[str, ...]
     mapped: int
     channels: int
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenChannel:
+    """A channel that was taken for a column, and how it fits by its robot's names, if it does."""
+
+    channel: Channel
+    fit: NameFit | None = None
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What the user has said of all channels: pressures are "gauge" or "absolute", angles without a
+    unit are in "deg" or "rad"; "" leaves them open."""
+
+    pressures: str = ""
+    angles: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,43 +93,68 @@ def guess_of(
     rig: Rig,
     pressures: str | None = None,
     known: Mapping[str, float] | None = None,
+    angles: str | None = None,
+    only: str = "",
 ) -> GuessedMapping:
     """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves
-    them open; known: what is known of the rig in these recordings."""
+    them open; angles: "deg" or "rad" for all whose unit the log does not say, likewise; only: text
+    that the names of the channels to take contain; known: what is known of the rig in these
+    recordings.
+
+    FileError where no joint of the log is one of the rig's, or a column may be one of several.
+    """
+    answers = Answers(pressures or "", angles or "")
     time = _time(log, rig)
-    rest = [channel for channel in log.channels if channel is not time.source]
-    chosen = _assign(rest, rig)
+    every = [channel for channel in log.channels if channel is not time.source]
+    rest = chosen_by(only, every, log) if only else every
+    taken = _assign(rest, rig, log)
+    if rig.log_names and not taken:
+        refuse_strangers(log, rest, rig)
+    chosen = {column: one.channel for column, one in taken.items()}
+    notes = notes_on(rest, rig, chosen)
     time = _diagnosed(time, log, [chosen[c] for c in rig.outputs if c in chosen] or rest)
     lines, left = _head(log, rig_name, rig, chosen), list[str]()
+    if notes:
+        lines[-1:] = [*(f"# {note}" for note in notes), ""]
     period = _period(time, rig)
     lines += _time_lines(time, period)
     if time.unit == UNANSWERED:
         left.append("time.unit")
-    for column, channel in chosen.items():
-        lines += _signal_lines(column, channel, rig, pressures, left, time)
-    lines += _tail(rig, chosen, rest, known or {})
-    return GuessedMapping("\n".join(lines) + "\n", tuple(left), len(chosen), len(rest))
+    for column, one in taken.items():
+        lines += _signal_lines(column, one, answers, left, time)
+    lines += _tail(rig, chosen, every, known or {})
+    text = "\n".join(lines) + "\n"
+    return GuessedMapping(text, tuple(left), len(chosen), len(every), tuple(notes))
 
 
 # ---- which channel is what ---------------------------------------------------------------------
 
 
-def _assign(channels: Sequence[Channel], rig: Rig) -> dict[str, Channel]:
+def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, ChosenChannel]:
     """Column of the rig -> channel, best fits first, in the rig's order."""
     columns = list(
         dict.fromkeys([*(loop.reference for loop in rig.loops), *rig.inputs, *rig.outputs])
     )
-    scores = [
-        (-_score(channel, column), i, j)
-        for i, channel in enumerate(channels)
-        for j, column in enumerate(columns)
-        if _score(channel, column) > 0
-    ]
+    named = fits_by_name(channels, rig)
+    require_clear(named, channels, log)
+    nameless = robot_values(channels) if rig.log_names else {}
+    scores = []
+    for i, channel in enumerate(channels):
+        for j, column in enumerate(columns):
+            # a robot's own names say more than words for what is measured
+            score = _score(channel, column)
+            if score < WHOLE_NAME and i in nameless:
+                score = 0
+            fit = named.get((i, column))
+            if score or fit:
+                scores.append((-max(score, fit.score if fit else 0), i, j))
     taken: dict[int, int] = {}
     for _, i, j in sorted(scores):
         if i not in taken and j not in taken.values():
             taken[i] = j
-    by_column = {columns[j]: channels[i] for i, j in taken.items()}
+    by_column = {
+        columns[j]: ChosenChannel(channels[i], named.get((i, columns[j]))) for i, j in taken.items()
+    }
     return {column: by_column[column] for column in columns if column in by_column}
 
 
@@ -106,7 +162,7 @@ def _score(channel: Channel, column: str) -> int:
     """How well a channel fits a column of the rig; 0 not at all."""
     name, (stem, symbol) = channel.name.rpartition("/")[2], split_column(column)
     if name == column or split_column(name)[0] == stem:
-        return 100
+        return WHOLE_NAME
     target = next(
         (
             kind
@@ -272,14 +328,18 @@ def _time_lines(time: TimeGuess, period: float | None) -> list[str]:
 
 
 def _signal_lines(
-    column: str, channel: Channel, rig: Rig, pressures: str | None, left: list[str], time: TimeGuess
+    column: str, chosen: ChosenChannel, answers: Answers, left: list[str], time: TimeGuess
 ) -> list[str]:
-    symbol = split_column(column)[1]
-    guessed, remark = _unit(column, channel)
+    symbol, channel, fit = split_column(column)[1], chosen.channel, chosen.fit
     lines = [
         f"[signals.{column}]  # {_about(channel, time)}",
         f"source = {toml_string(channel.name)}",
     ]
+    if fit is not None and fit.why:
+        lines.append(f"# {fit.why}")
+    if fit is not None and fit.scale is not None:
+        return [*lines, f"scale = {float(f'{fit.scale:.12g}')!r}", ""]
+    guessed, remark = _unit(column, channel, answers.angles, si=fit is not None and fit.si)
     if guessed == UNANSWERED:
         left.append(f"signals.{column}.unit")
     lines.append(f"unit = {toml_string(guessed)}" + (f"  # {remark}" if remark else ""))
@@ -289,13 +349,13 @@ def _signal_lines(
         lines.append(
             f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, guessed)}"
         )
-        if pressures is None:
+        if not answers.pressures:
             left.append(f"signals.{column}.pressure")
-        lines.append(f'pressure = "{pressures or UNANSWERED}"')
+        lines.append(f'pressure = "{answers.pressures or UNANSWERED}"')
     return [*lines, ""]
 
 
-def _unit(column: str, channel: Channel) -> tuple[str, str]:
+def _unit(column: str, channel: Channel, angles: str, *, si: bool) -> tuple[str, str]:
     """(unit of the source or "?", remark)."""
     symbol, logged = split_column(column)[1], channel.unit.strip()
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
@@ -308,6 +368,12 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
+    if si:
+        for one in _SI:
+            if unit(one).dimension == unit(symbol).dimension:
+                return one, "as such logs have it" if symbol != NONE else ""
+    if angles and unit(symbol).dimension in _TURNING:
+        return angles + ("/s" if unit(symbol).dimension == _TURNING[1] else ""), "as you say"
     if symbol == NONE:
         values = channel.values[np.isfinite(channel.values)]
         if values.size and np.abs(values).max() <= EQUAL_TO:
@@ -332,7 +398,11 @@ def _about(channel: Channel, time: TimeGuess) -> str:
         else (time.stamps if time.unit != UNANSWERED else None)
     )
     if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
-        said += f", {(values.size - 1) / (stamps[-1] - stamps[0]):.4g} Hz"
+        step = float(np.median(np.diff(stamps)))
+        # pauses between the parts of a log say nothing of the rate
+        paused = bool((np.diff(stamps) > PAUSE * step).any()) and step > 0.0
+        rate = 1.0 / step if paused else (values.size - 1) / (stamps[-1] - stamps[0])
+        said += f", {rate:.4g} Hz"
     return " ".join(said.split())
 
 

@@ -155,6 +155,8 @@ def guess_mapping(
     *,
     pressures: str | None = None,
     known: Mapped[str, float] | None = None,
+    angles: str | None = None,
+    only: str = "",
     kind: str | None = None,
     output: PathLike | None = None,
     overwrite: bool = False,
@@ -164,16 +166,23 @@ def guess_mapping(
 
     pressures   "gauge" or "absolute": what all of them are; it is never guessed
     known       parameters of the rig known for these recordings
+    angles      "deg" or "rad": what all angles are in whose unit the log does not say
+    only        of a log with several robots: text that the names of the channels to take contain
     kind        format of the log, where its name and content do not tell
     output      TOML file to write; default: none
 
-    FileError for a log that cannot be read, or where the output exists (and not overwrite).
+    FileError for a log that cannot be read, of which no joint is one of the rig's, or that may hold
+    several robots, or where the output exists (and not overwrite).
     """
+    if angles not in (None, "deg", "rad"):
+        raise UsageError(f"angles={angles!r}: take deg or rad.")
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
     given = rig_given(rig) or "one-dof"
     made = rig_named(given)
-    found = guess_of(read_log(Path(log), kind), name_of(given), made, pressures, known)
+    found = guess_of(
+        read_log(Path(log), kind), name_of(given), made, pressures, known, angles, only
+    )
     if target is not None:
         write_atomically(target, found.text.encode())
     return found

@@ -15,6 +15,7 @@ from pamid.base.files import LOG, open_data
 from pamid.ingest.channels import Log
 from pamid.ingest.child_process import read_in_child
 from pamid.ingest.log_kinds import Kind, known_kinds, read_here
+from pamid.ingest.readers.lerobot import data_set_of
 
 HEAD_BYTES = 4096
 
@@ -54,10 +55,13 @@ def read_log(path: Path, kind: str | None = None) -> Log:
 def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
     """The kind of a file, and what there is to say about how it was told."""
     if path.is_dir():
+        if data_set_of(path):
+            return known_kinds()["lerobot"], ""
         if not (path / "metadata.yaml").is_file():
             raise FileError(
                 f"{path} is a folder.",
-                "Name a log; of the folders only ROS 2 bags with a metadata.yaml are logs.",
+                "Name a log; of the folders only ROS 2 bags with a metadata.yaml and LeRobot data "
+                "sets with a meta/info.json are logs.",
             )
         for part in sorted(path.rglob("*")):
             if not part.is_dir():
@@ -68,6 +72,9 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
     by_name = next(
         (kind for kind in known_kinds().values() if path.suffix.lower() in kind.suffixes), None
     )
+    in_set = by_content is not None and by_content.name == "parquet" and data_set_of(path)
+    if in_set and wanted in (None, "lerobot"):
+        return known_kinds()["lerobot"], ""
     if wanted is not None:
         if by_content and by_content.name != wanted:
             raise FileError(
@@ -82,7 +89,9 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         )
     if by_name is None:
         known = ", ".join(
-            f"{kind.name} ({' '.join(kind.suffixes)})" for kind in known_kinds().values()
+            f"{kind.name} ({' '.join(kind.suffixes)})"
+            for kind in known_kinds().values()
+            if kind.suffixes
         )
         raise FileError(
             f"{path}: neither its suffix nor its content tells what kind of log it is.",

@@ -48,6 +48,7 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
+from pamid.model.log_names import LogName
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BETWEEN
 from pamid.symbolic.vocabulary import Expr, Number
@@ -164,6 +165,9 @@ class Rig:
     external: ClassVar[dict[str, float]] = {}
     # what the rate of change of an output is called, by the output without its unit
     rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
+    # what a robot's log calls a column, and how long the vectors are that such logs hold
+    log_names: ClassVar[dict[str, LogName]] = {}
+    vector_sizes: ClassVar[dict[str, int]] = {}
     # the method that a user has written in the place of another one
     written_as: ClassVar[dict[str, str]] = {}
     # what there is to know of it beside its tables: how it was made, what it leaves out

@@ -93,6 +93,9 @@ class GuessedMappingFile(Model):
     output: Text | None = Field(description="file of the mapping; null where it is only printed")
     toml: Text = Field(description="the mapping as text")
     open: ListOf[Text] = Field(description="keys that only the user can answer")
+    notes: ListOf[Text] = Field(
+        default=(), description="columns and joints for which nothing was found, with nearest names"
+    )
 
 
 class WrittenReport(Model):

@@ -66,6 +66,23 @@ class SentColumn(Model):
     coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
 
 
+class CommandKept(Model):
+    """What the limits of a model have made of one command."""
+
+    column: Text
+    factor: Number = Field(description="of what was asked for, about its centre, up to 1")
+    shift: Number = Field(description="of the centre, in the unit of the column")
+    why: ListOf[Text] = Field(description="what was in the way, in words")
+
+
+class LimitsKept(Model):
+    """The limits of a model within which the signal was run before."""
+
+    checked: ListOf[Text] = Field(description="what was looked at, in words")
+    commands: ListOf[CommandKept]
+    reached: dict[Text, Pair] = Field(description="joint -> lowest and highest position, rad or m")
+
+
 class ExcitationFile(Model):
     """What is sent: one column beside the settings, or several in a list."""
 
@@ -102,5 +119,8 @@ class ExcitationFile(Model):
     sampling_period_s: Sometimes[Number] = None
     samples: Sometimes[Count] = Field(default=None, description="number of samples")
     coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
+    limits: Sometimes[LimitsKept] = Field(
+        default=None, description="of a MuJoCo or URDF model, and what was done to keep them"
+    )
     format: Sometimes[Text] = Field(default=None, description="of the file, where it is no CSV")
     interpolation: Sometimes[Text] = Field(default=None, description="how it has to be played")

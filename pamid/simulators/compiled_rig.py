@@ -17,6 +17,7 @@ from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.simulators.forward_dynamics import accelerations
 from pamid.simulators.mechanism import Actuator, Mechanism, MechanismSensor
+from pamid.simulators.mechanism_log_names import log_names_of, vector_sizes_of
 from pamid.simulators.soft_friction import SoftFriction
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
@@ -56,6 +57,7 @@ class CompiledMechanism(Rig):
         own.states = tuple(_states(m))
         own.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
         own.remarks = _remarks(m)
+        own.log_names, own.vector_sizes = log_names_of(m), vector_sizes_of(m)
         self._names = {(p.element, p.number, p.attribute): p.parameter.name for p in m.parameters}
         self._ports = {(p.element, p.number, p.kind): p.name for p in m.ports}
 

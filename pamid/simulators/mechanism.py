@@ -213,7 +213,8 @@ class ModelFinding:
 @dataclass(frozen=True)
 class Mechanism:
     """A whole model. path: the file; inputs, outputs: column -> SI unit, in the order of actuators
-    and sensors; noise: standard deviations by column where the file states any."""
+    and sensors; noise: standard deviations by column where the file states any; sensor_values: how
+    many the simulator's own sensors return, those that pamid cannot read among them."""
 
     path: str
     name: str
@@ -228,6 +229,7 @@ class Mechanism:
     ports: tuple[ModelPort, ...]
     findings: tuple[ModelFinding, ...]
     contact_share: float = 0.0  # of the configurations within the joints' ranges
+    sensor_values: int = 0
 
     @property
     def hindrances(self) -> tuple[ModelFinding, ...]:

@@ -70,6 +70,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         ports_of(joints, tendons, actuators, sensors),
         findings_of(file, share, met),
         share,
+        int(file.model.nsensordata),
     )
 
 

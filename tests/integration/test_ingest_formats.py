@@ -490,7 +490,9 @@ def stub(folder: Path, monkeypatch: pytest.MonkeyPatch, package: str, code: str)
 
 
 @pytest.mark.parametrize(
-    "kind", [kind for kind in known_kinds().values() if kind.extra], ids=lambda kind: kind.name
+    "kind",
+    [kind for kind in known_kinds().values() if kind.extra and kind.suffixes],
+    ids=lambda kind: kind.name,
 )
 def test_a_missing_package_is_named_with_its_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Any
@@ -505,6 +507,22 @@ def test_a_missing_package_is_named_with_its_extra(
         caught.value.code == "missing-extra"
         and caught.value.hint == f"pip install 'pamid[{kind.extra}]'"
     )
+
+
+def test_a_data_set_in_a_folder_names_its_extra_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for file, text in (
+        ("meta/info.json", '{"features": {"action": {}}}'),
+        ("data/x.parquet", "PAR1"),
+    ):
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).write_text(text)
+    stub(tmp_path, monkeypatch, "pyarrow", "raise ModuleNotFoundError('none', name='pyarrow')")
+    for path in (tmp_path, tmp_path / "data/x.parquet"):
+        with pytest.raises(FileError, match="needs pyarrow") as caught:
+            read_log(path)
+        assert caught.value.hint == "pip install 'pamid[parquet]'"
 
 
 @pytest.mark.parametrize(

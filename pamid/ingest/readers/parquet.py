@@ -1,8 +1,9 @@
-"""Parquet files. Columns of numbers, truth values, dates and durations; texts and nested ones are
-left out by name."""
+"""Parquet files. Columns of numbers, truth values, dates and durations, and of lists of numbers
+that all have one length; texts and other nested ones are left out by name."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +18,58 @@ from pamid.ingest.readers.hdf5 import UNIT_NAMES
 def read_parquet(path: Path) -> Log:
     """Every column as a channel without stamps; null becomes NaN; the unit is the field's metadata
     `unit`."""
+    gathering = Gathering()
+    for name, values, unit in columns_of(gathering, path):
+        gathering.add(name, values, unit=unit)
+    return gathering.log(path, "parquet")
+
+
+def columns_of(gathering: Gathering, path: Path) -> Iterator[tuple[str, Any, str]]:
+    """(name, values, unit) of every column that can be a channel, or (n, m) lists of m numbers; the
+    others are left out by name."""
     import pyarrow
     import pyarrow.parquet
 
-    gathering = Gathering()
     with pyarrow.parquet.ParquetFile(path) as file:
         for name in _columns(gathering, file):
             column = file.read(columns=[name], use_threads=False).column(0)
             field = file.schema_arrow.field(name)
-            gathering.add(name, _values(pyarrow, column), unit=_unit(field))
-    return gathering.log(path, "parquet")
+            if _is_list(field.type):
+                values = _lists(gathering, name, column, file.metadata.num_rows)
+                if values is not None:
+                    yield name, values, _unit(field)
+            else:
+                yield name, _values(pyarrow, column), _unit(field)
+
+
+def _is_list(kind: Any) -> bool:
+    import pyarrow.types as types
+
+    return bool(
+        (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+        and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type))
+    )
+
+
+def _lists(gathering: Gathering, name: str, column: Any, rows: int) -> Any:
+    """A column of lists as (n, m), NaN where one is missing; None, and left out, where their
+    lengths differ."""
+    import pyarrow
+    import pyarrow.compute
+
+    lengths = pyarrow.compute.list_value_length(column).drop_null().unique().to_pylist()
+    if len(lengths) != 1 or not lengths[0]:
+        gathering.leave_out(name, "lists of other lengths from row to row" if lengths else "empty")
+        return None
+    if not gathering.fits(name, rows * lengths[0]):
+        return None
+    flat = (
+        pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False).fill_null(np.nan)
+    )
+    there = column.is_valid().to_numpy()
+    values = np.full((rows, lengths[0]), np.nan)
+    values[there] = flat.to_numpy().reshape(-1, lengths[0])
+    return values
 
 
 def _columns(gathering: Gathering, file: Any) -> list[str]:
@@ -42,6 +85,7 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
             or types.is_boolean(kind)
             or types.is_decimal(kind)
             or (types.is_timestamp(kind) or types.is_duration(kind) or types.is_date(kind))
+            or _is_list(kind)
         ):
             if gathering.fits(field.name, file.metadata.num_rows):
                 readable.append(field.name)

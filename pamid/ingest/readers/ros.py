@@ -2,7 +2,9 @@
 was measured.
 
 Stamps are those of the message's header; the time at which the recorder got it, which jitters, is
-used only where there is no header, and said.
+used only where there is no header, and said. Arrays with one value per joint (JointState and its
+like) become one channel per joint, whatever their order in a message; a joint that is not in every
+message has the stamps of those that it is in.
 """
 
 from __future__ import annotations
@@ -14,12 +16,31 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import FloatArray
-from pamid.ingest.channels import Log
+from pamid.ingest.channel_words import says_sent
+from pamid.ingest.channels import Log, RobotValue
 from pamid.ingest.gathering import MAX_COLUMNS, Gathering
 from pamid.ingest.log_kinds import Kind
 
 #: header and recorder further apart than this, in s, do not tell the same time
 CLOCKS_APART = 60.0
+#: fields of sensor_msgs, trajectory_msgs and control_msgs with one value per joint
+_PER_JOINT = {
+    "position": "position",
+    "positions": "position",
+    "velocity": "velocity",
+    "velocities": "velocity",
+    "effort": "effort",
+    "efforts": "effort",
+}
+#: parts of a controller's state that hold such fields -> are they commands?
+_CONTROLLER_PARTS = {
+    "desired": True,
+    "reference": True,
+    "output": True,
+    "actual": False,
+    "feedback": False,
+}
+_NAMES = ("name", "names", "joint_names")
 
 
 @dataclass
@@ -30,6 +51,7 @@ class _Topic:
     # of the header; fewer than rows where there is none
     measured: list[int] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
+    robot: dict[str, RobotValue] = field(default_factory=dict)
 
     @property
     def stamped(self) -> bool:
@@ -62,9 +84,9 @@ def read_ros(path: Path) -> Log:
         for connection, received, data in reader.messages(known) if known else ():
             message = reader.deserialize(data, connection.msgtype)
             topic = topics.setdefault(connection.topic, _Topic())
-            row: dict[str, float] = {}
-            _flatten(gathering, message, connection.topic, row)
-            topic.rows.append(row)
+            flat = _Flat(gathering, connection.topic, topic.robot)
+            flat.enter(message, connection.topic)
+            topic.rows.append(flat.row)
             topic.received.append(received)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             if stamp is not None:
@@ -89,41 +111,80 @@ def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
             f"{name} has no header: its stamps tell when it was recorded, not when it was measured"
         )
     stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
+    partly: dict[int, list[str]] = {}
+    shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under one topic
     for path in dict.fromkeys(path for row in topic.rows for path in row):
-        gathering.add(path, np.array([row.get(path, np.nan) for row in topic.rows]), stamps)
+        there = np.array([path in row for row in topic.rows])
+        own = shared.setdefault(there.tobytes(), stamps[there])
+        values = np.array([row[path] for row in topic.rows if path in row])
+        partly.setdefault(own.size, []).append(path)
+        gathering.add(path, values, own, robot=topic.robot.get(path))
+    for count, paths in partly.items():
+        if count < stamps.size:
+            gathering.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")
 
 
-def _flatten(gathering: Gathering, value: Any, path: str, row: dict[str, float]) -> None:
-    """Numbers in `value`, by path, into `row`."""
-    if isinstance(value, bool | int | float | np.number):
-        row[path] = float(value)
-    elif is_dataclass(value):
-        names = getattr(value, "name", None)
-        for part in fields(value):
-            if part.name == "header":
-                continue
-            inside = getattr(value, part.name)
-            if inside is names:
-                continue
-            labels = names if isinstance(names, list) and _length(inside) == len(names) else None
-            _flatten_field(gathering, inside, f"{path}/{part.name}", row, labels)
-    else:
-        gathering.leave_out(path, "text")
+@dataclass
+class _Flat:
+    """The numbers of one message by the path of their field, and what they are to a robot."""
 
+    gathering: Gathering
+    topic: str
+    robot: dict[str, RobotValue]
+    row: dict[str, float] = field(default_factory=dict)
 
-def _flatten_field(
-    gathering: Gathering, value: Any, path: str, row: dict[str, float], labels: list[str] | None
-) -> None:
-    count = _length(value)
-    if count is None:
-        _flatten(gathering, value, path, row)
-    elif count > MAX_COLUMNS:
-        gathering.leave_out(path, f"more than {MAX_COLUMNS} elements")
-    else:
-        for index in range(count):
-            _flatten(
-                gathering, value[index], f"{path}/{labels[index] if labels else index + 1}", row
-            )
+    def enter(self, value: Any, path: str, names: list[str] | None = None) -> None:
+        """Enter the numbers in `value`. names: of the joints, as what it lies in gives them."""
+        if isinstance(value, bool | int | float | np.number):
+            self.row[path] = float(value)
+        elif is_dataclass(value):
+            names_of_fields = (part.name for part in fields(value))
+            parts = {n: getattr(value, n) for n in names_of_fields if not n.startswith("__")}
+            parts.pop("header", None)
+            for word in _NAMES:
+                if isinstance(parts.get(word), list):
+                    names = self._told_apart(parts.pop(word), path)
+            for word, inside in parts.items():
+                self._field(inside, path, word, names)
+        else:
+            self.gathering.leave_out(path, "text")
+
+    def _told_apart(self, names: list[Any], path: str) -> list[str] | None:
+        if not all(isinstance(name, str) for name in names):
+            return None
+        if len(set(names)) < len(names):
+            self.gathering.leave_out(path, "messages that name a joint twice")
+            return []
+        return names
+
+    def _field(self, value: Any, path: str, word: str, names: list[str] | None) -> None:
+        count, inside = _length(value), f"{path}/{word}"
+        if count is None:
+            self.enter(value, inside, names)
+        elif count > MAX_COLUMNS:
+            self.gathering.leave_out(inside, f"more than {MAX_COLUMNS} elements")
+        elif names is not None and len(names) == count:
+            for index, name in enumerate(names):
+                self.enter(value[index], f"{inside}/{name}", names)
+                self._of_robot(f"{inside}/{name}", path, word, name, (index, count))
+        elif names and word in _PER_JOINT:
+            if count:
+                self.gathering.leave_out(
+                    inside, "messages with another number of values than names"
+                )
+        elif names != []:
+            for index in range(count):
+                self.enter(value[index], f"{inside}/{index + 1}", names)
+
+    def _of_robot(
+        self, path: str, group: str, word: str, name: str, where: tuple[int, int]
+    ) -> None:
+        """Note what the value at `path` is to a robot, the first time it is met."""
+        part = group.removeprefix(self.topic).strip("/")
+        if word not in _PER_JOINT or path in self.robot or (part and part not in _CONTROLLER_PARTS):
+            return
+        sent = _CONTROLLER_PARTS.get(part, says_sent(self.topic.rpartition("/")[2]))
+        self.robot[path] = RobotValue(group, name, *where, _PER_JOINT[word], sent, si=True)
 
 
 def _length(value: Any) -> int | None:

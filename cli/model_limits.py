@@ -1,0 +1,99 @@
+"""What `pamid generate-aprbs` sends to a MuJoCo or URDF model: the signal within the model's own
+limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pamid.excitation.waveforms import Sent
+    from pamid.simulators.safe_excitation import SafeExcitation
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedSignals:
+    """The signals within their limits; None: nothing was looked at, and all are as they were
+    drawn."""
+
+    found: SafeExcitation | None = None
+
+    def samples(self, column: str, one: Sent) -> NDArray[Any]:
+        """What is sent in a column."""
+        return one.samples if self.found is None else self.found.columns[column]
+
+    def reach(self, column: str, centre: float, amplitude: float) -> tuple[float, float]:
+        """Between which values it was to be, and is now."""
+        if self.found is not None:
+            for one in self.found.kept:
+                if one.column == column:
+                    centre, amplitude = centre + one.shift, one.factor * amplitude
+        return centre - amplitude, centre + amplitude
+
+    @property
+    def said(self) -> list[str]:
+        return [] if self.found is None else self.found.sentences()
+
+    @property
+    def noted(self) -> dict[str, Any]:
+        """What the note beside the excitation says of it."""
+        if self.found is None:
+            return {}
+        return {
+            "limits": {
+                "checked": self.found.limits,
+                "commands": [
+                    {
+                        "column": one.column,
+                        "factor": one.factor,
+                        "shift": one.shift,
+                        "why": one.why,
+                    }
+                    for one in self.found.kept
+                ],
+                "reached": self.found.reached,
+            }
+        }
+
+
+def within(
+    request: dict[str, Any], sent: Mapping[str, Sent], offsets: Mapping[str, float]
+) -> LimitedSignals:
+    """The signals within what the rig allows, where it is a model that says so."""
+    from pamid.api.exciting import within_limits
+    from pamid.base.errors import FileError, UsageError
+
+    speeds = _speeds(request["speed_limit"])
+    found = None
+    if request["limits"]:
+        columns = {column: one.samples for column, one in sent.items()}
+        try:
+            found = within_limits(
+                request["rig"], columns, request["period"], centres=offsets, speed_limits=speeds
+            )
+        except FileError:
+            if request["column"] is None:
+                raise  # a rig is only noted where a column is named by hand
+    if speeds and found is None:
+        raise UsageError(
+            "--speed-limit belongs to a MuJoCo or URDF model that is kept within its limits."
+        )
+    return LimitedSignals(found)
+
+
+def _speeds(texts: tuple[str, ...]) -> dict[str, float]:
+    from pamid.base.errors import UsageError
+
+    found = {}
+    for text in texts:
+        joint, _, number = text.rpartition("=")
+        try:
+            found[joint.strip()] = float(number)
+        except ValueError:
+            raise UsageError(
+                f"--speed-limit {text!r} is no speed of a joint.", "Write elbow=2."
+            ) from None
+    return found

@@ -1,0 +1,283 @@
+"""MuJoCo with the model of the data sheet, running an excitation and watched for what it must not
+do: leave a joint's range, exceed a speed or a force, make bodies touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import DataError, UsageError, nearest
+from pamid.simulators.mechanism import Mechanism
+from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
+from pamid.simulators.xml_text import tags_of
+
+Array = NDArray[np.float64]
+
+REST_S = 10.0  # of the run in which nothing is sent
+WILD = 1e6  # rad, m or their rates: a run beyond is unstable
+STANDING = 1e-3  # rad or m from an end of its range: a joint stands on it
+ROUNDED = 1e-6  # rad or m: an end that is met by rounding is not left
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What a run met: in words, when (s), which actuators may be the cause, the joint whose
+    range it is."""
+
+    text: str
+    at_s: float
+    guilty: tuple[int, ...]
+    joint: int = -1
+
+
+class ExcitationBench:
+    """MuJoCo with the model of the data sheet, and everything that it is watched for."""
+
+    def __init__(self, m: Mechanism, period_s: float, speeds: dict[str, float]) -> None:
+        file = open_mujoco(m.path)
+        self.file, self.m, self.mujoco = file, m, file.mujoco
+        self.model = file.model
+        self.count = max(1, int(np.ceil(period_s / m.timestep_s - 1e-9)))
+        self.period_s = period_s
+        self.model.opt.timestep = period_s / self.count
+        self.model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.forces = [i for i, a in enumerate(m.actuators) if a.adr >= 0 and a.force_range]
+        self.force_ends = np.array([m.actuators[i].force_range for i in self.forces]).reshape(-1, 2)
+        self.efforts = [j for j, joint in enumerate(m.joints) if joint.force_range]
+        self.effort_ends = np.array([m.joints[j].force_range for j in self.efforts]).reshape(-1, 2)
+        self.model.actuator_forcelimited[:] = 0
+        self.model.jnt_actfrclimited[:] = 0
+        self.ranged = [j for j, joint in enumerate(m.joints) if joint.range is not None]
+        self.ends = np.array([m.joints[j].range for j in self.ranged]).reshape(-1, 2)
+        names = [joint.name for joint in m.joints]
+        speeds = {**_stated_speeds(file, names), **speeds}
+        for name, speed in speeds.items():
+            if name not in names:
+                raise UsageError(
+                    f"--speed-limit {name}: there is no such joint.",
+                    nearest(name, names) or f"Joints: {', '.join(names)}.",
+                )
+            if not speed > 0.0:
+                raise UsageError(f"--speed-limit {name}={speed:g}: it must be above 0.")
+        self.fast = [j for j, name in enumerate(names) if name in speeds]
+        self.speeds = np.array([speeds[names[j]] for j in self.fast])
+        self.usual: set[tuple[int, int]] = set()
+        self.falls: dict[int, Trouble] = {}
+        # an end on which a joint stands at the start is a stop that is known
+        for k, j in enumerate(self.ranged):
+            away = np.abs(self.ends[k] - m.joints[j].reference)
+            self.ends[k] = np.where(away < STANDING, [-np.inf, np.inf], self.ends[k])
+
+    def limits(self) -> tuple[str, ...]:
+        """What was looked at, in words."""
+        said = []
+        stops = [
+            m.name
+            for k, j in enumerate(self.ranged)
+            for m in [self.m.joints[j]]
+            if not np.isfinite(self.ends[k]).all()
+        ]
+        for what, found in (
+            ("range", [self.m.joints[j].name for j in self.ranged]),
+            ("speed", [self.m.joints[j].name for j in self.fast]),
+            ("force", [self.m.actuators[i].name for i in self.forces]),
+            ("force", [self.m.joints[j].name for j in self.efforts]),
+        ):
+            if found:
+                said.append(f"{what} of {', '.join(found)}")
+        if stops:
+            said.append(f"not the end on which it stands at the start, of {', '.join(stops)}")
+        return (*said, "bodies that touch")
+
+    def _require_start(self) -> None:
+        """DataError where the model stands outside its own ranges."""
+        for joint in (self.m.joints[j] for j in self.ranged):
+            low, high = joint.range or (0.0, 0.0)
+            if not low - ROUNDED <= joint.reference <= high + ROUNDED:
+                raise DataError(
+                    f"{self.m.path}: joint {joint.name} stands at {joint.reference:.4g} at the "
+                    f"start, outside its range {low:.4g} .. {high:.4g}.",
+                    "Give it a reference within (ref), or send the signal as it is with "
+                    "--no-limits.",
+                    code="no-room",
+                )
+
+    def require_held(self, trouble: Trouble) -> None:
+        """DataError where a joint goes to its end by itself, so that no smaller signal holds it."""
+        alone = self.falls.get(trouble.joint)
+        if alone is not None:
+            raise DataError(
+                f"{self.m.path}: with nothing sent {alone.text} already, at {alone.at_s:.4g} s: a "
+                "smaller signal cannot keep it.",
+                "Hold it: --offset with what it takes, or an actuator that is sent positions; or "
+                "send the signal as it is with --no-limits.",
+                code="no-room",
+            )
+
+    def rest(self, first: Mapping[int, Array]) -> None:
+        """Learn which bodies touch at the start, and which touch the surroundings with no more sent
+        than at first."""
+        self._require_start()
+        data = self._begin()
+        self.usual = {pair for pair, _ in self._pairs(data)}
+        length = round(REST_S / self.period_s)
+        resting = {i: np.full(length, values[0]) for i, values in first.items()}
+        self.run(resting, learn=True)
+
+    def run(
+        self, sent: Mapping[int, Array], *, learn: bool = False
+    ) -> tuple[Trouble | None, dict[str, tuple[float, float]]]:
+        """The first trouble of a run, None where there is none, and how far the joints went."""
+        data, m = self._begin(), self.m
+        own = [i for i in sent if m.actuators[i].adr >= 0]
+        bare = [i for i in sent if m.actuators[i].adr < 0]
+        samples = len(next(iter(sent.values())))
+        controls = np.array([sent[i] for i in own]).reshape(len(own), samples)
+        torques = np.array([sent[i] for i in bare]).reshape(len(bare), samples)
+        places = [m.actuators[i].adr for i in own]
+        dofs = [m.joints[m.actuators[i].joint].dof for i in bare]
+        qpos = [joint.qpos for joint in m.joints]
+        low, high = data.qpos[qpos].copy(), data.qpos[qpos].copy()
+        self.mujoco.set_mju_user_warning(lambda _: None)
+        try:
+            for k in range(samples):
+                data.ctrl[places] = controls[:, k] if own else []
+                data.qfrc_applied[dofs] = torques[:, k] if bare else []
+                self.mujoco.mj_step(self.model, data, self.count)
+                q = data.qpos[qpos]
+                np.minimum(low, q, out=low)
+                np.maximum(high, q, out=high)
+                trouble = self._trouble(data, k, learn)
+                if trouble is not None and not learn:
+                    return trouble, {}
+                if trouble is not None and trouble.joint >= 0:
+                    self.falls.setdefault(trouble.joint, trouble)
+                if learn and not np.isfinite(q).all():
+                    break
+        finally:
+            self.mujoco.set_mju_user_warning(None)
+        names = (joint.name for joint in m.joints)
+        return None, {n: (float(a), float(b)) for n, a, b in zip(names, low, high, strict=True)}
+
+    def _begin(self) -> Any:
+        data = self.mujoco.MjData(self.model)
+        self.mujoco.mj_forward(self.model, data)
+        return data
+
+    def _trouble(self, data: Any, sample: int, learn: bool) -> Trouble | None:
+        """What is wrong at this sample. learn: touching the surroundings is noted instead."""
+        m, at = self.m, sample * self.period_s
+        everything = tuple(range(len(m.actuators)))
+        wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
+        if not max(wild) < WILD:
+            return Trouble("the run becomes unstable", at, everything)
+        if data.ncon:
+            for pair, (one, other) in self._pairs(data):
+                if learn and self._is_fixed(pair):
+                    self.usual.add(pair)
+                elif pair not in self.usual:
+                    guilty = self._movers(pair)
+                    return Trouble(f"{one} would touch {other}", at, guilty)
+        q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
+        for k in np.flatnonzero((q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED))[
+            :1
+        ]:
+            j = self.ranged[int(k)]
+            low, high = m.joints[j].range or (0.0, 0.0)
+            said = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
+            return Trouble(said, at, self._drivers(j), j)
+        v = np.abs(data.qvel[[m.joints[j].dof for j in self.fast]])
+        for k in np.flatnonzero(v > self.speeds)[:1]:
+            j = self.fast[int(k)]
+            unit = f"{m.joints[j].unit}/s"
+            said = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit}"
+            return Trouble(said, at, self._drivers(j))
+        return self._overload(data, at)
+
+    def _overload(self, data: Any, at: float) -> Trouble | None:
+        m = self.m
+        f = data.actuator_force[[m.actuators[i].adr for i in self.forces]]
+        for k in np.flatnonzero((f < self.force_ends[:, 0]) | (f > self.force_ends[:, 1]))[:1]:
+            i = self.forces[int(k)]
+            low, high = self.force_ends[k]
+            said = f"{m.actuators[i].name} would have to exert more than {low:.4g} .. {high:.4g}"
+            return Trouble(said, at, (i,))
+        f = data.qfrc_actuator[[m.joints[j].dof for j in self.efforts]]
+        for k in np.flatnonzero((f < self.effort_ends[:, 0]) | (f > self.effort_ends[:, 1]))[:1]:
+            j = self.efforts[int(k)]
+            low, high = self.effort_ends[k]
+            said = f"joint {m.joints[j].name} would be sent more than {low:.4g} .. {high:.4g}"
+            return Trouble(f"{said} {m.joints[j].force_unit}", at, self._drivers(j))
+        return None
+
+    # ---- who touches whom ------------------------------------------------------------------------
+
+    def _pairs(self, data: Any) -> list[tuple[tuple[int, int], tuple[str, str]]]:
+        """Pairs of geoms in contact, with their names."""
+        found = []
+        for c in range(data.ncon):
+            contact = data.contact[c]
+            one, other = sorted(int(g) for g in contact.geom)
+            if one >= 0 and contact.exclude == 0 and contact.dist <= 0.0:
+                found.append(((one, other), (self._named(one), self._named(other))))
+        return found
+
+    def _named(self, geom: int) -> str:
+        own = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
+        body = self.m.bodies[int(self.model.geom_bodyid[geom])].name
+        return str(own) if own else f"a geom of {body}"
+
+    def _is_fixed(self, pair: tuple[int, int]) -> bool:
+        """Is one of the two a part of the surroundings?"""
+        return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
+
+    def _chain(self, body: int) -> list[int]:
+        """A body and those that carry it, without the world."""
+        found = []
+        while body > 0:
+            found.append(body)
+            body = self.m.bodies[body].parent
+        return found
+
+    def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
+        """The actuators of the joints between two geoms."""
+        one, other = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
+        between = one ^ other
+        joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
+        drivers = {i for j in joints for i in self._drivers(j)}
+        return tuple(sorted(drivers)) or tuple(range(len(self.m.actuators)))
+
+    def _drivers(self, joint: int) -> tuple[int, ...]:
+        """The actuators of a joint, all where it has none of its own."""
+        m = self.m
+        found = [
+            i
+            for i, a in enumerate(m.actuators)
+            if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints)
+        ]
+        return tuple(found or range(len(m.actuators)))
+
+
+def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
+    """What a URDF says of its joints' speeds, which MuJoCo does not read; MJCF says nothing of
+    them."""
+    if file.path.suffix.lower() != ".urdf":
+        return {}
+    tags = tags_of(file.path.read_bytes())
+    own = {file.name("joint", i): name for i, name in enumerate(joints)}
+    found = {}
+    for tag in tags:
+        if tag.name != "limit" or tag.parent < 0 or "velocity" not in tag.attributes:
+            continue
+        name = tags[tag.parent].attributes.get("name", "")
+        try:
+            speed = float(tag.attributes["velocity"])
+        except ValueError:
+            continue
+        if name in own and speed > 0.0:  # 0 is written by tools for "not known"
+            found[own[name]] = speed
+    return found

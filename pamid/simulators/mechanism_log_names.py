@@ -1,0 +1,62 @@
+"""What logs call the columns of a mechanism: the names of its joints, motors and sensors, and their
+places in the vectors of MuJoCo."""
+
+from __future__ import annotations
+
+from pamid.model.log_names import LogName
+from pamid.simulators.mechanism import Actuator, Mechanism, MechanismSensor
+
+_COMMANDS = {"position": "position", "velocity": "velocity", "motor": "effort"}
+_READINGS = {"pos": "position", "vel": "velocity", "frc": "effort"}
+
+
+def log_names_of(m: Mechanism) -> dict[str, LogName]:
+    """By column of a recording."""
+    return {
+        **{a.column: _command(m, a) for a in m.actuators},
+        **{s.column: _reading(m, s) for s in m.sensors},
+    }
+
+
+def vector_sizes_of(m: Mechanism) -> dict[str, int]:
+    """How many values MuJoCo's own vectors hold of this model."""
+    own = sum(a.adr >= 0 for a in m.actuators)
+    joints = len(m.joints)
+    return {
+        "qpos": joints,
+        "qvel": joints,
+        "qfrc_actuator": joints,
+        "ctrl": own or joints,
+        "actuator_force": own,
+        "sensordata": m.sensor_values,
+    }
+
+
+def _command(m: Mechanism, a: Actuator) -> LogName:
+    joint = (m.joints[a.joint].name,) if a.joint >= 0 else ()
+    plain = a.kind == "motor" and a.dynamics == "none" and a.joint >= 0
+    strength = a.gear * a.gain[0]
+    return LogName(
+        (a.name, *joint),
+        _COMMANDS.get(a.kind, ""),
+        sent=True,
+        places={"ctrl": a.adr if a.adr >= 0 else a.joint},
+        per_effort=1.0 / strength if plain and strength else None,
+    )
+
+
+def _reading(m: Mechanism, s: MechanismSensor) -> LogName:
+    places = {"sensordata": s.adr} if s.adr >= 0 else {}
+    of: tuple[str, ...]
+    if s.kind.startswith("joint"):
+        joint = m.joints[s.of]
+        of = (joint.name,)
+        array = {"pos": "qpos", "vel": "qvel", "frc": "qfrc_actuator"}[s.kind[-3:]]
+        places[array] = joint.qpos if array == "qpos" else joint.dof
+    elif s.kind.startswith("actuator"):
+        of = (m.actuators[s.of].name,)
+        if s.kind.endswith("frc"):
+            places["actuator_force"] = s.of
+    else:
+        of = (m.tendons[s.of].name,)
+    return LogName((s.name, *of), _READINGS[s.kind[-3:]], places=places)

@@ -1,0 +1,253 @@
+"""An excitation kept within what a model allows: MuJoCo runs it on the model of the data sheet, and
+what reaches a joint's range, exceeds a speed or a force, or makes bodies touch is moved or made
+smaller, command by command.
+
+Bodies may touch as they do at the start, and the surroundings as they do with nothing sent (a robot
+that stands on a floor). Forces are looked at without their limits: within these, no actuator is
+ever asked for more than it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import DataError, UsageError, nearest
+from pamid.simulators.excitation_bench import ExcitationBench, Trouble
+from pamid.simulators.mechanism import Actuator, Mechanism
+
+Array = NDArray[np.float64]
+
+SMALLER_BY = 0.8  # an amplitude from one run to the next
+LEAST_SHARE = 0.01  # of what was asked for: less excites nothing
+SMALL_BESIDE = 0.3  # of the largest factor: commands this small are not to blame alone
+MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
+
+
+@dataclass(frozen=True)
+class KeptCommand:
+    """What became of one command: sent = shift + factor * what was asked for, about its centre;
+    why: what was in the way, in the order in which it was met."""
+
+    column: str
+    factor: float = 1.0
+    shift: float = 0.0
+    why: tuple[str, ...] = ()
+
+    @property
+    def changed(self) -> bool:
+        return self.factor != 1.0 or self.shift != 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SafeExcitation:
+    """columns (samples,) in their own units; kept: every command; limits: what was looked at, in
+    words; reached: joint -> lowest and highest position of the run, rad or m."""
+
+    columns: dict[str, Array]
+    kept: tuple[KeptCommand, ...]
+    limits: tuple[str, ...]
+    reached: dict[str, tuple[float, float]]
+
+    def sentences(self) -> list[str]:
+        """What was done, and what the run then reaches."""
+        said = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
+        for one in self.kept:
+            if one.changed:
+                moved = f"its centre moved by {one.shift:.4g}" if one.shift else ""
+                scaled = f"made smaller, {one.factor:.3g} times" if one.factor != 1.0 else ""
+                done = " and ".join(part for part in (moved, scaled) if part)
+                said.append(f"{one.column}: {done}, because {'; '.join(one.why)}.")
+        if not any(one.changed for one in self.kept):
+            said.append("It stays within all of them as it is.")
+        reach = ", ".join(f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.reached.items())
+        return [*said, f"Reached in that run (rad or m): {reach}."]
+
+
+@dataclass
+class _CommandCourse:
+    """How one command is changed so far: sent = centre + shift + factor * (asked + balance -
+    centre). rest: samples before it sets out; they stay as they are, and lead to the centre where
+    that is moved. why: what was in the way -> at which time it was first met, s; -1 at none."""
+
+    asked: Array
+    centre: float
+    range: tuple[float, float] | None = None
+    factor: float = 1.0
+    shift: float = 0.0
+    balance: float = 0.0
+    why: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def rest(self) -> int:
+        return int(np.argmax(self.asked != self.asked[0]))
+
+    @property
+    def half(self) -> float:
+        """The largest deviation from the centre that is asked for."""
+        return float(np.abs(self.asked[self.rest :] + self.balance - self.centre).max())
+
+    def sent(self) -> Array:
+        if not self.changed:
+            return self.asked
+        moved = self.centre + self.shift + self.factor * (self.asked + self.balance - self.centre)
+        begins = np.full(self.rest, self.asked[0])
+        if self.shift:  # no jump: a drive would have to follow it at once
+            begins = np.linspace(self.asked[0], self.centre + self.shift, self.rest)
+        moved[: self.rest] = begins
+        return moved if self.range is None else np.clip(moved, *self.range)
+
+    def note(self, text: str, at_s: float = -1.0) -> None:
+        """Note what was in the way, the first time that it was."""
+        self.why.setdefault(text, at_s)
+
+    def reasons(self) -> tuple[str, ...]:
+        return tuple(text if at < 0.0 else f"{text} at {at:.4g} s" for text, at in self.why.items())
+
+    @property
+    def changed(self) -> bool:
+        return self.factor != 1.0 or bool(self.shift) or bool(self.balance)
+
+
+def safe_excitation(
+    mechanism: Mechanism,
+    columns: Mapping[str, Array],
+    period_s: float,
+    centres: Mapping[str, float] | None = None,
+    speeds: Mapping[str, float] | None = None,
+) -> SafeExcitation:
+    """The excitation within the limits of the model. columns: in their units, every period_s;
+    centres: what they swing about where that is not 0; speeds: further limits, joint -> rad/s or
+    m/s.
+
+    UsageError for a joint that is not there; DataError (code "no-room") where nothing is left.
+    """
+    bench = ExcitationBench(mechanism, period_s, dict(speeds or {}))
+    courses = {
+        i: _CommandCourse(
+            np.asarray(columns[a.column], float),
+            (centres or {}).get(a.column, 0.0),
+            a.command_range,
+        )
+        for i, a in enumerate(mechanism.actuators)
+        if a.column in columns
+    }
+    if not courses:
+        raise UsageError(
+            f"None of {', '.join(columns)} is a command of {mechanism.path}.",
+            nearest(next(iter(columns)), list(mechanism.inputs)),
+        )
+    for i, course in courses.items():
+        _within_range(mechanism.actuators[i], course)
+        _within_joint(mechanism, mechanism.actuators[i], course)
+    bench.rest({i: course.sent()[:1] for i, course in courses.items()})
+    moved: set[int] = set()
+    while True:
+        trouble, reached = bench.run({i: course.sent() for i, course in courses.items()})
+        if trouble is None:
+            break
+        if trouble.joint not in moved:
+            moved.add(trouble.joint)
+            if _recentred(mechanism, courses, trouble):
+                continue
+        if not any(course.centre for course in courses.values()):
+            bench.require_held(trouble)
+        _shrink(mechanism, courses, trouble)
+    kept = [
+        KeptCommand(
+            mechanism.actuators[i].column,
+            c.factor,
+            c.shift + c.factor * c.balance,
+            c.reasons(),
+        )
+        for i, c in courses.items()
+    ]
+    made = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
+    return SafeExcitation({**columns, **made}, tuple(kept), bench.limits(), reached)
+
+
+# ---- what is changed -----------------------------------------------------------------------------
+
+
+def _fit(course: _CommandCourse, low: float, high: float, why: str) -> None:
+    """Move a signal as little as needed to lie within low .. high, smaller where it must be."""
+    half = course.factor * course.half
+    now = course.centre + course.shift
+    if now - half >= low - 1e-9 and now + half <= high + 1e-9:
+        return
+    if 2.0 * half > high - low:
+        course.factor *= (high - low) / (2.0 * half)
+        half = 0.5 * (high - low)
+    course.shift += min(max(now, low + half), high - half) - now
+    course.note(why)
+
+
+def _within_range(a: Actuator, course: _CommandCourse) -> None:
+    if a.command_range is not None:
+        low, high = a.command_range
+        _fit(course, low, high, f"{a.column} lies within {low:.4g} .. {high:.4g}")
+
+
+def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
+    """What a position drive may be told, by the range of its joint; None where it says nothing."""
+    joint = m.joints[a.joint] if a.joint >= 0 else None
+    if a.kind != "position" or joint is None or joint.range is None or not a.gear:
+        return None
+    free = MARGIN * (joint.range[1] - joint.range[0])
+    ends = sorted((a.gear * (joint.range[0] + free), a.gear * (joint.range[1] - free)))
+    if a.command_range is not None:
+        ends = [max(ends[0], a.command_range[0]), min(ends[1], a.command_range[1])]
+    return (ends[0], ends[1]) if ends[1] > ends[0] else None
+
+
+def _within_joint(m: Mechanism, a: Actuator, course: _CommandCourse) -> None:
+    allowed = _place_range(m, a)
+    if allowed is not None:
+        low, high = m.joints[a.joint].range or (0.0, 0.0)
+        _fit(
+            course, *allowed, f"joint {m.joints[a.joint].name} lies within {low:.4g} .. {high:.4g}"
+        )
+
+
+def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> bool:
+    """Move the signals at a joint whose end was reached: a position to the middle of the range, a
+    push so that it pushes as much either way. Was there anything to move?"""
+    done = False
+    guilty = trouble.guilty if trouble.joint >= 0 else ()
+    for i in (one for one in guilty if one in courses):
+        a, course = m.actuators[i], courses[i]
+        allowed = _place_range(m, a) if a.joint == trouble.joint else None
+        before = course.shift, course.balance
+        if allowed is not None:
+            course.shift += 0.5 * (allowed[0] + allowed[1]) - course.centre - course.shift
+        elif a.kind == "motor":
+            course.balance = course.centre - float(np.mean(course.asked[course.rest :]))
+            _within_range(a, course)
+        moved = abs(course.shift - before[0]) + abs(course.balance - before[1])
+        if moved > 1e-3 * course.half:
+            course.note(trouble.text, trouble.at_s)
+            done = True
+    return done
+
+
+def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> None:
+    """Make the guilty commands smaller, all of them where the guilty are small already."""
+    guilty = [i for i in trouble.guilty if i in courses] or list(courses)
+    largest = max(course.factor for course in courses.values())
+    if all(courses[i].factor < SMALL_BESIDE * largest for i in guilty):
+        guilty = list(courses)
+    for i in guilty:
+        courses[i].factor *= SMALLER_BY
+        courses[i].note(trouble.text, trouble.at_s)
+    if any(courses[i].factor < LEAST_SHARE for i in guilty):
+        names = ", ".join(m.actuators[i].column for i in guilty)
+        raise DataError(
+            f"{m.path}: nothing is left of {names}: even with {100 * LEAST_SHARE:g} % of the "
+            f"signal {trouble.text}, at {trouble.at_s:.4g} s.",
+            "Shorter --hold or --duration let a joint drift less; an --offset can hold it against "
+            "gravity; a joint that has to be held is better sent positions than torques.",
+            code="no-room",
+        )

@@ -1,0 +1,291 @@
+"""Logs of robots against the model of the robot, end to end: MuJoCo moves an arm of two joints, its
+JointState bag and its LeRobot data set are ingested for the model file, checked and fitted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import mechanisms
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pamid_cli import frame
+
+from pamid.base.errors import FileError
+from pamid.ingest.log_reader import read_log
+from pamid.recording.recording import read_recording
+
+mujoco: Any = mechanisms.needs_mujoco()
+pytest.importorskip("rosbags", reason="pip install 'pamid[ros]'")
+pytest.importorskip("pyarrow", reason="pip install 'pamid[parquet]'")
+
+Array = NDArray[np.float64]
+State = tuple[float, list[str], Any, Any, Any]
+
+JOINTS = ["shoulder", "elbow"]
+HEAVIER = mechanisms.TWO.replace('mass="1.2"', 'mass="1.35"')
+START_NS = 1_700_000_000_000_000_000
+
+
+def moved(period_s: float, samples: int, seed: int = 0) -> tuple[Array, Array, Array, Array]:
+    """Commands, positions, velocities and torques (samples, 2) of the arm with a heavier upper
+    link."""
+    model = mujoco.MjModel.from_xml_string(HEAVIER)
+    data, random = mujoco.MjData(model), np.random.default_rng(seed)
+    u = np.repeat(random.uniform(-0.4, 0.4, (samples // 40 + 1, 2)), 40, axis=0)[:samples]
+    q, v = np.empty((samples, 2)), np.empty((samples, 2))
+    for k in range(samples):
+        q[k], v[k], data.ctrl[:] = data.qpos, data.qvel, u[k]
+        mujoco.mj_step(model, data, round(period_s / model.opt.timestep))
+    return u, q, v, u * model.actuator_gear[:, 0]
+
+
+def bag(path: Path, samples: int, states: dict[str, Callable[[int], Iterable[State]]]) -> Path:
+    """A ROS 2 bag (MCAP) of JointState; every state is (s, names, position, velocity, effort)."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, kind = get_typestore(Stores.ROS2_HUMBLE), "sensor_msgs/msg/JointState"
+    joint, header = store.types[kind], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {name: writer.add_connection(name, kind, typestore=store) for name in states}
+        for k in range(samples):
+            for name, made in states.items():
+                for seconds, names, *values in made(k):
+                    ns = START_NS + round(1e9 * seconds)
+                    head = header(stamp(ns // 10**9, ns % 10**9), "base")
+                    message = joint(head, names, *(np.array(v, dtype=np.float64) for v in values))
+                    writer.write(topics[name], ns + 2_000_000, store.serialize_cdr(message, kind))
+    return path
+
+
+def data_set(root: Path, episodes: list[tuple[Array, Array]], fps: float, **info: Any) -> Path:
+    """A LeRobot data set (v2.1) of (action, observation.state) per episode."""
+    import pyarrow
+    import pyarrow.parquet
+
+    (root / "meta").mkdir(parents=True)
+    (root / "data/chunk-000").mkdir(parents=True)
+    named = {
+        "observation.state": {
+            "dtype": "float32",
+            "shape": [2],
+            "names": [f"{j}.pos" for j in JOINTS],
+        },
+        "action": {"dtype": "float32", "shape": [2], "names": {"motors": JOINTS}},
+        "observation.images.top": {"dtype": "video", "names": ["height", "width", "channels"]},
+    }
+    about = {"codebase_version": "v2.1", "fps": fps, "features": {**named, **info}}
+    (root / "meta/info.json").write_text(json.dumps(about))
+
+    def vectors(values: Array) -> Any:
+        flat = pyarrow.array(values.astype(np.float32).ravel())
+        return pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+    for number, (action, state) in enumerate(episodes):
+        count = np.arange(len(action))
+        table = {
+            "observation.state": vectors(state),
+            "action": vectors(action),
+            "timestamp": pyarrow.array((count / fps).astype(np.float32)),
+            "frame_index": count,
+            "episode_index": np.full(len(count), number),
+            "task_index": np.zeros(len(count), np.int64),
+        }
+        file = root / f"data/chunk-000/episode_{number:06d}.parquet"
+        pyarrow.parquet.write_table(pyarrow.table(table), file)
+    return root
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.xml"
+    path.write_text(mechanisms.TWO)
+    return path
+
+
+def pamid(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
+    """The JSON that a command prints."""
+    capsys.readouterr()
+    assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
+    return json.loads(capsys.readouterr().out)
+
+
+def ingested(
+    capsys: pytest.CaptureFixture[str], log: Path, arm: Path, *more: str
+) -> tuple[dict[str, Any], list[Path]]:
+    """What a guess and the mapping that it writes make of a log."""
+    mapping = log.with_suffix(".map")
+    guessed = pamid(capsys, "ingest", "--guess", log, "--rig", arm, *more, "--output", mapping)
+    assert guessed["open"] == []
+    made = pamid(capsys, "ingest", log, "--mapping", mapping, "--rig", arm, "--output",
+                 log.with_suffix(".csv"))  # fmt: skip
+    accounts = made.get("recordings") or [made]
+    return guessed, [Path(one["recording"]["path"]) for one in accounts]
+
+
+def fitted(capsys: pytest.CaptureFixture[str], arm: Path, *recordings: Path) -> dict[str, Any]:
+    run = arm.parent / "run"
+    return dict(pamid(capsys, "fit", *recordings, "--rig", arm, "--output", run)["parameters"])
+
+
+def test_a_joint_state_bag_becomes_a_fit(
+    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    u, q, v, torque = moved(0.005, 3000)
+    q = q + np.random.default_rng(1).normal(0.0, 2e-4, q.shape)
+
+    def state(k: int) -> list[State]:
+        order = [0, 1] if k % 3 else [1, 0]  # of the joints is the sender's business
+        speed = v[k][order] if k % 2 else []
+        return [(0.005 * k, [JOINTS[j] for j in order], q[k][order], speed, torque[k][order])]
+
+    guessed, (recording,) = ingested(
+        capsys, bag(tmp_path / "log", 3000, {"/joint_states": state}), arm
+    )
+    assert guessed["notes"] == []
+    made = read_recording(recording)
+    np.testing.assert_allclose(made.columns["shoulder_angle_rad"], q[:, 0], atol=1e-6)
+    np.testing.assert_allclose(made.columns["m2_command"], u[:, 1], atol=1e-6)
+    assert pamid(capsys, "check", recording, "--rig", arm)["ok"]
+    mass = fitted(capsys, arm, recording)["upper_mass_kg"]
+    assert abs(mass["value"] - 1.35) < 0.01 and mass["low"] <= 1.351 and mass["high"] >= 1.349
+
+
+def test_a_lerobot_data_set_becomes_a_fit(
+    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = [moved(0.02, 400, seed)[:2] for seed in range(3)]
+    log = data_set(tmp_path / "set", runs, 50.0)
+    guessed, recordings = ingested(capsys, log, arm, "--angles", "rad")
+    assert guessed["notes"] == [] and len(recordings) == 3
+    for (u, q), path in zip(runs, recordings, strict=True):
+        made = read_recording(path)
+        np.testing.assert_allclose(made.columns["elbow_angle_rad"], q[:, 1], atol=1e-6)
+        np.testing.assert_allclose(made.columns["m1_command"], u[:, 0], atol=1e-6)
+        assert made.sampling_period_s == 0.02
+    assert pamid(capsys, "check", recordings[0], "--rig", arm)["ok"]
+    mass = fitted(capsys, arm, *recordings)["upper_mass_kg"]
+    assert abs(mass["value"] - 1.35) < 0.01
+    # one episode by itself, named as its data set names it
+    alone = read_log(log / "data/chunk-000/episode_000001.parquet")
+    assert alone.kind == "lerobot"
+    np.testing.assert_allclose(alone.channel("action/elbow").values, runs[1][0][:, 1], atol=1e-6)
+
+
+def test_units_that_a_data_set_does_not_say_are_asked_for(
+    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = data_set(tmp_path / "set", [moved(0.02, 100)[:2]], 50.0)
+    guessed = pamid(capsys, "ingest", "--guess", log, "--rig", arm)
+    assert guessed["open"] == ["signals.shoulder_angle_rad.unit", "signals.elbow_angle_rad.unit"]
+
+
+def test_data_sets_without_names_go_by_order_where_the_length_fits(tmp_path: Path) -> None:
+    nameless = {"dtype": "float32", "shape": [2], "names": None}
+    runs = [moved(0.02, 100)[:2]]
+    log = read_log(data_set(tmp_path / "set", runs, 50.0, **{"observation.state": nameless}))
+    assert log.channel("observation.state/2").robot is not None
+    np.testing.assert_allclose(
+        log.channel("observation.state/2").values, runs[0][1][:, 1], atol=1e-6
+    )
+    assert any("does not name its 2 values" in said for said in log.details)
+
+
+def test_joints_of_two_senders_under_one_topic(
+    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A joint that is in every other message keeps the stamps of those that it is in."""
+    _, q, _, torque = moved(0.005, 800)
+
+    def state(k: int) -> list[State]:
+        first = (0.005 * k, JOINTS[:1], q[k, :1], [], torque[k, :1])
+        second = (0.005 * k + 0.001, JOINTS[1:], q[k, 1:], [], torque[k, 1:])
+        return [first, second] if k % 2 else [first]
+
+    _, (recording,) = ingested(capsys, bag(tmp_path / "log", 800, {"/joint_states": state}), arm)
+    made = read_recording(recording)
+    assert made.sampling_period_s == 0.005 and made.time.size > 790
+    shoulder = made.columns["shoulder_angle_rad"]  # from when the elbow is there too
+    np.testing.assert_allclose(shoulder, q[2 : 2 + made.time.size, 0], atol=1e-6)
+
+
+def test_missing_numbers_split_a_recording(
+    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, q, _, torque = moved(0.005, 800)
+    q[300:340, 1] = np.nan
+
+    def state(k: int) -> list[State]:
+        return [(0.005 * k, JOINTS, q[k], [], torque[k])]
+
+    _, made = ingested(capsys, bag(tmp_path / "log", 800, {"/joint_states": state}), arm)
+    assert [read_recording(path).time.size for path in made] == [300, 460]
+
+
+@pytest.mark.parametrize(
+    ("names", "positions", "said"),
+    [
+        ([], [], "there are no signals"),
+        (["shoulder", "shoulder"], [0.1, 0.2], "name a joint twice"),
+        (["shoulder", "elbow"], [0.1, 0.2, 0.3], "another number of values than names"),
+    ],
+)
+def test_damaged_joint_states_are_refused(
+    tmp_path: Path, names: list[str], positions: list[float], said: str
+) -> None:
+    def state(k: int) -> list[State]:
+        return [(0.01 * k, names, positions, [], [])]
+
+    with pytest.raises(FileError, match=said):
+        read_log(bag(tmp_path / "log", 60, {"/joint_states": state}))
+
+
+def test_a_log_of_another_robot_is_refused_with_both_lists(
+    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def state(k: int) -> list[State]:
+        return [(0.01 * k, ["hip", "elbw"], [0.1 * k, 0.0], [], [])]
+
+    log = bag(tmp_path / "log", 60, {"/joint_states": state})
+    error = pamid(capsys, "ingest", "--guess", log, "--rig", arm, code=3)
+    assert error["code"] == "joints" and "the log has hip, elbw" in error["message"]
+    assert "'elbw' for 'elbow'" in error["hint"]
+
+
+@pytest.mark.parametrize("damage", ["[]", "{", '{"features": 3}'])
+def test_a_data_set_whose_info_is_damaged_is_a_table_like_any_other(
+    tmp_path: Path, damage: str
+) -> None:
+    root = data_set(tmp_path / "set", [moved(0.02, 100)[:2]], 50.0)
+    (root / "meta/info.json").write_text(damage)
+    with pytest.raises(FileError, match="is a folder"):
+        read_log(root)
+    log = read_log(root / "data/chunk-000/episode_000000.parquet")
+    assert log.kind == "parquet" and log.channel("observation.state/2").robot is None
+
+
+def test_lists_of_other_lengths_are_left_out_by_name(tmp_path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    rows = [[float(k)] * (2 if k else 3) for k in range(9)]
+    table = {
+        "t": list(range(9)),
+        "ragged": rows,
+        "gap": [None if k == 4 else [k, None] for k in range(9)],
+        "empty": [None] * 9,
+    }
+    floats, whole = pyarrow.list_(pyarrow.float64()), pyarrow.list_(pyarrow.int64())
+    kinds = [("t", pyarrow.int64()), ("ragged", floats), ("gap", whole), ("empty", floats)]
+    made = pyarrow.table(table, schema=pyarrow.schema(kinds))
+    pyarrow.parquet.write_table(made, tmp_path / "x.parquet")
+    log = read_log(tmp_path / "x.parquet")
+    assert [channel.name for channel in log.channels] == ["t", "gap/1", "gap/2"]
+    np.testing.assert_array_equal(log.channel("gap/1").values, [0, 1, 2, 3, np.nan, 5, 6, 7, 8])
+    assert np.isnan(log.channel("gap/2").values).all()
+    assert any("ragged" in said for said in log.details)

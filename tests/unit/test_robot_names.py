@@ -1,0 +1,193 @@
+"""Joints and motors of a model, found in logs by name and by order; and what is said where they are
+not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mechanisms import TREE, TWO
+
+from pamid.base.errors import FileError
+from pamid.ingest.channels import Channel, Log, RobotValue
+from pamid.ingest.guessed_mapping import GuessedMapping, guess_of
+from pamid.ingest.mapping import load_mapping
+from pamid.model.rig import Rig
+from pamid.simulators.kinds.mujoco import rig_of
+from pamid.simulators.mujoco_mechanism import read_mechanism
+
+pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
+
+SERVOS = TWO.replace(
+    '<motor name="m1" joint="shoulder" gear="4" ctrlrange="-1 1"/>',
+    '<position name="m1" joint="shoulder" kp="4"/>',
+)
+STAMPS = 0.01 * np.arange(200)
+
+
+def model(folder: Path, text: str = TWO) -> Rig:
+    path = folder / "arm.xml"
+    path.write_text(text)
+    return rig_of(read_mechanism(path))
+
+
+def plain(*names: str) -> Log:
+    """A table with these columns and a time."""
+    rng = np.random.default_rng(0)
+    columns = [Channel(name, rng.normal(size=200)) for name in names]
+    return Log(Path("log.csv"), "csv", (Channel("time_s", STAMPS), *columns))
+
+
+def of_robot(*values: tuple[str, str, str, bool], si: bool = True) -> Log:
+    """(group, joint, quantity, sent) of every channel."""
+    channels = [
+        Channel(
+            f"{group}/{quantity}/{joint}",
+            np.sin(STAMPS + k),
+            STAMPS,
+            robot=RobotValue(group, joint, k, len(values), quantity, sent, si),
+        )
+        for k, (group, joint, quantity, sent) in enumerate(values)
+    ]
+    return Log(Path("bag"), "ros", tuple(channels))
+
+
+def sources(found: GuessedMapping, folder: Path) -> dict[str, str]:
+    """Column -> channel, as the mapping says."""
+    file = folder / "map.toml"
+    file.write_text(found.text)
+    return {column: one.source for column, one in load_mapping(file, "gauge").signals.items()}
+
+
+@pytest.mark.parametrize(
+    ("shoulder", "elbow"),
+    [
+        ("shoulder", "elbow"),
+        ("Shoulder", "ELBOW"),
+        ("shoulder_joint", "joint_elbow"),
+        ("arm_shoulder", "arm_elbow"),
+        ("panda_shoulder_joint", "panda_elbow_joint"),
+    ],
+)
+def test_joints_are_known_by_their_names(tmp_path: Path, shoulder: str, elbow: str) -> None:
+    states = [("/joint_states", joint, "position", False) for joint in (elbow, shoulder)]
+    sent = [("/commands", joint, "effort", True) for joint in (elbow, shoulder)]
+    found = guess_of(of_robot(*states, *sent), "arm.xml", model(tmp_path))
+    assert not found.open and not found.notes
+    assert sources(found, tmp_path) == {
+        "m1_command": f"/commands/effort/{shoulder}",
+        "m2_command": f"/commands/effort/{elbow}",
+        "shoulder_angle_rad": f"/joint_states/position/{shoulder}",
+        "elbow_angle_rad": f"/joint_states/position/{elbow}",
+    }
+    scales = load_mapping(tmp_path / "map.toml").signals
+    assert scales["m1_command"].scale == 0.25  # the motor's gear is 4
+
+
+def test_numbers_alone_are_no_ending(tmp_path: Path) -> None:
+    numbered = TWO.replace("shoulder", "joint1").replace("elbow", "joint2")
+    log = of_robot(
+        ("/joint_states", "joint_1", "position", False),
+        ("/joint_states", "wheel_2", "position", False),
+    )
+    found = guess_of(log, "arm.xml", model(tmp_path, numbered))
+    assert list(sources(found, tmp_path)) == ["joint1_angle_rad"]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("qpos/1", "qpos/2", "ctrl/1", "ctrl/2"),
+        ("qpos_0", "qpos_1", "ctrl_0", "ctrl_1"),
+        ("mjData.qpos[0]", "mjData.qpos[1]", "mjData.ctrl[0]", "mjData.ctrl[1]"),
+        ("sensordata/1", "sensordata/2", "ctrl/1", "ctrl/2"),
+    ],
+)
+def test_the_order_of_mujocos_own_vectors(tmp_path: Path, names: tuple[str, ...]) -> None:
+    found = guess_of(plain(*names[::-1]), "arm.xml", model(tmp_path))
+    columns = ("shoulder_angle_rad", "elbow_angle_rad", "m1_command", "m2_command")
+    assert sources(found, tmp_path) == dict(zip(columns, names, strict=True))
+    assert not found.open  # MuJoCo counts in rad
+
+
+def test_places_are_the_models_own(tmp_path: Path) -> None:
+    """Sensors that pamid cannot read, and vectors that are too short, move nothing."""
+    rig = model(tmp_path, TREE.replace("<sensor>", "<sensor><subtreecom body='cart'/>"))
+    values = [f"sensordata/{k + 1}" for k in range(rig.vector_sizes["sensordata"])]
+    found = sources(guess_of(plain(*values), "arm.xml", rig), tmp_path)
+    assert found["clipped_rad"] == values[-1] and "sensordata/1" not in found.values()
+    with pytest.raises(FileError, match="none of its names is in the model"):
+        guess_of(plain(*values[:-1]), "arm.xml", rig)
+
+
+def test_plain_columns_say_joint_and_quantity(tmp_path: Path) -> None:
+    log = plain("elbow_pos", "shoulder_pos", "elbow_cmd", "m1", "gripper_pos")
+    found = guess_of(log, "arm.xml", model(tmp_path), angles="deg")
+    assert sources(found, tmp_path) == {
+        "m1_command": "m1",
+        "m2_command": "elbow_cmd",
+        "shoulder_angle_rad": "shoulder_pos",
+        "elbow_angle_rad": "elbow_pos",
+    }
+    assert 'unit = "deg"  # as you say' in found.text
+    assert found.open == ("signals.m1_command.unit", "signals.m2_command.unit")
+
+
+def test_strangers_are_refused_with_the_nearest_names(tmp_path: Path) -> None:
+    log = of_robot(
+        ("/joint_states", "shoulder_lift", "position", False),
+        ("/joint_states", "elbw", "position", False),
+    )
+    with pytest.raises(FileError) as caught:
+        guess_of(log, "arm.xml", model(tmp_path))
+    assert caught.value.code == "joints"
+    assert "the log has shoulder_lift, elbw, the model shoulder, elbow" in caught.value.message
+    assert "'shoulder_lift' for 'shoulder', 'elbw' for 'elbow'" in caught.value.hint
+    with pytest.raises(FileError, match="the log has hip, knee"):
+        guess_of(plain("hip_pos", "knee_pos"), "arm.xml", model(tmp_path))
+
+
+def test_what_is_left_over_on_either_side_is_said(tmp_path: Path) -> None:
+    log = of_robot(
+        ("/joint_states", "shoulder", "position", False),
+        ("/joint_states", "elbow_flex", "position", False),
+        ("/goals", "shoulder", "position", True),
+        ("/goals", "elbow_flex", "position", True),
+    )
+    notes = guess_of(log, "arm.xml", model(tmp_path)).notes
+    assert any("m1_command" in n and "sends a position to shoulder" in n for n in notes)
+    assert any("elbow_angle_rad" in n and "'elbow_flex' for 'elbow'" in n for n in notes)
+    assert notes[-1] == "in the log, not in the model: elbow_flex."
+    servo = guess_of(log, "arm.xml", model(tmp_path, SERVOS))
+    assert sources(servo, tmp_path)["m1_command_rad"] == "/goals/position/shoulder"
+
+
+def test_two_robots_are_told_apart_by_the_user(tmp_path: Path) -> None:
+    both = [
+        (f"/{side}/joint_states", joint, "position", False)
+        for side in ("left", "right")
+        for joint in ("shoulder", "elbow")
+    ]
+    rig, log = model(tmp_path), of_robot(*both)
+    with pytest.raises(FileError, match="more than one robot") as caught:
+        guess_of(log, "arm.xml", rig)
+    assert caught.value.hint.endswith("--only left")
+    found = sources(guess_of(log, "arm.xml", rig, only="right"), tmp_path)
+    wanted = {f"/right/joint_states/position/{joint}" for joint in ("shoulder", "elbow")}
+    assert set(found.values()) == wanted
+    with pytest.raises(FileError, match="no channel's name contains 'rigth'.*'right'"):
+        guess_of(log, "arm.xml", rig, only="rigth")
+
+
+def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> None:
+    values = [
+        ("/joint_states", joint, quantity, False)
+        for joint in ("shoulder", "elbow")
+        for quantity in ("position", "effort")
+    ]
+    found = guess_of(of_robot(*values), "arm.xml", model(tmp_path, SERVOS))
+    made = sources(found, tmp_path)
+    assert made["m2_command"] == "/joint_states/effort/elbow"
+    assert "m1_command_rad" not in made
+    assert any(note.startswith("nothing found for m1_command_rad") for note in found.notes)
