@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import DIFFERENCE, slopes_of
+from pamid.engine.stepped import DIFFERENCE, Slopes, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -116,6 +116,13 @@ class StepRig(Rig):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
             out.append(self._called(self.read, wanted, given, known.of(values)))
         return np.array(out)
+
+    def slopes(
+        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+    ) -> Slopes | None:
+        """What `slopes_of` gives, where the simulation knows its own derivatives; None has them
+        taken by differences."""
+        return None
 
     def _called(
         self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
@@ -294,6 +301,11 @@ class RigSimulator:
 
     def reads(self, x: Array, p: Array) -> Array:
         return self.rig.reads(x, p)
+
+    def slopes(
+        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+    ) -> Slopes | None:
+        return self.rig.slopes(x, f, p, h, chosen)
 
 
 def _read(name: str) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import select
+import struct
 import subprocess
 import sys
 import tempfile
@@ -17,11 +19,12 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.simulators.fmu_file import FmuFile, extracted
-from pamid.simulators.fmu_host import FAILED
 
 Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # that one answer may take
+FAILED, HEAD = b"!", struct.Struct("<dqq")  # as `pamid.simulators.fmu_host` has them
+_EMPTY = np.zeros((0, 0))
 
 
 class _Kept:
@@ -54,46 +57,89 @@ class FmuProcess:
         )
         inlet.close()
         outlet.close()
+        self.told = select.poll()
+        self.told.register(self.from_child, select.POLLIN | select.POLLHUP)
         weakref.finalize(self, _close, self.child, self.to_child, self.folder)
         self._answer(json.dumps({**file.request, "folder": self.folder.name}).encode())
 
     # ---- as a carrier ----------------------------------------------------------------------------
 
     def begin(self, p: Array) -> Array:
-        return self._readings(b"b", {}, self.file.parameters.outside(p))
+        return self._readings(b"b", self.file.parameters.outside(p))
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
         kept = [one.number for one in saved]
-        return self._readings(b"r", {"kept": kept}, self.file.parameters.outside(p))
+        return self._readings(b"r", self.file.parameters.outside(p), kept=kept)
 
     def step(self, f: Array, h: float) -> Array:
-        return self._readings(b"s", {"h": h}, self.file.inputs.outside(f))
+        return self._readings(b"s", self.file.inputs.outside(f), h)
 
     def save(self) -> tuple[_Kept, ...]:
-        empty = np.zeros((0, 0))
-        found = tuple(_Kept(int(number)) for number in self._request(b"k", {}, empty)[0])
+        found = tuple(_Kept(int(number)) for number in self._request(b"k", _EMPTY)[0])
         for one in found:
             weakref.finalize(one, self.dropped.append, one.number)
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
-            self._request(b"d", {"kept": gone}, empty)
+            self._request(b"d", _EMPTY, kept=gone)
         return found
+
+    # ---- where its states are seen ---------------------------------------------------------------
+
+    def moved(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """States and outputs h later, of n copies; all SI."""
+        return self._parted(self._request(b"x", self._rows(x, f, p), h))
+
+    def derived(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array, Array]:
+        """Of the first copy outputs and states h later, in a row, and their derivatives by its
+        states and what goes in (outputs and states, both); the same of every copy, where there are
+        others. Empty where the FMU cannot tell."""
+        found = self._request(b"l", self._rows(x, f, p), h)
+        if not len(found):
+            return _EMPTY, _EMPTY, _EMPTY
+        wide, file = x.shape[1] + f.shape[1], self.file
+        after = np.concatenate([file.outputs.scale, file.states.scale])
+        before = np.concatenate([file.states.scale, file.inputs.scale])
+        slopes = found[1 : 1 + wide].T * after[:, None] / before
+        first, others = (
+            np.concatenate(self._parted(rows)[::-1], axis=1)
+            for rows in (found[:1], found[1 + wide :])
+        )
+        return first[0], slopes, others
+
+    def shown(self, x: Array, p: Array) -> Array:
+        """Outputs at these states; all SI."""
+        rows = np.concatenate([self.file.states.outside(x), self.file.parameters.outside(p)], 1)
+        return self._readings(b"o", rows)
+
+    def _rows(self, x: Array, f: Array, p: Array) -> Array:
+        file = self.file
+        given = file.states.outside(x), file.inputs.outside(f), file.parameters.outside(p)
+        return np.concatenate(given, axis=1)
+
+    def _parted(self, rows: Array) -> tuple[Array, Array]:
+        seen = len(self.file.outputs.variables)
+        return self.file.states.inside(rows[:, seen:]), self.file.outputs.inside(rows[:, :seen])
 
     # ---- what is sent ----------------------------------------------------------------------------
 
-    def _readings(self, word: bytes, about: dict[str, Any], table: Array) -> Array:
-        return self.file.outputs.inside(self._request(word, about, table))
+    def _readings(
+        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+    ) -> Array:
+        return self.file.outputs.inside(self._request(word, table, h, kept))
 
-    def _request(self, word: bytes, about: dict[str, Any], table: Array) -> Array:
-        said = json.dumps({**about, "shape": table.shape}).encode()
-        return self._answer(word + said + b"\0" + np.ascontiguousarray(table).tobytes())
+    def _request(
+        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+    ) -> Array:
+        said = b"" if kept is None else json.dumps(kept).encode()
+        return self._answer(word + HEAD.pack(h, *table.shape) + table.tobytes() + said)
 
     def _answer(self, message: bytes) -> Array:
         try:
             self.to_child.send_bytes(message)
-            if not self.from_child.poll(PATIENCE_S):
+            if not self.told.poll(1000.0 * PATIENCE_S):
                 self.child.kill()
-                raise self._failed(f"it did not answer within {PATIENCE_S:g} s")
+                self.child.wait()
+                raise self._failed(f"it did not answer within {PATIENCE_S:g} s, and was ended")
             answer = self.from_child.recv_bytes()
         except (EOFError, OSError) as error:
             code = self.child.wait()
@@ -101,8 +147,8 @@ class FmuProcess:
             raise self._failed(said) from error
         if answer.startswith(FAILED):
             raise self._failed(answer[1:].decode(errors="replace"))
-        shape, numbers = answer[1:].split(b"\0", 1)
-        return np.frombuffer(numbers).reshape(json.loads(shape))
+        _, rows, columns = HEAD.unpack_from(answer, 1)
+        return np.frombuffer(answer, offset=1 + HEAD.size).reshape(rows, columns)
 
     def _failed(self, what: str) -> FileError:
         return FileError(
