@@ -266,10 +266,7 @@ def _tried(
 
 @njit(cache=True)
 def _crossed(before: Array, after: Array) -> bool:
-    for k in range(len(before)):
-        if (before[k] > 0.0) != (after[k] > 0.0):
-            return True
-    return False
+    return bool(((before > 0.0) != (after > 0.0)).any())
 
 
 @njit(cache=True)
@@ -402,7 +399,7 @@ def exchange_copies(
     statuses: NDArray[np.int64],
 ) -> None:
     """Model exchange: `step_copies`, with the states x (copies, states) and the next events due
-    (copies, 1). Steps are those of the first copy, so that differences between copies are smooth."""
+    (copies, 1). Steps are those of the first copy: differences between copies are smooth then."""
     n, grid, none = len(handles), np.zeros(MOST_STEPS + 1), np.zeros((x.shape[1], 0))
     for k in range(n):
         if statuses[k] != 0:

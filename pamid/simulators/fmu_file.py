@@ -8,9 +8,11 @@ FMPy, the extra `[fmu]`.
 from __future__ import annotations
 
 import re
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,7 +210,7 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
     )
     saves = bool(offers.canGetAndSetFMUstate)
     seen = exchange and _is_seen(described, own, chosen)
-    derives = seen and bool(offers.providesDirectionalDerivative)
+    derives = seen and (bool(offers.providesDirectionalDerivative) or _says_derivatives(file))
     events = described.numberOfEventIndicators if version == 2 else len(described.eventIndicators)
     proposed = described.defaultExperiment and described.defaultExperiment.stepSize
     return FmuFile(
@@ -235,6 +237,15 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
         chosen.free,
         (*why, *_remarks(variables, reals, exchange, seen, saves, derives)),
     )
+
+
+def _says_derivatives(file: Path) -> bool:
+    """Of FMI 3.0: the attribute has another name there, which FMPy 0.3 passes over."""
+    with zipfile.ZipFile(file) as packed:
+        root = ElementTree.fromstring(packed.read("modelDescription.xml"))
+    found = root.find("ModelExchange")
+    said = "" if found is None else found.get("providesDirectionalDerivatives", "")
+    return said in ("true", "1")
 
 
 def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[str]]:

@@ -66,10 +66,12 @@ static double indicator(const Slider *s)
     return s->v[POSITION] - s->v[STOP];
 }
 
+#ifdef SAMPLED
 static double next_event(const Slider *s)
 {
     return (double)(s->events + 1) * HOLD_S;
 }
+#endif
 
 /* an event iteration; whether a discrete state has changed */
 static int discrete(Slider *s)
