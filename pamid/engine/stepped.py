@@ -19,7 +19,7 @@ and Computer Modelling of Dynamical Systems 6(2), 93-113).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,19 @@ class Simulator(Protocol):
 
     def reads(self, x: Array, p: Array) -> Array:
         """Readings (n, readings) at x (n, states), p (n, parameters)."""
+
+
+class FarRunner(Protocol):
+    """A process in which a simulator lives, and where whole runs are made."""
+
+    def run_there(
+        self, program: SteppedProgram, memory: Memory, *course: Any
+    ) -> tuple[Array, Array, int]:
+        """See `SteppedProgram.run`, whose arguments these are, in its order."""
+
+
+#: arguments of `build_program`
+Recipe: TypeAlias = tuple[Any, ...]
 
 
 class Slopes(NamedTuple):
@@ -105,6 +118,8 @@ class SteppedProgram:
     simulated: int
     forces: int
     own: int
+    far: FarRunner | None = None
+    recipe: Recipe | None = None  # of the equations around, for `far`
     states: tuple[str, ...] = field(init=False)
     outputs: tuple[str, ...] = field(init=False)
 
@@ -156,6 +171,10 @@ class SteppedProgram:
         after: Array | None = None,
     ) -> tuple[Array, Array, int]:
         """See `Program.run`."""
+        if self.far is not None:
+            step = stepping or Stepping()
+            given = u, p, period_s, time_s, step, columns, weights, after
+            return self.far.run_there(self, memory, *given)
         step = stepping or Stepping()
         wide, seen = memory.S.shape[1], len(self.outputs)
         JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))

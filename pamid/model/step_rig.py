@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import DIFFERENCE, Slopes, slopes_of
+from pamid.engine.stepped import DIFFERENCE, FarRunner, Slopes, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -181,6 +181,10 @@ class StepRig(Rig):
     def carrier(self) -> Carrier:
         """What steps where the rig `carries`."""
         raise FileError("there is none", "a rig that carries has carrier()")
+
+    def far_runner(self) -> FarRunner | None:
+        """Where whole runs are made, if the simulation lives in a process of its own."""
+        return None
 
     def rated(self) -> list[str]:
         return list(map(_read, self.readings)) if self.carries else super().rated()

@@ -27,6 +27,7 @@ from pamid.simulators.fmu_choices import (
     choices_path,
     read_choices,
 )
+from pamid.simulators.fmu_link import FmuUnits, Scale
 
 Array = NDArray[np.float64]
 
@@ -66,16 +67,6 @@ class FmuVariables:
     def references(self) -> list[int]:
         return [v.reference for v in self.variables]
 
-    def outside(self, values: Array) -> Array:
-        """SI values in the FMU's units."""
-        found: Array = (values - self.offset) / self.scale
-        return found
-
-    def inside(self, values: Array) -> Array:
-        """Values in the FMU's units as SI."""
-        found: Array = values * self.scale + self.offset
-        return found
-
 
 @dataclass(frozen=True)
 class FmuFile:
@@ -111,6 +102,12 @@ class FmuFile:
     remarks: tuple[str, ...]
 
     @property
+    def units(self) -> FmuUnits:
+        """Of inputs, outputs, parameters and states."""
+        every = self.inputs, self.outputs, self.parameters, self.states
+        return FmuUnits(*(Scale(v.scale, v.offset) for v in every))
+
+    @property
     def request(self) -> dict[str, Any]:
         """What `FmuHost` is made of, but for the folder."""
         return {
@@ -124,6 +121,10 @@ class FmuFile:
             "sizes": list(self.nominals),
             "indicators": self.indicators,
             "alone": self.alone,
+            "units": [[s.tolist() for s in unit] for unit in self.units],
+            "derives": self.derives,
+            "any_step": self.any_step,
+            "seen": self.seen,
             "called": [v.called for v in self.outputs.variables],
             "parameters": self.parameters.references,
             "tunable": [v.tunable for v in self.parameters.variables],

@@ -1,19 +1,11 @@
-"""The process that holds an FMU: its binary may print, hang, or crash, and then only this process
-does.
-
-Requests come by a pipe from the program that started this process: a word, then numbers. Answers
-are numbers or a sentence, never objects. What happens at every sample is compiled
-(`pamid.simulators.fmi_kernels`).
-"""
+"""Copies of an FMU in the process that holds it (`pamid.simulators.fmu_runs` serves it). What happens
+at every sample is compiled (`pamid.simulators.fmi_kernels`)."""
 
 from __future__ import annotations
 
 import json
-import os
 import struct
-import sys
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
@@ -32,7 +24,6 @@ from pamid.simulators.fmu_instance import FATAL, FmuInstance, why
 
 Array = NDArray[np.float64]
 
-FAILED, NUMBERS = b"!", b"="
 HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
 MOST_INSTANCES = 64  # with parameters of their own, where states are seen
 LATER_S = 1.2345  # when a model that does not know the time behaves as at 0
@@ -73,6 +64,7 @@ class FmuHost:
         self.count = 0
         self.went = False  # through a whole run: then a failure is that of a trial
         self.of_values: dict[bytes, FmuInstance] = {}
+        self.programs: dict[int, Any] = {}  # that were sent here (`pamid.simulators.fmu_runs`)
 
     def instance(self, number: int) -> FmuInstance:
         """The instance of a copy."""
@@ -199,7 +191,10 @@ class FmuHost:
         return np.arange(first, self.count + 1, dtype=float)[None]
 
     def drop(self, numbers: list[int]) -> Array:
-        self.let_go([self.kept.pop(number) for number in numbers])
+        """States that were kept, and programs, whose numbers come as negative ones."""
+        self.let_go([self.kept.pop(number) for number in numbers if number > 0])
+        for number in numbers:
+            self.programs.pop(-number, None)
         return np.zeros((0, 0))
 
     def let_go(self, copies: list[_Copy]) -> None:
@@ -280,6 +275,10 @@ class FmuHost:
         word, (h, n, m) = request[:1], HEAD.unpack_from(request, 1)
         begin, end = 1 + HEAD.size, 1 + HEAD.size + 8 * n * m
         table = np.frombuffer(request[begin:end]).reshape(n, m)
+        return self.told(word, table, h, json.loads(request[end:] or b"[]"))
+
+    def told(self, word: bytes, table: Array, h: float, kept: list[int]) -> Array:
+        """The same, taken apart."""
         if word == b"s":
             return self.step(table, h)
         if word == b"x":
@@ -290,29 +289,6 @@ class FmuHost:
             return self.shown(table)
         if word == b"b":
             return self.begin(table)
-        kept = json.loads(request[end:] or b"[]")
         if word == b"r":
             return self.resume(kept, table)
         return self.keep() if word == b"k" else self.drop(kept)
-
-
-def serve(inlet: int, outlet: int) -> None:
-    """Answer requests until there are no more. The first one says which FMU it is."""
-    asked, told = Connection(inlet, writable=False), Connection(outlet, readable=False)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
-    host: FmuHost | None = None
-    while True:
-        try:
-            request = asked.recv_bytes()
-        except EOFError:
-            return
-        try:
-            if host is None:
-                host, found = FmuHost(json.loads(request)), np.zeros((0, 0))
-            else:
-                found = host.answer(request)
-            shape = HEAD.pack(0.0, *found.shape)
-            told.send_bytes(NUMBERS + shape + np.ascontiguousarray(found).tobytes())
-        except Exception as error:
-            kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
-            told.send_bytes(FAILED + f"{kind}{error}".encode())

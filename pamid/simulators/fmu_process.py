@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Sequence
 from multiprocessing import Pipe
 from typing import Any
 
@@ -18,28 +17,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
+from pamid.engine.program import Memory
+from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_file import FmuFile, extracted
+from pamid.simulators.fmu_link import FmuLink, Kept
 
 Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # that one answer may take
-FAILED, HEAD = b"!", struct.Struct("<dqq")  # as `pamid.simulators.fmu_host` has them
+FAILED, HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
+_LENGTH = struct.Struct("<q")
+SAMPLES = 10000.0  # for which a run is given as much time again
 _EMPTY = np.zeros((0, 0))
 
 
-class _Kept:
-    """A saved state in the other process, until nobody knows of it any more."""
+def _lengthy(about: dict[str, Any]) -> bytes:
+    """As JSON, led by its length and filled up to whole numbers."""
+    said = json.dumps(about).encode()
+    said += b" " * (-len(said) % 8)
+    return _LENGTH.pack(len(said)) + said
 
-    def __init__(self, number: int) -> None:
-        self.number = number
 
-
-class FmuProcess:
+class FmuProcess(FmuLink):
     """Copies of an FMU, held by another process; it is started, and the FMU's binary loaded, when
     the first of them begins."""
 
     def __init__(self, file: FmuFile) -> None:
-        self.file = file
+        self.file, self.units = file, file.units
+        self.programs: weakref.WeakKeyDictionary[SteppedProgram, int] = weakref.WeakKeyDictionary()
+        self.places = [
+            i for i, v in enumerate(file.outputs.variables) if v not in file.states.variables
+        ]
         self.whole_samples, self.longest_s = not file.any_step, float("inf")
         self.dropped: list[int] = []
         self.folder = tempfile.TemporaryDirectory(prefix="pamid-fmu-")
@@ -47,7 +55,7 @@ class FmuProcess:
         inlet, self.to_child = Pipe(duplex=False)
         self.from_child, outlet = Pipe(duplex=False)
         ends = inlet.fileno(), outlet.fileno()
-        code = f"from pamid.simulators.fmu_host import serve; serve({ends[0]}, {ends[1]})"
+        code = f"from pamid.simulators.fmu_runs import serve; serve({ends[0]}, {ends[1]})"
         self.child = subprocess.Popen(
             [sys.executable, "-P", "-c", code],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(e or os.getcwd() for e in sys.path)},
@@ -62,70 +70,57 @@ class FmuProcess:
         weakref.finalize(self, _close, self.child, self.to_child, self.folder)
         self._answer(json.dumps({**file.request, "folder": self.folder.name}).encode())
 
-    # ---- as a carrier ----------------------------------------------------------------------------
+    # ---- whole runs ------------------------------------------------------------------------------
 
-    def begin(self, p: Array) -> Array:
-        return self._readings(b"b", self.file.parameters.outside(p))
+    def run_there(
+        self, program: SteppedProgram, memory: Memory, *course: Any
+    ) -> tuple[Array, Array, int]:
+        """See `pamid.engine.stepped.FarRunner`."""
+        from pamid.engine.sent_program import Course, Parcel, run_request, take_answer
 
-    def resume(self, saved: Sequence[Any], p: Array) -> Array:
-        kept = [one.number for one in saved]
-        return self._readings(b"r", self.file.parameters.outside(p), kept=kept)
-
-    def step(self, f: Array, h: float) -> Array:
-        return self._readings(b"s", self.file.inputs.outside(f), h)
-
-    def save(self) -> tuple[_Kept, ...]:
-        found = tuple(_Kept(int(number)) for number in self._request(b"k", _EMPTY)[0])
-        for one in found:
+        number = self._number(program)
+        request = run_request(memory, Course(*course))
+        saved = memory.saved and [
+            memory.saved[0].number,
+            *(sorted((c, one.number) for c, one in memory.saved[1].items())),
+        ]
+        about = {**request.about, "program": number, "saved": saved}
+        patience_s = PATIENCE_S * (1.0 + len(course[0]) / SAMPLES)
+        answer = self._told(b"u" + _lengthy(about) + request.numbers.tobytes(), patience_s)
+        size = _LENGTH.unpack_from(answer)[0]
+        told = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
+        parcel = Parcel(told, np.frombuffer(answer, offset=_LENGTH.size + size))
+        found = take_answer(memory, parcel)
+        kept = [Kept(int(k)) for k in told["kept"]]
+        for one in kept:
             weakref.finalize(one, self.dropped.append, one.number)
+        if kept:
+            memory.saved = kept[0], dict(zip(map(int, told["columns"]), kept[1:], strict=True))
+        return found
+
+    def _number(self, program: SteppedProgram) -> int:
+        """Of a program there, which is sent where it is not known; what nobody knows any more is
+        dropped there."""
+        from pamid.engine.sent_program import program_data
+
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
             self._request(b"d", _EMPTY, kept=gone)
-        return found
-
-    # ---- where its states are seen ---------------------------------------------------------------
-
-    def moved(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        """States and outputs h later, of n copies; all SI."""
-        return self._parted(self._request(b"x", self._rows(x, f, p), h))
-
-    def derived(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array, Array]:
-        """Of the first copy outputs and states h later, in a row, and their derivatives by its
-        states and what goes in (outputs and states, both); the same of every copy, where there are
-        others. Empty where the FMU cannot tell."""
-        found = self._request(b"l", self._rows(x, f, p), h)
-        if not len(found):
-            return _EMPTY, _EMPTY, _EMPTY
-        wide, file = x.shape[1] + f.shape[1], self.file
-        after = np.concatenate([file.outputs.scale, file.states.scale])
-        before = np.concatenate([file.states.scale, file.inputs.scale])
-        slopes = found[1 : 1 + wide].T * after[:, None] / before
-        first, others = (
-            np.concatenate(self._parted(rows)[::-1], axis=1)
-            for rows in (found[:1], found[1 + wide :])
-        )
-        return first[0], slopes, others
-
-    def shown(self, x: Array, p: Array) -> Array:
-        """Outputs at these states; all SI."""
-        rows = np.concatenate([self.file.states.outside(x), self.file.parameters.outside(p)], 1)
-        return self._readings(b"o", rows)
-
-    def _rows(self, x: Array, f: Array, p: Array) -> Array:
-        file = self.file
-        given = file.states.outside(x), file.inputs.outside(f), file.parameters.outside(p)
-        return np.concatenate(given, axis=1)
-
-    def _parted(self, rows: Array) -> tuple[Array, Array]:
-        seen = len(self.file.outputs.variables)
-        return self.file.states.inside(rows[:, seen:]), self.file.outputs.inside(rows[:, :seen])
+        number = self.programs.get(program)
+        if number is None:
+            assert program.recipe is not None
+            simulator: Any = program.simulator
+            sizes = getattr(simulator, "sizes", None)
+            data = program_data(program, program.recipe)
+            data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
+            data["places"] = self.places
+            number = self.programs[program] = int(
+                self._answer(b"p" + _lengthy(data), PATIENCE_S)[0, 0]
+            )
+            weakref.finalize(program, self.dropped.append, -number)
+        return number
 
     # ---- what is sent ----------------------------------------------------------------------------
-
-    def _readings(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
-    ) -> Array:
-        return self.file.outputs.inside(self._request(word, table, h, kept))
 
     def _request(
         self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
@@ -133,13 +128,19 @@ class FmuProcess:
         said = b"" if kept is None else json.dumps(kept).encode()
         return self._answer(word + HEAD.pack(h, *table.shape) + table.tobytes() + said)
 
-    def _answer(self, message: bytes) -> Array:
+    def _answer(self, message: bytes, patience_s: float | None = None) -> Array:
+        answer = self._told(message, patience_s)
+        _, rows, columns = HEAD.unpack_from(answer)
+        return np.frombuffer(answer, offset=HEAD.size).reshape(rows, columns)
+
+    def _told(self, message: bytes, patience_s: float | None = None) -> bytes:
+        waits_s = patience_s or PATIENCE_S
         try:
             self.to_child.send_bytes(message)
-            if not self.told.poll(1000.0 * PATIENCE_S):
+            if not self.told.poll(1000.0 * waits_s):
                 self.child.kill()
                 self.child.wait()
-                raise self._failed(f"it did not answer within {PATIENCE_S:g} s, and was ended")
+                raise self._failed(f"it did not answer within {waits_s:.3g} s, and was ended")
             answer = self.from_child.recv_bytes()
         except (EOFError, OSError) as error:
             code = self.child.wait()
@@ -147,8 +148,7 @@ class FmuProcess:
             raise self._failed(said) from error
         if answer.startswith(FAILED):
             raise self._failed(answer[1:].decode(errors="replace"))
-        _, rows, columns = HEAD.unpack_from(answer, 1)
-        return np.frombuffer(answer, offset=1 + HEAD.size).reshape(rows, columns)
+        return answer[1:]
 
     def _failed(self, what: str) -> FileError:
         return FileError(

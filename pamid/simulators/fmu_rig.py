@@ -27,13 +27,14 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import DIFFERENCE, Slopes
+from pamid.engine.stepped import FarRunner, Slopes
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
 from pamid.model.step_rig import StepRig
 from pamid.simulators.fmu_choices import choices_path
 from pamid.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
+from pamid.simulators.fmu_link import SeenFmu
 from pamid.simulators.fmu_process import FmuProcess
 from pamid.simulators.mujoco_parameters import stated
 from pamid.symbolic.vocabulary import Number
@@ -65,12 +66,12 @@ class FmuRig(StepRig):
         own.inputs = {v.name: v.si for v in f.inputs.variables}
         own.outputs = {v.name: v.si for v in f.outputs.variables}
         if f.seen:
-            starts = f.states.inside(np.array([v.start for v in f.states.variables]))
+            starts = f.units.states.inside(np.array([v.start for v in f.states.variables]))
             own.states = tuple(
                 State(v.name, v.si, start)
                 for v, start in zip(f.states.variables, starts.tolist(), strict=True)
             )
-            sizes = np.array(f.nominals) * f.states.scale
+            sizes = np.array(f.nominals) * f.units.states.scale
             own.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
         shown = {s.name for s in self.states}
         own.readings = {name: si for name, si in self.outputs.items() if name not in shown}
@@ -164,42 +165,26 @@ class FmuRig(StepRig):
     def _process(self) -> FmuProcess:
         return FmuProcess(self.file)
 
+    def far_runner(self) -> FarRunner:
+        return self._process
+
+    @cached_property
+    def _seen(self) -> SeenFmu:
+        places = np.array(self._process.places, np.intp)
+        return SeenFmu(self._process, places, self.file.derives, self.sizes(()))
+
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
     ) -> tuple[Array, Array]:
-        after, outputs = self._process.moved(x, f, p, h)
-        return after, outputs[:, self._read_places]
+        return self._seen.steps(x, f, p, h)
 
     def reads(self, x: Array, p: Array) -> Array:
-        if not self.readings:
-            return np.empty((len(x), 0))
-        return self._process.shown(x, p)[:, self._read_places]
-
-    @cached_property
-    def _read_places(self) -> NDArray[np.intp]:
-        """Of the readings among the outputs."""
-        return np.array([list(self.outputs).index(name) for name in self.readings], np.intp)
+        return self._seen.reads(x, p)
 
     def slopes(
         self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
     ) -> Slopes | None:
-        """By the FMU's directional derivatives; parameters, of which it has none, by differences
-        along the same steps."""
-        if not self.file.derives:
-            return None
-        copies = np.tile(p, (1 + len(chosen), 1))
-        by = DIFFERENCE * np.where(p == 0.0, 1.0, np.abs(p))[chosen]
-        copies[1 + np.arange(len(chosen)), chosen] += by
-        same = (np.tile(row, (len(copies), 1)) for row in (x, f))
-        first, slopes, others = self._process.derived(*same, copies, h)
-        if not len(first):
-            return None
-        seen = len(self.outputs)
-        rows = np.concatenate([self._read_places, np.arange(seen, seen + len(x))])
-        moved = (
-            ((others[1:] - others[:1]).T / by)[rows] if len(chosen) else np.zeros((len(rows), 0))
-        )
-        return Slopes(first[rows], slopes[rows][:, : len(x)], slopes[rows][:, len(x) :], moved)
+        return self._seen.slopes(x, f, p, h, chosen)
 
 
 def _beside(kind: type, path: str) -> Path:
