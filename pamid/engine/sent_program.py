@@ -1,6 +1,6 @@
-"""A stepped program in another process: what it is made of as plain data, and a run of it as rows of
-numbers. Where the simulator lives in a process of its own, a run is sent there whole: an exchange at
-every sample would cost two changes of process each.
+"""A stepped program in another process: what it is made of as plain data, and a run of it as rows
+of numbers. Where the simulator lives in a process of its own, a run is sent there whole: an
+exchange at every sample would cost two changes of process each.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Copies of an FMU in the process that holds it (`pamid.simulators.fmu_runs` serves it). What happens
-at every sample is compiled (`pamid.simulators.fmi_kernels`)."""
+"""Copies of an FMU in the process that holds it, served by `pamid.simulators.fmu_runs`. What
+happens at every sample is compiled (`pamid.simulators.fmi_kernels`)."""
 
 from __future__ import annotations
 

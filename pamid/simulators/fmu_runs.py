@@ -2,8 +2,8 @@
 does.
 
 Requests come by a pipe from the program that started this process: a word, then numbers. Answers
-are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.sent_program`): the
-equations around the FMU are sent once, as text that is compiled.
+are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.sent_program`):
+the equations around the FMU are sent once, as text that is compiled.
 """
 
 from __future__ import annotations
