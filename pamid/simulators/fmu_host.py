@@ -279,6 +279,7 @@ class FmuHost:
 
     def told(self, word: bytes, table: Array, h: float, kept: list[int]) -> Array:
         """The same, taken apart."""
+        table = np.array(table)  # compiled code has another version for what must not be written
         if word == b"s":
             return self.step(table, h)
         if word == b"x":
