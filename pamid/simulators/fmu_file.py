@@ -176,7 +176,8 @@ def read_fmu(path: PathLike) -> FmuFile:
         )
     here = {fmpy.platform, fmpy.platform_tuple}
     if not here & set(platforms):
-        there = ", ".join(p for p in platforms if p != "c-code") or "no machine: it holds sources"
+        none = "no machine" + (": it holds sources" if platforms else " that is known here")
+        there = ", ".join(p for p in platforms if p != "c-code") or none
         raise FileError(
             f"{file} has a binary for {there}, not for this one ({fmpy.platform}).",
             "Export it for this machine, or build it here with `fmpy compile`.",
