@@ -45,10 +45,17 @@ def received_program(data: dict[str, Any], simulator: Simulator | Carrier) -> St
     arrays = {k: np.array(v, np.int64) for k, v in data["arrays"].items()}
     arrays["direct"] = arrays["direct"].reshape(-1, 3)
     address = np.array(addresses(data["text"], data["names"]), np.int64)
+    states, inputs, parameters, outputs, cells = map(tuple, data["tables"])
+    operations, derived = data["counts"]
     around = Program(
-        *(tuple(names) for names in data["tables"]),
+        states,
+        inputs,
+        parameters,
+        outputs,
+        cells,
         tuple(data["delays"]),
-        *data["counts"],
+        operations,
+        derived,
         frozenset(data["sensitive"]),
         tuple(data["linear"]),
         CompiledEquations(address=address, **arrays),
@@ -76,7 +83,7 @@ class Parcel:
     about: dict[str, Any]
     numbers: Array
 
-    def arrays(self) -> Iterator[Array | None]:
+    def arrays(self) -> Iterator[Any]:
         at = 0
         for shape in self.about["shapes"]:
             if shape is None:
@@ -102,21 +109,24 @@ def run_request(memory: Memory, course: Course) -> Parcel:
         "begin": memory.begin,
         "join": memory.join,
     }
-    given = course.u, course.p, course.columns, course.weights, course.after
+    given: list[Any] = [course.u, course.p, course.columns, course.weights, course.after]
     return packed(about, [*memory.arrays(), *given])
 
 
 def run_of(parcel: Parcel) -> tuple[Memory, Course]:
     """What `run_request` packed."""
-    *kept, heads, u, p, columns, weights, after = parcel.arrays()
-    about: dict[str, Any] = parcel.about
-    assert heads is not None and u is not None and p is not None
-    memory = Memory(*kept, heads.astype(np.int64), about["begin"], about["join"])  # type: ignore[arg-type]
+    x, cells, past, S, buffers, buffer_S, heads, *rest = parcel.arrays()
+    u, p, columns, weights, after = rest
+    about = parcel.about
+    heads = heads.astype(np.int64)
+    memory = Memory(
+        x, cells, past, S, buffers, buffer_S, heads, bool(about["begin"]), bool(about["join"])
+    )
     places = None if columns is None else columns.astype(np.int64)
     substeps, implicit = about["stepping"]
-    return memory, Course(
-        u, p, *about["times"], Stepping(substeps, implicit), places, weights, after
-    )
+    period_s, time_s = about["times"]
+    stepping = Stepping(substeps, implicit)
+    return memory, Course(u, p, period_s, time_s, stepping, places, weights, after)
 
 
 def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
@@ -127,9 +137,7 @@ def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
 def take_answer(memory: Memory, parcel: Parcel) -> tuple[Array, Array, int]:
     """What `run_answer` packed, written into the memory."""
     Y, JY, *kept = parcel.arrays()
-    assert Y is not None and JY is not None
     for array, new in zip(memory.arrays(), kept, strict=True):
-        assert new is not None
         array[...] = new
     memory.begin = memory.join = False
     return Y, JY, int(parcel.about["bad"])

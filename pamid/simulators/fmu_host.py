@@ -228,7 +228,7 @@ class FmuHost:
             rates = np.zeros(len(one.x))
             one.check(self.m, rates_at(self.m, one.handle, at_s, one.x, rates), at_s)
             rows.append([*rates, *one.outputs(self.m)])
-        if np.isfinite(one.due[0]) or not np.array_equal(*rows, equal_nan=True):
+        if np.isfinite(one.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
             raise RuntimeError(TIMED)
 
     def moved(self, rows: Array, h: float) -> Array:

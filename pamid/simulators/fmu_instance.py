@@ -52,20 +52,22 @@ class FmuInstance:
     def model(self) -> FmiModel:
         """The FMU as compiled code calls it; the same for all instances of it."""
         about, dll = self.about, self.fmu.dll
-        places = [
-            ctypes.cast(getattr(dll, f"fmi{self.version}{name}", None), ctypes.c_void_p).value or 0
-            for name in NAMES[self.version].split()
-        ]
-        references = (
+        places = []
+        for name in NAMES[self.version].split():
+            function: Any = getattr(dll, f"fmi{self.version}{name}", None)
+            places.append(ctypes.cast(function, ctypes.c_void_p).value or 0)
+        inputs, outputs, states, rates = (
             np.array(about[name], np.uint32) for name in ("inputs", "outputs", "states", "rates")
         )
-        sizes = np.array(about["sizes"], float)
         return FmiModel(
             np.array(places, np.int64),
             self.version,
-            *references,
+            inputs,
+            outputs,
+            states,
+            rates,
             about["indicators"],
-            sizes,
+            np.array(about["sizes"], float),
             np.zeros(4, np.int64),
         )
 

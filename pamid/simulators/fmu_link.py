@@ -146,8 +146,8 @@ class SeenFmu:
         copies = np.tile(p, (1 + len(chosen), 1))
         by = DIFFERENCE * np.where(p == 0.0, 1.0, np.abs(p))[chosen]
         copies[1 + np.arange(len(chosen)), chosen] += by
-        same = (np.tile(row, (len(copies), 1)) for row in (x, f))
-        first, slopes, others = self.link.derived(*same, copies, h)
+        xs, fs = (np.tile(row, (len(copies), 1)) for row in (x, f))
+        first, slopes, others = self.link.derived(xs, fs, copies, h)
         if not len(first):
             return None
         seen = len(first) - len(x)

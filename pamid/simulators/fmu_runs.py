@@ -57,9 +57,9 @@ class FmuRuns:
         data, _ = parted(message)
         simulator: Any = self.near
         if self.host.about["seen"]:
-            typical = tuple(map(np.array, data["typical"]))
+            states, forces = map(np.array, data["typical"])
             places = np.array(data["places"], np.intp)
-            simulator = SeenFmu(self.near, places, self.host.about["derives"], typical)
+            simulator = SeenFmu(self.near, places, self.host.about["derives"], (states, forces))
         self.count += 1
         self.host.programs[self.count] = received_program(data, simulator)
         return np.full((1, 1), float(self.count))
