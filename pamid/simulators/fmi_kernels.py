@@ -42,6 +42,7 @@ SAID = {
 }
 FAILED_FROM = 2  # statuses of an FMU: 0 in order, 1 a warning, then discard, error, fatal
 
+ROUNDING = 1e-9  # of an exchange: times that are summed up differ by less
 MOST_ITERATIONS = 100
 MOST_EVENTS = 1000  # in one exchange
 MOST_STEPS = 4096  # in one exchange
@@ -307,7 +308,10 @@ def exchange(
     by f, where S has columns. Steps end where grid says (ends from `begin`, 0 where it is not
     written yet: then they are chosen and noted there). due (1): the next event in time. m.told[2]:
     how many events there were within."""
-    status = put_inputs_anew(m, c, begin, f, x, due)
+    # an event that falls between two exchanges belongs to the later one, whose inputs it sees
+    near = ROUNDING * h
+    first = due[0] if abs(due[0] - begin) <= near else begin
+    status = put_inputs_anew(m, c, first, f, x, due)
     m.told[2] = 0
     z, after, xn, Sn, err = (
         np.zeros(m.indicators),
@@ -324,7 +328,7 @@ def exchange(
                 count += 1
             follows = grid[count] > at
             step = grid[count] - at if follows else h - at
-        stop = min(h, max(due[0] - begin, at))
+        stop = max(due[0] - begin, at) if due[0] - begin < h - near else h
         dt = min(step, stop - at)
         dt = stop - at if stop - at < 1.0001 * dt else dt
         status = _tried(m, c, begin + at, x, S, dt, xn, Sn, err)
