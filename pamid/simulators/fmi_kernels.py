@@ -46,8 +46,8 @@ ROUNDING = 1e-9  # of an exchange: times that are summed up differ by less
 MOST_ITERATIONS = 100
 MOST_EVENTS = 1000  # in one exchange
 MOST_STEPS = 4096  # in one exchange
-HALVINGS = 40  # of a step, to find where an indicator changes its sign
-TOLERANCE = 1e-8  # of a state's size, per step
+BISECTIONS = 40  # of a step, to find where an indicator changes its sign
+STEP_TOLERANCE = 1e-8  # of a state's size, per step
 SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
 
 
@@ -259,7 +259,7 @@ def _tried(
         for i in range(7):
             e += _E[i] * K[i, k]
         scale = max(m.sizes[k], abs(x[k]), abs(xn[k]))
-        part = abs(dt * e) / (TOLERANCE * scale)
+        part = abs(dt * e) / (STEP_TOLERANCE * scale)
         worst = part if not part <= worst else worst
     err[0] = worst
     return 0
@@ -278,8 +278,8 @@ def _narrowed(
     dt; xn is what it leads to, and where the instance stands."""
     low, high = 0.0, dt
     none, err, now = np.zeros((len(x), 0)), np.zeros(1), np.zeros(len(z))
-    for k in range(HALVINGS + 1):
-        middle = 0.5 * (low + high) if k < HALVINGS else high
+    for k in range(BISECTIONS + 1):
+        middle = 0.5 * (low + high) if k < BISECTIONS else high
         status = _tried(m, c, t, x, none, middle, xn, none, err)
         if status == 0:
             status = indicators_at(m, c, now)

@@ -20,7 +20,7 @@ from pamid.base.toml_file import read_toml
 
 EXCHANGE, CO_SIMULATION = "model-exchange", "co-simulation"
 _KNOWN: dict[str, type] = {"kind": str, "seen": bool, "free": list, "ports": dict}
-_SIGNALS = ("position", "velocity")
+_MOTION = ("position", "velocity")
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,12 @@ def _signals(path: Path, name: str, port: Any) -> tuple[str, str]:
             code="toml",
         )
     for key, value in port.items():
-        if key not in _SIGNALS:
-            hint = nearest(key, list(_SIGNALS)) or "it takes position and velocity"
+        if key not in _MOTION:
+            hint = nearest(key, list(_MOTION)) or "it takes position and velocity"
             raise FileError(f"{where} has {key!r}", hint, code="toml")
         if not isinstance(value, str):
             raise _wrong(path, f"ports.{name}.{key}", value)
-    lacking = [key for key in _SIGNALS if key not in port]
+    lacking = [key for key in _MOTION if key not in port]
     if lacking:
         raise FileError(
             f"{where} lacks {' and '.join(lacking)}",

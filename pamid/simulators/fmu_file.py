@@ -27,7 +27,7 @@ from pamid.simulators.fmu_choices import (
     choices_path,
     read_choices,
 )
-from pamid.simulators.fmu_link import FmuUnits, Scale
+from pamid.simulators.fmu_link import FmuUnits, UnitScale
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ class FmuFile:
     def units(self) -> FmuUnits:
         """Of inputs, outputs, parameters and states."""
         every = self.inputs, self.outputs, self.parameters, self.states
-        return FmuUnits(*(Scale(v.scale, v.offset) for v in every))
+        return FmuUnits(*(UnitScale(v.scale, v.offset) for v in every))
 
     @property
     def request(self) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from pamid.simulators.fmu_instance import FATAL, FmuInstance, why
 
 Array = NDArray[np.float64]
 
-HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
+SHAPE_HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
 MOST_INSTANCES = 64  # with parameters of their own, where states are seen
 LATER_S = 1.2345  # when a model that does not know the time behaves as at 0
 TIMED = (
@@ -272,8 +272,8 @@ class FmuHost:
     def answer(self, request: bytes) -> Array:
         """To one request: its word, a time step and the shape of a table, the table, and what it
         says besides (JSON)."""
-        word, (h, n, m) = request[:1], HEAD.unpack_from(request, 1)
-        begin, end = 1 + HEAD.size, 1 + HEAD.size + 8 * n * m
+        word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
+        begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
         table = np.frombuffer(request[begin:end]).reshape(n, m)
         return self.told(word, table, h, json.loads(request[end:] or b"[]"))
 

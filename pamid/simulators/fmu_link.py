@@ -24,7 +24,7 @@ class Kept:
         self.number = number
 
 
-class Scale(NamedTuple):
+class UnitScale(NamedTuple):
     """From an FMU's units to SI: value * scale + offset."""
 
     scale: Array
@@ -40,10 +40,10 @@ class Scale(NamedTuple):
 
 
 class FmuUnits(NamedTuple):
-    inputs: Scale
-    outputs: Scale
-    parameters: Scale
-    states: Scale
+    inputs: UnitScale
+    outputs: UnitScale
+    parameters: UnitScale
+    states: UnitScale
 
 
 class FmuLink:

@@ -25,9 +25,9 @@ from pamid.simulators.fmu_link import FmuLink, Kept
 Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # that one answer may take
-FAILED, HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
+FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
 _LENGTH = struct.Struct("<q")
-SAMPLES = 10000.0  # for which a run is given as much time again
+PATIENT_SAMPLES = 10000.0  # for which a run is given as much time again
 _EMPTY = np.zeros((0, 0))
 
 
@@ -85,7 +85,7 @@ class FmuProcess(FmuLink):
             *(sorted((c, one.number) for c, one in memory.saved[1].items())),
         ]
         about = {**request.about, "program": number, "saved": saved}
-        patience_s = PATIENCE_S * (1.0 + len(course[0]) / SAMPLES)
+        patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
         answer = self._told(b"u" + _lengthy(about) + request.numbers.tobytes(), patience_s)
         size = _LENGTH.unpack_from(answer)[0]
         told = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
@@ -126,12 +126,12 @@ class FmuProcess(FmuLink):
         self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
     ) -> Array:
         said = b"" if kept is None else json.dumps(kept).encode()
-        return self._answer(word + HEAD.pack(h, *table.shape) + table.tobytes() + said)
+        return self._answer(word + SHAPE_HEAD.pack(h, *table.shape) + table.tobytes() + said)
 
     def _answer(self, message: bytes, patience_s: float | None = None) -> Array:
         answer = self._told(message, patience_s)
-        _, rows, columns = HEAD.unpack_from(answer)
-        return np.frombuffer(answer, offset=HEAD.size).reshape(rows, columns)
+        _, rows, columns = SHAPE_HEAD.unpack_from(answer)
+        return np.frombuffer(answer, offset=SHAPE_HEAD.size).reshape(rows, columns)
 
     def _told(self, message: bytes, patience_s: float | None = None) -> bytes:
         waits_s = patience_s or PATIENCE_S

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from pamid.engine.sent_program import Parcel, received_program, run_answer, run_of
 from pamid.engine.stepped import SteppedProgram
-from pamid.simulators.fmu_host import HEAD, FmuHost
-from pamid.simulators.fmu_link import FmuLink, FmuUnits, Kept, Scale, SeenFmu
+from pamid.simulators.fmu_host import SHAPE_HEAD, FmuHost
+from pamid.simulators.fmu_link import FmuLink, FmuUnits, Kept, SeenFmu, UnitScale
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class NearFmu(FmuLink):
         self.host, self.longest_s = host, float("inf")
         self.whole_samples = not host.about["any_step"]
         self.units = FmuUnits(
-            *(Scale(np.array(scale), np.array(offset)) for scale, offset in host.about["units"])
+            *(UnitScale(np.array(scale), np.array(offset)) for scale, offset in host.about["units"])
         )
 
     def _request(
@@ -120,7 +120,7 @@ def serve(inlet: int, outlet: int) -> None:
                 continue
             else:
                 found = runs.add(request[1:]) if request[:1] == b"p" else host.answer(request)
-            shape = HEAD.pack(0.0, *found.shape)
+            shape = SHAPE_HEAD.pack(0.0, *found.shape)
             told.send_bytes(NUMBERS + shape + np.ascontiguousarray(found).tobytes())
         except Exception as error:
             kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
