@@ -55,3 +55,26 @@ def multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[n
         return context.get_dummy_value()
 
     return signature, codegen
+
+
+@intrinsic
+def call_foreign(typingctx, address, *given):  # type: ignore[no-untyped-def]
+    """The status (a C int) of a C function at `address`: given integers as 64 bits, floats as
+    doubles, arrays as pointers to their first element."""
+    kinds = given[0].types if len(given) == 1 and hasattr(given[0], "types") else given
+    signature = types.int32(types.intp, types.StarArgTuple(kinds))
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        words = []
+        for place, kind in enumerate(kinds):
+            value = builder.extract_value(args[1], place)
+            if isinstance(kind, types.Array):
+                words.append(_data(context, builder, kind, value))
+            elif isinstance(kind, types.Float):
+                words.append(value)
+            else:
+                words.append(context.cast(builder, value, kind, types.int64))
+        kind = ir.FunctionType(ir.IntType(32), [word.type for word in words])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
+
+    return signature, codegen

@@ -315,11 +315,8 @@ def build_program(
     from pamid.engine.jit_cache import addresses
 
     phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
-    code = _module_code(
-        [list(equations.rates), list(equations.outputs), *phases],
-        _Layout.of(equations, inputs, parameters, linear),
-        sensitive,
-    )
+    layout = _Layout.of(equations, inputs, parameters, linear)
+    code = _module_code([[*equations.rates], [*equations.outputs], *phases], layout, sensitive)
     address = addresses("\n".join(code.parts), code.names)
 
     def int_array(values: object) -> NDArray[np.int64]:
@@ -349,6 +346,16 @@ def build_program(
             int_array(code.direct).reshape(-1, 3),
         ),
     )
+
+
+def module_text(
+    equations: StateEquations, inputs: tuple[str, ...], parameters: tuple[str, ...], *rest: Any
+) -> tuple[str, list[str]]:
+    """What `build_program` compiles of the same arguments: LLVM IR, and names of functions."""
+    _, sensitive, linear = rest
+    layout, phases = _Layout.of(equations, inputs, parameters, linear), _phases(equations)[0]
+    code = _module_code([[*equations.rates], [*equations.outputs], *phases], layout, sensitive)
+    return "\n".join(code.parts), code.names
 
 
 @dataclass(frozen=True)

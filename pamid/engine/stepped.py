@@ -19,7 +19,7 @@ and Computer Modelling of Dynamical Systems 6(2), 93-113).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,19 @@ class Simulator(Protocol):
         """Readings (n, readings) at x (n, states), p (n, parameters)."""
 
 
+class FarRunner(Protocol):
+    """A process in which a simulator lives, and where whole runs are made."""
+
+    def run_there(
+        self, program: SteppedProgram, memory: Memory, *course: Any
+    ) -> tuple[Array, Array, int]:
+        """See `SteppedProgram.run`, whose arguments these are, in its order."""
+
+
+#: arguments of `build_program`
+Recipe: TypeAlias = tuple[Any, ...]
+
+
 class Slopes(NamedTuple):
     """Readings and states (in this order) after a step, and their derivatives by the states before
     it, the forces, and the chosen parameters."""
@@ -69,8 +82,12 @@ def slopes_of(
     h: float,
     chosen: NDArray[np.intp],
 ) -> Slopes:
-    """By forward differences over copies: one plain, then one for each value that is moved.
-    chosen: places of parameters."""
+    """By forward differences over copies: one plain, then one for each value that is moved; or as
+    the simulator itself tells them, where it has `slopes` that do. chosen: places of
+    parameters."""
+    told = getattr(simulator, "slopes", None)
+    if told is not None and (own := told(x, f, p, h, chosen)) is not None:
+        return Slopes(*own)
     nx, nf = len(x), len(f)
     at = np.concatenate([np.arange(nx + nf), nx + nf + chosen])
     plain = np.concatenate([x, f, p])
@@ -101,6 +118,8 @@ class SteppedProgram:
     simulated: int
     forces: int
     own: int
+    far: FarRunner | None = None
+    recipe: Recipe | None = None  # of the equations around, for `far`
     states: tuple[str, ...] = field(init=False)
     outputs: tuple[str, ...] = field(init=False)
 
@@ -152,6 +171,10 @@ class SteppedProgram:
         after: Array | None = None,
     ) -> tuple[Array, Array, int]:
         """See `Program.run`."""
+        if self.far is not None:
+            step = stepping or Stepping()
+            given = u, p, period_s, time_s, step, columns, weights, after
+            return self.far.run_there(self, memory, *given)
         step = stepping or Stepping()
         wide, seen = memory.S.shape[1], len(self.outputs)
         JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))

@@ -73,14 +73,14 @@ def _stepped(
         update, start = substitute([c.update, c.start], read)
         cells.append(replace(c, update=update, start=start))
     lowered = expand_memory(rates, around, tuple(cells), traced.linear)
-    compiled = build_program(
-        lowered, traced.inputs, parameters, tuple(around), sensitive, traced.linear
-    )
+    recipe = lowered, traced.inputs, parameters, tuple(around), sensitive, traced.linear
     return SteppedProgram(
         simulator,
-        compiled,
+        build_program(*recipe),
         len(rig.readings),
         len(rig.states),
         len(into),
         len(rig.parameters),
+        rig.far_runner(),
+        recipe,
     )

@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import DIFFERENCE, slopes_of
+from pamid.engine.stepped import DIFFERENCE, FarRunner, Slopes, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -117,6 +117,13 @@ class StepRig(Rig):
             out.append(self._called(self.read, wanted, given, known.of(values)))
         return np.array(out)
 
+    def slopes(
+        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+    ) -> Slopes | None:
+        """What `slopes_of` gives, where the simulation knows its own derivatives; None has them
+        taken by differences."""
+        return None
+
     def _called(
         self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
     ) -> list[float]:
@@ -174,6 +181,10 @@ class StepRig(Rig):
     def carrier(self) -> Carrier:
         """What steps where the rig `carries`."""
         raise FileError("there is none", "a rig that carries has carrier()")
+
+    def far_runner(self) -> FarRunner | None:
+        """Where whole runs are made, if the simulation lives in a process of its own."""
+        return None
 
     def rated(self) -> list[str]:
         return list(map(_read, self.readings)) if self.carries else super().rated()
@@ -294,6 +305,11 @@ class RigSimulator:
 
     def reads(self, x: Array, p: Array) -> Array:
         return self.rig.reads(x, p)
+
+    def slopes(
+        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+    ) -> Slopes | None:
+        return self.rig.slopes(x, f, p, h, chosen)
 
 
 def _read(name: str) -> str:

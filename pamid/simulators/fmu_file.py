@@ -8,9 +8,11 @@ FMPy, the extra `[fmu]`.
 from __future__ import annotations
 
 import re
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,14 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.files import PathLike
 from pamid.base.units import NONE, is_unit, named_with, si_symbol, unit
+from pamid.simulators.fmu_choices import (
+    CO_SIMULATION,
+    EXCHANGE,
+    FmuChoices,
+    choices_path,
+    read_choices,
+)
+from pamid.simulators.fmu_link import FmuUnits, UnitScale
 
 Array = NDArray[np.float64]
 
@@ -57,34 +67,45 @@ class FmuVariables:
     def references(self) -> list[int]:
         return [v.reference for v in self.variables]
 
-    def outside(self, values: Array) -> Array:
-        """SI values in the FMU's units."""
-        found: Array = (values - self.offset) / self.scale
-        return found
-
-    def inside(self, values: Array) -> Array:
-        """Values in the FMU's units as SI."""
-        found: Array = values * self.scale + self.offset
-        return found
-
 
 @dataclass(frozen=True)
 class FmuFile:
-    """An FMU for co-simulation. period_s: the step that it proposes, 0 where none; any_step: it
-    takes steps of any length; remarks: what is left out."""
+    """An FMU as it is used. exchange: for model exchange, else co-simulation; states, rates:
+    continuous states and references of their derivatives, of model exchange; nominals: typical
+    sizes of states; indicators: how many signs say that an event came; seen: are its states all
+    that it knows?; saves, derives: it can save its state, and tell its directional derivatives;
+    alone: one instance a process; period_s: the step that it proposes, 0 where none; any_step: it
+    takes steps of any length; motion: inputs that are forces -> position and velocity there; free:
+    parameters to fit, where not all; remarks: how it goes, and what is left out."""
 
     path: str
     name: str
     version: int
+    exchange: bool
     inputs: FmuVariables
     outputs: FmuVariables
     parameters: FmuVariables
+    states: FmuVariables
+    rates: tuple[int, ...]
+    nominals: tuple[float, ...]
+    indicators: int
+    seen: bool
     saves: bool
+    derives: bool
+    alone: bool
     any_step: bool
     period_s: float
     identifier: str
     token: str
+    motion: dict[str, tuple[str, str]]
+    free: tuple[str, ...]
     remarks: tuple[str, ...]
+
+    @property
+    def units(self) -> FmuUnits:
+        """Of inputs, outputs, parameters and states."""
+        every = self.inputs, self.outputs, self.parameters, self.states
+        return FmuUnits(*(UnitScale(v.scale, v.offset) for v in every))
 
     @property
     def request(self) -> dict[str, Any]:
@@ -92,8 +113,19 @@ class FmuFile:
         return {
             "path": self.path,
             "version": self.version,
+            "exchange": self.exchange,
             "identifier": self.identifier,
             "token": self.token,
+            "states": self.states.references,
+            "rates": list(self.rates),
+            "sizes": list(self.nominals),
+            "indicators": self.indicators,
+            "alone": self.alone,
+            "units": [[s.tolist() for s in unit] for unit in self.units],
+            "derives": self.derives,
+            "any_step": self.any_step,
+            "seen": self.seen,
+            "called": [v.called for v in self.outputs.variables],
             "parameters": self.parameters.references,
             "tunable": [v.tunable for v in self.parameters.variables],
             "inputs": self.inputs.references,
@@ -118,8 +150,8 @@ def fmpy_package(path: PathLike) -> Any:
 
 
 def read_fmu(path: PathLike) -> FmuFile:
-    """What the file says. FileError: it is absent or damaged, it has no co-simulation, no binary
-    for this machine, no input or output that is a real number, or the extra is not installed."""
+    """What the file says. FileError: it is absent or damaged, it offers neither kind, no binary for
+    this machine, no input or output that is a real number, or the extra is not installed."""
     file = Path(path)
     if not file.is_file():
         raise FileError(f"no such file: {file}", "give the path of an .fmu file")
@@ -134,32 +166,31 @@ def read_fmu(path: PathLike) -> FmuFile:
             "Check it with `fmpy validate`, and export it again.",
             code="model",
         ) from error
-    offers = described.coSimulation
     version = int(str(described.fmiVersion)[:1])
-    if offers is None or version not in (2, 3):
+    if version not in (2, 3) or not (described.coSimulation or described.modelExchange):
         raise FileError(
-            f"{file} is an FMU of FMI {described.fmiVersion} without co-simulation.",
-            "Export it for co-simulation, FMI 2.0 or 3.0.",
+            f"{file} is an FMU of FMI {described.fmiVersion} without co-simulation or model "
+            "exchange.",
+            "Export it for one of them, FMI 2.0 or 3.0.",
             code="model",
         )
     here = {fmpy.platform, fmpy.platform_tuple}
     if not here & set(platforms):
-        there = ", ".join(p for p in platforms if p != "c-code") or "no machine: it holds sources"
+        none = "no machine" + (": it holds sources" if platforms else " that is known here")
+        there = ", ".join(p for p in platforms if p != "c-code") or none
         raise FileError(
             f"{file} has a binary for {there}, not for this one ({fmpy.platform}).",
             "Export it for this machine, or build it here with `fmpy compile`.",
             code="model",
         )
-    return _file(file, version, described, offers)
+    return _file(file, version, described, read_choices(file))
 
 
-def _file(file: Path, version: int, described: Any, offers: Any) -> FmuFile:
-    reals = [v for v in described.modelVariables if v.type in ("Real", "Float64") and not v.shape]
-    others = sorted(
-        v.name
-        for v in described.modelVariables
-        if v not in reals and v.causality in ("input", "output", "parameter")
-    )
+def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFile:
+    exchange, why = _kind(file, described, chosen)
+    offers = described.modelExchange if exchange else described.coSimulation
+    variables = described.modelVariables
+    reals = [v for v in variables if v.type in ("Real", "Float64") and not v.shape]
     taken: set[str] = set()
 
     def of(causality: str) -> FmuVariables:
@@ -173,29 +204,126 @@ def _file(file: Path, version: int, described: Any, offers: Any) -> FmuFile:
                 f"Declare what is {'sent to' if what == 'input' else 'measured of'} it as {what}.",
                 code="model",
             )
-    proposed = described.defaultExperiment and described.defaultExperiment.stepSize
+    rates = [d.variable for d in described.derivatives] if exchange else []
+    known = {v.reference: v for v in outputs.variables}
+    own = [r.derivative for r in rates]
+    states = FmuVariables(
+        tuple(known.get(v.valueReference) or _variable(v, taken) for v in own if v is not None)
+    )
     saves = bool(offers.canGetAndSetFMUstate)
-    remarks = [
-        "stepped by its own binary, in a process of its own"
-        + ("" if saves else "; it saves no states, so that a window is replayed from the start"),
-        "its states are not seen: a fit runs it from the start of each recording, and which ports "
-        "sensors can tell apart is not known",
-    ]
-    remarks += [f"left out, as no real numbers: {', '.join(others)}"] if others else []
+    seen = exchange and _is_seen(described, own, chosen)
+    derives = seen and (bool(offers.providesDirectionalDerivative) or _says_derivatives(file))
+    events = described.numberOfEventIndicators if version == 2 else len(described.eventIndicators)
+    proposed = described.defaultExperiment and described.defaultExperiment.stepSize
     return FmuFile(
         str(file),
         _word(described.modelName or file.stem),
         version,
+        exchange,
         inputs,
         outputs,
         parameters,
+        states,
+        tuple(int(v.valueReference) for v in rates),
+        tuple(abs(float(v.nominal or 1.0)) for v in own if v is not None),
+        int(events or 0) if exchange else 0,
+        seen,
         saves,
-        bool(offers.canHandleVariableCommunicationStepSize),
+        derives,
+        bool(offers.canBeInstantiatedOnlyOncePerProcess),
+        exchange or bool(offers.canHandleVariableCommunicationStepSize),
         float(proposed or 0.0),
         offers.modelIdentifier,
         described.instantiationToken,
-        tuple(remarks),
+        chosen.motion,
+        chosen.free,
+        (*why, *_remarks(variables, reals, exchange, seen, saves, derives)),
     )
+
+
+def _says_derivatives(file: Path) -> bool:
+    """Of FMI 3.0: the attribute has another name there, which FMPy 0.3 passes over."""
+    with zipfile.ZipFile(file) as packed:
+        root = ElementTree.fromstring(packed.read("modelDescription.xml"))
+    found = root.find("ModelExchange")
+    said = "" if found is None else found.get("providesDirectionalDerivatives", "")
+    return said in ("true", "1")
+
+
+def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[str]]:
+    """Is it used for model exchange, and why, where it offers both?"""
+    other, own = described.coSimulation, described.modelExchange
+    if chosen.kind:
+        if not (own if chosen.kind == EXCHANGE else other):
+            raise FileError(
+                f"{chosen.path}: kind = {chosen.kind!r}, which {file} does not offer",
+                f'it offers kind = "{EXCHANGE if own else CO_SIMULATION}"',
+                code="model",
+            )
+        return chosen.kind == EXCHANGE, [f"used for {chosen.kind}, as {chosen.path.name} says"]
+    if not (other and own):
+        return own is not None, []
+    if other.canGetAndSetFMUstate:
+        exchange, reason = False, "it saves its state there, and brings its own solver"
+    else:
+        exchange, reason = True, "for co-simulation it saves no state"
+    kind, rest = (EXCHANGE, CO_SIMULATION) if exchange else (CO_SIMULATION, EXCHANGE)
+    beside = choices_path(file).name
+    return exchange, [
+        f"it offers both kinds, and is used for {kind}: {reason} "
+        f'(kind = "{rest}" in {beside} takes the other)'
+    ]
+
+
+def _is_seen(described: Any, states: list[Any], chosen: FmuChoices) -> bool:
+    """Are the continuous states all that it remembers? Numbers that events alone change are more;
+    what is true or false follows from the states anew."""
+    if not states or None in states or chosen.seen is False:
+        return False
+    return not any(
+        v.variability == "discrete"
+        and v.type != "Boolean"
+        and v.causality not in ("input", "parameter")
+        for v in described.modelVariables
+    )
+
+
+def _remarks(
+    variables: list[Any],
+    reals: list[Any],
+    exchange: bool,
+    seen: bool,
+    saves: bool,
+    derives: bool,
+) -> list[str]:
+    """How it goes, in sentences."""
+    others = sorted(
+        v.name
+        for v in variables
+        if v not in reals and v.causality in ("input", "output", "parameter")
+    )
+    lost = "" if seen or saves else "; it saves no states, so that a window is replayed from the "
+    lost += "start" if lost else ""
+    found = [
+        f"{'integrated by pamid' if exchange else 'stepped by its own binary'}, "
+        f"in a process of its own{lost}"
+    ]
+    if exchange:
+        found += [
+            "state, time and step events are waited for, and handled in its event mode; clocks, "
+            "and equations that want an implicit method, are not supported"
+        ]
+    if seen:
+        found += [
+            "its states are seen; their sensitivities are "
+            + ("its own directional derivatives" if derives else "differences between copies")
+        ]
+    else:
+        found += [
+            "its states are not seen: a fit runs it from the start of each recording, and which "
+            "ports sensors can tell apart is not known"
+        ]
+    return [*found, *([f"left out, as no real numbers: {', '.join(others)}"] if others else [])]
 
 
 def _variable(v: Any, taken: set[str]) -> FmuVariable:

@@ -1,216 +1,295 @@
-"""The process that holds an FMU: its binary may print, hang, or crash, and then only this process
-does.
-
-Requests come by a pipe from the program that started this process: a word, then numbers. Answers
-are numbers or a sentence, never objects.
-"""
+"""Copies of an FMU in the process that holds it, served by `pamid.simulators.fmu_runs`. What
+happens at every sample is compiled (`pamid.simulators.fmi_kernels`)."""
 
 from __future__ import annotations
 
 import json
-import os
-import sys
-from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
+import struct
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.simulators.fmi_kernels import (
+    MOST_STEPS,
+    exchange,
+    exchange_copies,
+    get_outputs,
+    rates_at,
+    slopes_at,
+    step_copies,
+)
+from pamid.simulators.fmu_instance import FATAL, FmuInstance, why
+
 Array = NDArray[np.float64]
 
-FAILED, NUMBERS = b"!", b"="
+SHAPE_HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
+MOST_INSTANCES = 64  # with parameters of their own, where states are seen
+LATER_S = 1.2345  # when a model that does not know the time behaves as at 0
+TIMED = (
+    "its equations depend on the time itself, which a state does not show; write seen = false into "
+    "the table beside it"
+)
 
 
 @dataclass
 class _Copy:
-    """A copy of the FMU: its time, its parameters, and where it stands: a state that the FMU has
-    saved, or where it cannot save one, the inputs of all steps from the start (the last one first,
-    each with what was before it)."""
+    """A copy of the FMU between runs: its time, its parameters, and where it stands: a state that
+    the FMU has saved (its address), or where it cannot save one, the inputs of all steps from the
+    start (the last one first, each with what was before it)."""
 
     time_s: float
     p: Array
-    state: Any = None
-    past: Any = None
+    state: int
+    past: Any
+    x: Array
+    due: Array
 
 
-@dataclass
 class FmuHost:
-    """Copies of one FMU. parameters: value references, of which `tunable` may be set later;
-    inputs, outputs: value references; saves: it can save its state."""
+    """Copies of one FMU. about: `FmuFile.request`, and the folder where it is unpacked.
 
-    path: str
-    folder: str
-    version: int
-    identifier: str
-    token: str
-    parameters: list[int]
-    tunable: list[bool]
-    inputs: list[int]
-    outputs: list[int]
-    saves: bool
-    copies: list[_Copy] = field(default_factory=list)
-    instances: list[Any] = field(default_factory=list)
-    kept: dict[int, _Copy] = field(default_factory=dict)
-    count: int = 0
+    Of an FMU that saves states one instance serves all copies, else each has its own.
+    """
 
-    # ---- one instance ----------------------------------------------------------------------------
+    def __init__(self, about: dict[str, Any]) -> None:
+        self.about, self.saves, self.exchanges = about, about["saves"], about["exchange"]
+        self.instances: list[FmuInstance] = []
+        self.m = self.instance(0).model()
+        self.copies: list[_Copy] = []
+        self.standing = -1  # the copy at which the one instance stands
+        self.statuses = np.zeros(0, np.int64)
+        self.kept: dict[int, _Copy] = {}
+        self.count = 0
+        self.went = False  # through a whole run: then a failure is that of a trial
+        self.of_values: dict[bytes, FmuInstance] = {}
+        self.programs: dict[int, Any] = {}  # that were sent here (`pamid.simulators.fmu_runs`)
 
-    def instance(self, number: int) -> Any:
-        """The instance of a copy; of an FMU that saves states one serves them all."""
+    def instance(self, number: int) -> FmuInstance:
+        """The instance of a copy."""
         number = 0 if self.saves else number
         while len(self.instances) <= number:
-            from fmpy import fmi2, fmi3
-
-            kind = fmi2.FMU2Slave if self.version == 2 else fmi3.FMU3Slave
-            made = kind(
-                guid=self.token,
-                unzipDirectory=self.folder,
-                modelIdentifier=self.identifier,
-                instanceName=f"pamid_{len(self.instances)}",
-            )
-            made.instantiate()
-            made.fresh, made.past = True, None
-            self.instances.append(made)
+            self.instances.append(FmuInstance(self.about, len(self.instances)))
         return self.instances[number]
 
-    def put(self, fmu: Any, references: list[int], values: Array) -> None:
-        if references:
-            (fmu.setReal if self.version == 2 else fmu.setFloat64)(references, values.tolist())
-
-    def read(self, fmu: Any) -> Array:
-        get = fmu.getReal if self.version == 2 else fmu.getFloat64
-        return np.array(get(self.outputs), float)
-
-    def started(self, number: int, p: Array) -> Any:
-        """The instance at time 0 with these parameters."""
-        fmu = self.instance(number)
-        if not fmu.fresh:
-            fmu.reset()
-        fmu.fresh, fmu.past = False, None
-        if self.version == 2:
-            fmu.setupExperiment(startTime=0.0)
-        self.put(fmu, self.parameters, p)
-        fmu.enterInitializationMode()
-        fmu.exitInitializationMode()
-        return fmu
-
-    def stepped(self, fmu: Any, f: Array, time_s: float, h: float) -> None:
-        self.put(fmu, self.inputs, f)
-        fmu.doStep(currentCommunicationPoint=time_s, communicationStepSize=h)
-
-    # ---- states ----------------------------------------------------------------------------------
-
-    def entered(self, number: int, copy: _Copy) -> Any:
-        """An instance where the copy stands."""
-        if self.saves:
-            fmu = self.instance(0)
-            fmu.setFMUState(copy.state)
-            return fmu
-        fmu = self.instance(number)
-        if not fmu.fresh and fmu.past is copy.past and copy.past is not None:
-            return fmu
-        fmu, rows, past = self.started(number, copy.p), [], copy.past
-        while past is not None:
-            past, f, h = past
-            rows.append((f, h))
-        time_s = 0.0
-        for f, h in reversed(rows):
-            self.stepped(fmu, f, time_s, h)
-            time_s += h
-        fmu.past = copy.past
-        return fmu
-
-    def left(self, fmu: Any, copy: _Copy) -> Array:
-        """What the instance reads, for a copy that stands where it does."""
-        if self.saves:
-            if copy.state is not None:
-                fmu.freeFMUState(copy.state)
-            copy.state = fmu.getFMUState()
-        else:
-            fmu.past = copy.past
-        return self.read(fmu)
-
-    def let_go(self, copies: list[_Copy]) -> None:
-        for copy in copies:
-            if copy.state is not None:
-                self.instance(0).freeFMUState(copy.state)
-
-    # ---- requests --------------------------------------------------------------------------------
+    # ---- copies that keep their states to themselves ---------------------------------------------
 
     def begin(self, p: Array) -> Array:
         self.let_go(self.copies)
-        self.copies = [_Copy(0.0, row.copy()) for row in p]
-        return np.array(
-            [self.left(self.started(k, copy.p), copy) for k, copy in enumerate(self.copies)]
-        )
+        self.copies, found = [], []
+        for k, row in enumerate(p):
+            one = self.instance(k)
+            one.started(self.m, row)
+            self.copies.append(_Copy(0.0, row.copy(), 0, None, one.x.copy(), one.due.copy()))
+            found.append(self._left(k, one))
+        return self._run_begins(found)
 
     def resume(self, kept: list[int], p: Array) -> Array:
         self.let_go(self.copies)
         self.copies, found = [], []
         for k, (number, row) in enumerate(zip(kept, p, strict=True)):
             before = self.kept[number]
-            fmu = self.entered(k, before)
-            for i in np.flatnonzero(before.p != row).tolist():
-                if not self.tunable[i]:
-                    raise ValueError("a parameter that is fixed from the start was to be changed")
-                self.put(fmu, [self.parameters[i]], row[i : i + 1])
-            copy = _Copy(before.time_s, row.copy(), past=before.past)
-            self.copies.append(copy)
-            found.append(self.left(fmu, copy))
-        return np.array(found)
+            one = self._entered(k, before)
+            one.x, one.due = before.x.copy(), before.due.copy()
+            changed = np.flatnonzero(before.p != row).tolist()
+            if not all(self.about["tunable"][i] for i in changed):
+                raise ValueError("a parameter that is fixed from the start was to be changed")
+            if changed:
+                one.retuned(self.m, changed, row)
+            self.copies.append(_Copy(before.time_s, row.copy(), 0, before.past, one.x, one.due))
+            found.append(self._left(k, one))
+        return self._run_begins(found)
+
+    def _run_begins(self, found: list[Array]) -> Array:
+        n = len(self.copies)
+        self.standing = 0 if self.saves and n == 1 else -1
+        self.statuses = np.zeros(n, np.int64)
+        self.handles = np.array([self.instance(k).handle for k in range(n)], np.int64)
+        self.saved = np.array([c.state for c in self.copies], np.int64)
+        self.times = np.array([c.time_s for c in self.copies])
+        self.x = np.array([c.x for c in self.copies]).reshape(n, -1)
+        self.due = np.array([c.due for c in self.copies]).reshape(n, 1)
+        self.y = np.array(found)
+        return self.y
 
     def step(self, f: Array, h: float) -> Array:
-        found = []
-        for k, (copy, row) in enumerate(zip(self.copies, f, strict=True)):
-            fmu = self.entered(k, copy)
-            self.stepped(fmu, row, copy.time_s, h)
-            copy.time_s += h
-            copy.past = None if self.saves else (copy.past, row.copy(), h)
-            found.append(self.left(fmu, copy))
-        return np.array(found)
+        f = np.ascontiguousarray(f)
+        given = self.m, self.handles, self.saved, self.standing, self.times, f, h
+        if self.exchanges:
+            exchange_copies(*given, self.x, self.due, self.y, self.statuses)
+        else:
+            step_copies(*given, self.y, self.statuses)
+        self._judge(self.statuses, self.y, self.times[0] + h)
+        self.times += h
+        if not self.saves:
+            for copy, row in zip(self.copies, f, strict=True):
+                copy.past = (copy.past, row.copy(), h)
+        return self.y
+
+    def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
+        """What has failed is no number any more; before a run has gone through it is an error."""
+        if not statuses.any() and np.isfinite(y).all():
+            return
+        for status in statuses[statuses != 0]:
+            if not self.went or status == FATAL:
+                raise RuntimeError(why(self.m, int(status), at_s))
+        y[statuses != 0] = np.nan
+        if not self.went:
+            _, column = np.argwhere(~np.isfinite(y))[0]
+            name = self.about["called"][column]
+            raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
+
+    def _left(self, k: int, one: FmuInstance) -> Array:
+        """What the instance reads, for a copy that stands where it does."""
+        if self.saves:
+            self.copies[k].state = one.save(self.m)
+        else:
+            one.past = self.copies[k].past
+        return one.outputs(self.m)
+
+    def _entered(self, k: int, copy: _Copy) -> FmuInstance:
+        """An instance where the copy stands."""
+        one = self.instance(k)
+        if self.saves:
+            one.restore(self.m, copy.state)
+            return one
+        if not one.fresh and one.past is copy.past and copy.past is not None:
+            return one
+        one.started(self.m, copy.p)
+        rows, past, time_s = [], copy.past, 0.0
+        while past is not None:
+            past, f, h = past
+            rows.append((f, h))
+        state = one.x.copy(), np.zeros((len(one.x), 0)), one.due.copy()
+        y = np.zeros((1, len(self.m.outputs)))
+        none, status = np.zeros(1, np.int64), np.zeros(1, np.int64)
+        for f, h in reversed(rows):
+            if self.exchanges:
+                grid = np.zeros(MOST_STEPS + 1)
+                status[0] = exchange(self.m, one.handle, time_s, h, f, *state, grid)
+            else:
+                handles, at = np.array([one.handle]), np.array([time_s])
+                step_copies(self.m, handles, none, -1, at, f[None], h, y, status)
+            one.check(self.m, int(status[0]), time_s)
+            time_s += h
+        return one
 
     def keep(self) -> Array:
         first = self.count + 1
         self.count += len(self.copies)
+        if self.standing == 0:
+            self.saved[0] = self.instance(0).save(self.m, int(self.saved[0]))
+        for k, copy in enumerate(self.copies):
+            copy.time_s, copy.state = float(self.times[k]), int(self.saved[k])
+            copy.x, copy.due = self.x[k].copy(), self.due[k].copy()
+            if not self.saves:
+                self.instance(k).past = copy.past
+        self.went = self.went or not self.statuses.any()
         self.kept.update(zip(range(first, self.count + 1), self.copies, strict=True))
         self.copies = []
         return np.arange(first, self.count + 1, dtype=float)[None]
 
     def drop(self, numbers: list[int]) -> Array:
-        self.let_go([self.kept.pop(number) for number in numbers])
+        """States that were kept, and programs, whose numbers come as negative ones."""
+        self.let_go([self.kept.pop(number) for number in numbers if number > 0])
+        for number in numbers:
+            self.programs.pop(-number, None)
         return np.zeros((0, 0))
 
-    def answer(self, request: bytes) -> Array:
-        """To one request: its word, what it says besides (JSON), a zero, a table of numbers."""
-        about, numbers = request[1:].split(b"\0", 1)
-        said = json.loads(about)
-        table = np.frombuffer(numbers).reshape(said["shape"])
-        if request[:1] == b"b":
-            return self.begin(table)
-        if request[:1] == b"r":
-            return self.resume(said["kept"], table)
-        if request[:1] == b"s":
-            return self.step(table, said["h"])
-        return self.keep() if request[:1] == b"k" else self.drop(said["kept"])
+    def let_go(self, copies: list[_Copy]) -> None:
+        for copy in copies:
+            if copy.state:
+                self.instance(0).free(copy.state)
 
+    # ---- states that are seen: model exchange ----------------------------------------------------
 
-def serve(inlet: int, outlet: int) -> None:
-    """Answer requests until there are no more. The first one says which FMU it is."""
-    asked, told = Connection(inlet, writable=False), Connection(outlet, readable=False)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
-    host: FmuHost | None = None
-    while True:
-        try:
-            request = asked.recv_bytes()
-        except EOFError:
-            return
-        try:
-            if host is None:
-                host, found = FmuHost(**json.loads(request)), np.zeros((0, 0))
+    def with_values(self, p: Array) -> FmuInstance:
+        """An instance with these parameters."""
+        key = p.tobytes()
+        one = self.of_values.get(key)
+        if one is None:
+            most = 1 if self.about["alone"] else MOST_INSTANCES
+            if len(self.of_values) >= most:
+                one = self.of_values.pop(next(iter(self.of_values)))
+            elif not self.of_values:
+                one = self.instance(0)
             else:
-                found = host.answer(request)
-            shape = json.dumps(found.shape).encode()
-            told.send_bytes(NUMBERS + shape + b"\0" + np.ascontiguousarray(found).tobytes())
-        except Exception as error:
-            told.send_bytes(FAILED + f"{type(error).__name__}: {error}".encode())
+                one = FmuInstance(self.about, len(self.of_values))
+            one.started(self.m, p)
+            if not self.went:
+                self._refuse_clocks(one)
+            self.of_values[key] = one
+        return one
+
+    def _refuse_clocks(self, one: FmuInstance) -> None:
+        rows = []
+        for at_s in (0.0, LATER_S):
+            rates = np.zeros(len(one.x))
+            one.check(self.m, rates_at(self.m, one.handle, at_s, one.x, rates), at_s)
+            rows.append([*rates, *one.outputs(self.m)])
+        if np.isfinite(one.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
+            raise RuntimeError(TIMED)
+
+    def moved(self, rows: Array, h: float) -> Array:
+        """States and outputs h later, of rows of states, inputs and parameters."""
+        nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
+        found, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
+        grid, none, due = np.zeros(MOST_STEPS + 1), np.zeros((nx, 0)), np.zeros(1)
+        for k, row in enumerate(rows):
+            c = self.with_values(row[nx + nf :]).handle
+            f, x = row[nx : nx + nf].copy(), found[k, ny:]
+            x[:] = row[:nx]
+            statuses[k] = exchange(self.m, c, 0.0, h, f, x, none, due, grid)
+            statuses[k] = statuses[k] or get_outputs(self.m, c, found[k, :ny])
+        self._judge(statuses, found, h)
+        self.went = True
+        return found
+
+    def derived(self, rows: Array, h: float) -> Array:
+        """Of the first row what `moved` gives, and below it, a row each, its derivatives by states
+        and inputs; then what `moved` gives of the other rows. No rows where an event came
+        between."""
+        m, nx, nf = self.m, len(self.m.states), len(self.m.inputs)
+        first = np.zeros(len(m.outputs) + nx)
+        y, x = first[: len(m.outputs)], first[len(m.outputs) :]
+        x[:] = rows[0, :nx]
+        J = np.zeros((len(first), nx + nf))
+        c = self.with_values(rows[0, nx + nf :]).handle
+        status = slopes_at(m, c, h, rows[0, nx : nx + nf].copy(), x, y, J)
+        if status != 0 or m.told[2]:
+            return np.zeros((0, 0))
+        others = self.moved(rows, h) if len(rows) > 1 else np.zeros((0, len(first)))
+        return np.concatenate([first[None], J.T, others])
+
+    def shown(self, rows: Array) -> Array:
+        """Outputs of rows of states and parameters."""
+        nx = len(self.m.states)
+        return np.array([self.with_values(r[nx:]).outputs_at(self.m, r[:nx]) for r in rows])
+
+    # ---- requests --------------------------------------------------------------------------------
+
+    def answer(self, request: bytes) -> Array:
+        """To one request: its word, a time step and the shape of a table, the table, and what it
+        says besides (JSON)."""
+        word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
+        begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
+        table = np.frombuffer(request[begin:end]).reshape(n, m)
+        return self.told(word, table, h, json.loads(request[end:] or b"[]"))
+
+    def told(self, word: bytes, table: Array, h: float, kept: list[int]) -> Array:
+        """The same, taken apart."""
+        table = np.array(table)  # compiled code has another version for what must not be written
+        if word == b"s":
+            return self.step(table, h)
+        if word == b"x":
+            return self.moved(table, h)
+        if word == b"l":
+            return self.derived(table, h)
+        if word == b"o":
+            return self.shown(table)
+        if word == b"b":
+            return self.begin(table)
+        if word == b"r":
+            return self.resume(kept, table)
+        return self.keep() if word == b"k" else self.drop(kept)

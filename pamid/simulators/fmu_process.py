@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import select
+import struct
 import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Sequence
 from multiprocessing import Pipe
 from typing import Any
 
@@ -16,27 +17,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
+from pamid.engine.program import Memory
+from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_file import FmuFile, extracted
-from pamid.simulators.fmu_host import FAILED
+from pamid.simulators.fmu_link import FmuLink, Kept
 
 Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # that one answer may take
+FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
+_LENGTH = struct.Struct("<q")
+PATIENT_SAMPLES = 10000.0  # for which a run is given as much time again
+_EMPTY = np.zeros((0, 0))
 
 
-class _Kept:
-    """A saved state in the other process, until nobody knows of it any more."""
+def _lengthy(about: dict[str, Any]) -> bytes:
+    """As JSON, led by its length and filled up to whole numbers."""
+    said = json.dumps(about).encode()
+    said += b" " * (-len(said) % 8)
+    return _LENGTH.pack(len(said)) + said
 
-    def __init__(self, number: int) -> None:
-        self.number = number
 
-
-class FmuProcess:
+class FmuProcess(FmuLink):
     """Copies of an FMU, held by another process; it is started, and the FMU's binary loaded, when
     the first of them begins."""
 
     def __init__(self, file: FmuFile) -> None:
-        self.file = file
+        self.file, self.units = file, file.units
+        self.programs: weakref.WeakKeyDictionary[SteppedProgram, int] = weakref.WeakKeyDictionary()
+        self.places = [
+            i for i, v in enumerate(file.outputs.variables) if v not in file.states.variables
+        ]
         self.whole_samples, self.longest_s = not file.any_step, float("inf")
         self.dropped: list[int] = []
         self.folder = tempfile.TemporaryDirectory(prefix="pamid-fmu-")
@@ -44,7 +55,7 @@ class FmuProcess:
         inlet, self.to_child = Pipe(duplex=False)
         self.from_child, outlet = Pipe(duplex=False)
         ends = inlet.fileno(), outlet.fileno()
-        code = f"from pamid.simulators.fmu_host import serve; serve({ends[0]}, {ends[1]})"
+        code = f"from pamid.simulators.fmu_runs import serve; serve({ends[0]}, {ends[1]})"
         self.child = subprocess.Popen(
             [sys.executable, "-P", "-c", code],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(e or os.getcwd() for e in sys.path)},
@@ -54,46 +65,82 @@ class FmuProcess:
         )
         inlet.close()
         outlet.close()
+        self.told = select.poll()
+        self.told.register(self.from_child, select.POLLIN | select.POLLHUP)
         weakref.finalize(self, _close, self.child, self.to_child, self.folder)
         self._answer(json.dumps({**file.request, "folder": self.folder.name}).encode())
 
-    # ---- as a carrier ----------------------------------------------------------------------------
+    # ---- whole runs ------------------------------------------------------------------------------
 
-    def begin(self, p: Array) -> Array:
-        return self._readings(b"b", {}, self.file.parameters.outside(p))
+    def run_there(
+        self, program: SteppedProgram, memory: Memory, *course: Any
+    ) -> tuple[Array, Array, int]:
+        """See `pamid.engine.stepped.FarRunner`."""
+        from pamid.engine.sent_program import Course, Parcel, run_request, take_answer
 
-    def resume(self, saved: Sequence[Any], p: Array) -> Array:
-        kept = [one.number for one in saved]
-        return self._readings(b"r", {"kept": kept}, self.file.parameters.outside(p))
-
-    def step(self, f: Array, h: float) -> Array:
-        return self._readings(b"s", {"h": h}, self.file.inputs.outside(f))
-
-    def save(self) -> tuple[_Kept, ...]:
-        empty = np.zeros((0, 0))
-        found = tuple(_Kept(int(number)) for number in self._request(b"k", {}, empty)[0])
-        for one in found:
+        number = self._number(program)
+        request = run_request(memory, Course(*course))
+        saved = memory.saved and [
+            memory.saved[0].number,
+            *(sorted((c, one.number) for c, one in memory.saved[1].items())),
+        ]
+        about = {**request.about, "program": number, "saved": saved}
+        patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
+        answer = self._told(b"u" + _lengthy(about) + request.numbers.tobytes(), patience_s)
+        size = _LENGTH.unpack_from(answer)[0]
+        told = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
+        parcel = Parcel(told, np.frombuffer(answer, offset=_LENGTH.size + size))
+        found = take_answer(memory, parcel)
+        kept = [Kept(int(k)) for k in told["kept"]]
+        for one in kept:
             weakref.finalize(one, self.dropped.append, one.number)
+        if kept:
+            memory.saved = kept[0], dict(zip(map(int, told["columns"]), kept[1:], strict=True))
+        return found
+
+    def _number(self, program: SteppedProgram) -> int:
+        """Of a program there, which is sent where it is not known; what nobody knows any more is
+        dropped there."""
+        from pamid.engine.sent_program import program_data
+
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
-            self._request(b"d", {"kept": gone}, empty)
-        return found
+            self._request(b"d", _EMPTY, kept=gone)
+        number = self.programs.get(program)
+        if number is None:
+            assert program.recipe is not None
+            simulator: Any = program.simulator
+            sizes = getattr(simulator, "sizes", None)
+            data = program_data(program, program.recipe)
+            data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
+            data["places"] = self.places
+            number = self.programs[program] = int(
+                self._answer(b"p" + _lengthy(data), PATIENCE_S)[0, 0]
+            )
+            weakref.finalize(program, self.dropped.append, -number)
+        return number
 
     # ---- what is sent ----------------------------------------------------------------------------
 
-    def _readings(self, word: bytes, about: dict[str, Any], table: Array) -> Array:
-        return self.file.outputs.inside(self._request(word, about, table))
+    def _request(
+        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+    ) -> Array:
+        said = b"" if kept is None else json.dumps(kept).encode()
+        return self._answer(word + SHAPE_HEAD.pack(h, *table.shape) + table.tobytes() + said)
 
-    def _request(self, word: bytes, about: dict[str, Any], table: Array) -> Array:
-        said = json.dumps({**about, "shape": table.shape}).encode()
-        return self._answer(word + said + b"\0" + np.ascontiguousarray(table).tobytes())
+    def _answer(self, message: bytes, patience_s: float | None = None) -> Array:
+        answer = self._told(message, patience_s)
+        _, rows, columns = SHAPE_HEAD.unpack_from(answer)
+        return np.frombuffer(answer, offset=SHAPE_HEAD.size).reshape(rows, columns)
 
-    def _answer(self, message: bytes) -> Array:
+    def _told(self, message: bytes, patience_s: float | None = None) -> bytes:
+        waits_s = patience_s or PATIENCE_S
         try:
             self.to_child.send_bytes(message)
-            if not self.from_child.poll(PATIENCE_S):
+            if not self.told.poll(1000.0 * waits_s):
                 self.child.kill()
-                raise self._failed(f"it did not answer within {PATIENCE_S:g} s")
+                self.child.wait()
+                raise self._failed(f"it did not answer within {waits_s:.3g} s, and was ended")
             answer = self.from_child.recv_bytes()
         except (EOFError, OSError) as error:
             code = self.child.wait()
@@ -101,8 +148,7 @@ class FmuProcess:
             raise self._failed(said) from error
         if answer.startswith(FAILED):
             raise self._failed(answer[1:].decode(errors="replace"))
-        shape, numbers = answer[1:].split(b"\0", 1)
-        return np.frombuffer(numbers).reshape(json.loads(shape))
+        return answer[1:]
 
     def _failed(self, what: str) -> FileError:
         return FileError(

@@ -1,12 +1,16 @@
 """An FMU as a rig: its inputs and outputs are ports, its parameters are fitted.
 
+A table beside the file, `drive.fmu.toml`, declares inputs that are forces or torques, with the
+outputs that are the position and the velocity there (`pamid.simulators.fmu_choices`): effects of
+mechanics then act at the port. Without it there are command ports and reading ports. The same in a
+rig file:
+
     class Drive(FmuRig):
         path = "drive.fmu"
         motion = {"torque_n_m": ("angle_rad", "speed_rad_per_s")}
 
-In a rig file, `motion` declares inputs that are forces or torques, with the outputs that are the
-position and the velocity there: effects of mechanics then act at the port. The file alone, `--rig
-drive.fmu`, has command ports and reading ports. Its binary is run.
+Its binary is run. Of an FMU for model exchange pamid sees the states and integrates their rates;
+one for co-simulation is a `Carrier`.
 """
 
 from __future__ import annotations
@@ -17,17 +21,28 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pamid.base.errors import FileError, nearest
+from pamid.base.units import quotient
 from pamid.engine.carried import Carrier
+from pamid.engine.stepped import FarRunner, Slopes
+from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
 from pamid.model.step_rig import StepRig
+from pamid.simulators.fmu_choices import choices_path
 from pamid.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
+from pamid.simulators.fmu_link import SeenFmu
 from pamid.simulators.fmu_process import FmuProcess
 from pamid.simulators.mujoco_parameters import stated
 from pamid.symbolic.vocabulary import Number
 
+Array = NDArray[np.float64]
+
 MOST_FREE = 20  # parameters that are fitted without a word: of more, those in `free` alone
+FORCES = ("N", "N m")
 
 
 class FmuRig(StepRig):
@@ -46,13 +61,24 @@ class FmuRig(StepRig):
         own: Any = self  # tables that a class usually holds
         self.file = f = file or read_fmu(_beside(type(self), self.path))
         own.name = f.name if type(self) is FmuRig else type(self).name
+        own.carries = not f.seen
+        own.motion, own.free = self.motion or f.motion, self.free or f.free
         own.inputs = {v.name: v.si for v in f.inputs.variables}
         own.outputs = {v.name: v.si for v in f.outputs.variables}
-        own.readings = dict(self.outputs)
+        if f.seen:
+            starts = f.units.states.inside(np.array([v.start for v in f.states.variables]))
+            own.states = tuple(
+                State(v.name, v.si, start)
+                for v, start in zip(f.states.variables, starts.tolist(), strict=True)
+            )
+            sizes = np.array(f.nominals) * f.units.states.scale
+            own.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
+        shown = {s.name for s in self.states}
+        own.readings = {name: si for name, si in self.outputs.items() if name not in shown}
+        self._check_names()
         own.parameters = tuple(map(self._parameter, f.parameters.variables))
-        own.remarks = f.remarks
+        own.remarks = (*f.remarks, *self._undeclared())
         own.period_s = f.period_s or type(self).period_s
-        self._check_motion()
         own.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
             f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables
         }
@@ -66,20 +92,54 @@ class FmuRig(StepRig):
     def _way_in(self, v: FmuVariable) -> Port:
         if v.name not in self.motion:
             return Port("command", v.si)
-        position, velocity = (self.outputs[name] for name in self.motion[v.name])
+        position, velocity = (self._moving[name] for name in self.motion[v.name])
         return Port("motion", v.si, {"position": position, "velocity": velocity})
 
-    def _check_motion(self) -> None:
-        for name, signals in self.motion.items():
-            for one, known, what in (
-                (name, self.inputs, "input"),
-                *((signal, self.outputs, "output") for signal in signals),
-            ):
-                if one not in known:
-                    raise FileError(
-                        f"{self.file.path}: motion names {one!r}, which is no {what} of it",
-                        nearest(one, list(known)) or f"{what}s: {', '.join(known)}",
-                    )
+    @property
+    def _moving(self) -> dict[str, str]:
+        """What may be a position or a velocity: outputs, and states that are seen, with units."""
+        return {s.name: s.unit for s in self.states} | self.outputs
+
+    def _check_names(self) -> None:
+        """Those of the user's own tables."""
+        told = choices_path(Path(self.file.path))
+        where = told if self.motion is self.file.motion and told.exists() else self.file.path
+        known = [(name, list(self.inputs), "input") for name in self.motion]
+        known += [
+            (signal, list(self._moving), "output")
+            for signals in self.motion.values()
+            for signal in signals
+        ]
+        known += [
+            (name, [v.name for v in self.file.parameters.variables], "parameter")
+            for name in self.free
+        ]
+        for name, names, what in known:
+            if name not in names:
+                table = "free" if what == "parameter" else "motion"
+                raise FileError(
+                    f"{where}: {table} names {name!r}, which is no {what} of it",
+                    nearest(name, names) or f"{what}s: {', '.join(names)}",
+                )
+        for name, (position, velocity) in self.motion.items():
+            rate, given = quotient(self._moving[position], "s"), self._moving[velocity]
+            if rate and given and rate != given and position != velocity:
+                raise FileError(
+                    f"{where}: {velocity!r} [{given}] is not the velocity of {position!r} "
+                    f"[{self._moving[position]}], which {name!r} acts along",
+                    f"a velocity there is in {rate}",
+                )
+
+    def _undeclared(self) -> list[str]:
+        """Forces and torques that go in without a place where they act."""
+        names = [n for n, si in self.inputs.items() if si in FORCES and n not in self.motion]
+        beside = choices_path(Path(self.file.path)).name
+        return [
+            f"{name} [{self.inputs[name]}] may be a force at a moving part: for friction, springs "
+            f"and drag to act there, write into {beside}: [ports.{name}] with position and "
+            f"velocity, of {', '.join(self._moving)}"
+            for name in names
+        ]
 
     # ---- equations -------------------------------------------------------------------------------
 
@@ -96,12 +156,35 @@ class FmuRig(StepRig):
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         return {name: port(f"read_{name}", getattr(x, name)) for name in self.outputs}
 
+    # ---- the simulation --------------------------------------------------------------------------
+
     def carrier(self) -> Carrier:
         return self._process
 
     @cached_property
     def _process(self) -> FmuProcess:
         return FmuProcess(self.file)
+
+    def far_runner(self) -> FarRunner:
+        return self._process
+
+    @cached_property
+    def _seen(self) -> SeenFmu:
+        places = np.array(self._process.places, np.intp)
+        return SeenFmu(self._process, places, self.file.derives, self.sizes(()))
+
+    def steps(
+        self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
+    ) -> tuple[Array, Array]:
+        return self._seen.steps(x, f, p, h)
+
+    def reads(self, x: Array, p: Array) -> Array:
+        return self._seen.reads(x, p)
+
+    def slopes(
+        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+    ) -> Slopes | None:
+        return self._seen.slopes(x, f, p, h, chosen)
 
 
 def _beside(kind: type, path: str) -> Path:

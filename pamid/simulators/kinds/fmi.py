@@ -1,4 +1,4 @@
-"""FMUs, FMI 2.0 and 3.0, for co-simulation."""
+"""FMUs, FMI 2.0 and 3.0, for co-simulation and model exchange."""
 
 from __future__ import annotations
 

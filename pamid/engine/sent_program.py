@@ -1,0 +1,143 @@
+"""A stepped program in another process: what it is made of as plain data, and a run of it as rows
+of numbers. Where the simulator lives in a process of its own, a run is sent there whole: an
+exchange at every sample would cost two changes of process each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.carried import Carrier
+from pamid.engine.jit_cache import addresses
+from pamid.engine.program import Memory, Program, Stepping, module_text
+from pamid.engine.stepped import Recipe, Simulator, SteppedProgram
+
+Array = NDArray[np.float64]
+
+
+def program_data(program: SteppedProgram, recipe: Recipe) -> dict[str, Any]:
+    """What `received_program` makes the same program of, for JSON."""
+    text, names = module_text(*recipe)
+    a = program.around
+    arrays = {k: v.tolist() for k, v in a._equations._asdict().items() if k != "address"}
+    return {
+        "text": text,
+        "names": names,
+        "arrays": arrays,
+        "tables": [a.states, a.inputs, a.parameters, a.outputs, a.cells],
+        "delays": a.delays,
+        "counts": [a.operations, a.derived],
+        "sensitive": sorted(a.sensitive),
+        "linear": a.linear,
+        "sizes": [program.readings, program.simulated, program.forces, program.own],
+    }
+
+
+def received_program(data: dict[str, Any], simulator: Simulator | Carrier) -> SteppedProgram:
+    """The program around another simulator; its code comes from the cache, or is compiled again."""
+    from pamid.engine.integrator import CompiledEquations
+
+    arrays = {k: np.array(v, np.int64) for k, v in data["arrays"].items()}
+    arrays["direct"] = arrays["direct"].reshape(-1, 3)
+    address = np.array(addresses(data["text"], data["names"]), np.int64)
+    states, inputs, parameters, outputs, cells = map(tuple, data["tables"])
+    operations, derived = data["counts"]
+    around = Program(
+        states,
+        inputs,
+        parameters,
+        outputs,
+        cells,
+        tuple(data["delays"]),
+        operations,
+        derived,
+        frozenset(data["sensitive"]),
+        tuple(data["linear"]),
+        CompiledEquations(address=address, **arrays),
+    )
+    return SteppedProgram(simulator, around, *data["sizes"])
+
+
+class Course(NamedTuple):
+    """A run as it is asked for; see `Program.run`."""
+
+    u: Array
+    p: Array
+    period_s: float
+    time_s: float
+    stepping: Stepping
+    columns: NDArray[np.int64] | None
+    weights: Array | None
+    after: Array | None
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """Arrays in a row, and what tells them apart, for JSON."""
+
+    about: dict[str, Any]
+    numbers: Array
+
+    def arrays(self) -> Iterator[Any]:
+        at = 0
+        for shape in self.about["shapes"]:
+            if shape is None:
+                yield None
+                continue
+            size = int(np.prod(shape))
+            yield self.numbers[at : at + size].reshape(shape).copy()
+            at += size
+
+
+def packed(about: dict[str, Any], arrays: list[Array | None]) -> Parcel:
+    """The arrays as a parcel; None stays None."""
+    shapes = [None if a is None else a.shape for a in arrays]
+    flat = [np.ravel(a).astype(float) for a in arrays if a is not None]
+    return Parcel({**about, "shapes": shapes}, np.concatenate(flat))
+
+
+def run_request(memory: Memory, course: Course) -> Parcel:
+    """A run, all but what is saved of the simulator."""
+    about = {
+        "times": [course.period_s, course.time_s],
+        "stepping": [course.stepping.substeps, course.stepping.implicit],
+        "begin": memory.begin,
+        "join": memory.join,
+    }
+    given: list[Any] = [course.u, course.p, course.columns, course.weights, course.after]
+    return packed(about, [*memory.arrays(), *given])
+
+
+def run_of(parcel: Parcel) -> tuple[Memory, Course]:
+    """What `run_request` packed."""
+    x, cells, past, S, buffers, buffer_S, heads, *rest = parcel.arrays()
+    u, p, columns, weights, after = rest
+    about = parcel.about
+    heads = heads.astype(np.int64)
+    memory = Memory(
+        x, cells, past, S, buffers, buffer_S, heads, bool(about["begin"]), bool(about["join"])
+    )
+    places = None if columns is None else columns.astype(np.int64)
+    substeps, implicit = about["stepping"]
+    period_s, time_s = about["times"]
+    stepping = Stepping(substeps, implicit)
+    return memory, Course(u, p, period_s, time_s, stepping, places, weights, after)
+
+
+def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
+    """What a run has come to, and where the memory then stands."""
+    return packed({"bad": found[2]}, [*found[:2], *memory.arrays()])
+
+
+def take_answer(memory: Memory, parcel: Parcel) -> tuple[Array, Array, int]:
+    """What `run_answer` packed, written into the memory."""
+    Y, JY, *kept = parcel.arrays()
+    for array, new in zip(memory.arrays(), kept, strict=True):
+        array[...] = new
+    memory.begin = memory.join = False
+    return Y, JY, int(parcel.about["bad"])

@@ -1,0 +1,433 @@
+"""Calls of an FMU's functions from inside compiled code: what happens at every sample.
+
+Every function returns a status: that of the FMU (2 and above: it failed), or one of those below,
+and leaves the place of the failing function in `told[0]`. C passes what a function does not read
+without harm, so that one call serves FMI 2.0 and 3.0 where their arguments begin alike.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.function_calls import call_foreign
+from pamid.engine.numba_cache import njit
+
+Array = NDArray[np.float64]
+Places = NDArray[np.uint32]
+
+# names of the functions in FMI 2.0 and 3.0, by their place
+SET, GET, STEP, SAVE, RESTORE, TIME, PUT_X, GET_X, RATES, INDICATORS, EVENT, DISCRETE = range(12)
+CONTINUOUS, COMPLETED, DIRECTIONAL = 12, 13, 14
+NAMES = {
+    2: "SetReal GetReal DoStep GetFMUstate SetFMUstate SetTime SetContinuousStates "
+    "GetContinuousStates GetDerivatives GetEventIndicators EnterEventMode NewDiscreteStates "
+    "EnterContinuousTimeMode CompletedIntegratorStep GetDirectionalDerivative",
+    3: "SetFloat64 GetFloat64 DoStep GetFMUState SetFMUState SetTime SetContinuousStates "
+    "GetContinuousStates GetContinuousStateDerivatives GetEventIndicators EnterEventMode "
+    "UpdateDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep GetDirectionalDerivative",
+}
+
+# statuses of this file
+ENDED, RESTLESS, STIFF, CROWDED, NO_NUMBERS = -1, -2, -3, -4, -5
+SAID = {
+    ENDED: "it ended the simulation itself",
+    RESTLESS: "its events do not come to rest: it asks for one event iteration after another",
+    STIFF: "its equations want steps too short for an explicit method; export it for "
+    "co-simulation, with a solver of its own",
+    NO_NUMBERS: "its derivatives are no numbers",
+    CROWDED: "its events follow each other too closely",
+}
+FAILED_FROM = 2  # statuses of an FMU: 0 in order, 1 a warning, then discard, error, fatal
+
+ROUNDING = 1e-9  # of an exchange: times that are summed up differ by less
+MOST_ITERATIONS = 100
+MOST_EVENTS = 1000  # in one exchange
+MOST_STEPS = 4096  # in one exchange
+BISECTIONS = 40  # of a step, to find where an indicator changes its sign
+STEP_TOLERANCE = 1e-8  # of a state's size, per step
+SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
+
+
+class FmiModel(NamedTuple):
+    """An FMU as compiled code sees it. at: addresses of the functions of NAMES; the rest: value
+    references, the number of event indicators, typical sizes of states; told: a word that comes
+    back."""
+
+    at: NDArray[np.int64]
+    version: int
+    inputs: Places
+    outputs: Places
+    states: Places
+    rates: Places
+    indicators: int
+    sizes: Array
+    told: NDArray[np.int64]
+
+
+@njit(cache=True)
+def _failed(m: FmiModel, status: int, place: int) -> int:
+    """0 where it went well; else the status, and what was called is noted."""
+    if status < FAILED_FROM:
+        return 0
+    m.told[0] = place
+    return status
+
+
+@njit(cache=True)
+def put_inputs(m: FmiModel, c: int, f: Array) -> int:
+    n = len(m.inputs)
+    return _failed(m, call_foreign(m.at[SET], c, m.inputs, n, f, n), SET)
+
+
+@njit(cache=True)
+def get_outputs(m: FmiModel, c: int, y: Array) -> int:
+    n = len(m.outputs)
+    return _failed(m, call_foreign(m.at[GET], c, m.outputs, n, y, n), GET)
+
+
+@njit(cache=True)
+def do_step(m: FmiModel, c: int, t: float, h: float) -> int:
+    flags, last = np.zeros(3, np.int64), np.array([t + h])
+    status = call_foreign(m.at[STEP], c, t, h, 1, flags[0:1], flags[1:2], flags[2:3], last)
+    status = _failed(m, status, STEP)
+    if status == 0 and m.version == 3 and (flags[1] or last[0] < t + h - 1e-9 * h):
+        return ENDED
+    return status
+
+
+@njit(cache=True)
+def step_copies(
+    m: FmiModel,
+    handles: NDArray[np.int64],
+    saved: NDArray[np.int64],
+    standing: int,
+    times: Array,
+    f: Array,
+    h: float,
+    y: Array,
+    statuses: NDArray[np.int64],
+) -> None:
+    """Co-simulation: every copy moved on by h. saved: addresses of states, 0 where each copy has an
+    instance; standing: the copy at which the one instance stands, -1 for none. Those that have
+    failed (statuses) stay."""
+    n = len(handles)
+    for k in range(n):
+        if statuses[k] != 0:
+            continue
+        c, status = handles[k], 0
+        if saved[k] and standing != k:
+            status = _failed(m, call_foreign(m.at[RESTORE], c, saved[k]), RESTORE)
+        if status == 0:
+            status = put_inputs(m, c, f[k])
+        if status == 0:
+            status = do_step(m, c, times[k], h)
+        if status == 0 and saved[k] and n > 1:
+            status = _failed(m, call_foreign(m.at[SAVE], c, saved[k : k + 1]), SAVE)
+        if status == 0:
+            status = get_outputs(m, c, y[k])
+        statuses[k] = status
+
+
+# ---- model exchange ------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
+    """Event iterations until nothing changes, from inside event mode or not, then continuous time.
+    due (1): time of the next event, infinite where none is known; m.told[1]: did states change?"""
+    status = 0
+    if not inside:
+        status = _failed(m, call_foreign(m.at[EVENT], c), EVENT)
+    info = np.zeros(4)
+    flags, changed = info.view(np.int32), 0
+    for _ in range(MOST_ITERATIONS):
+        if status != 0:
+            return status
+        info[:] = 0.0
+        if m.version == 2:
+            status = call_foreign(m.at[DISCRETE], c, info)
+        else:
+            status = call_foreign(
+                m.at[DISCRETE],
+                *(c, flags[0:1], flags[1:2], flags[2:3], flags[3:4], flags[4:5], info[3:4]),
+            )
+        status = _failed(m, status, DISCRETE)
+        changed |= flags[3]
+        if status == 0 and flags[1]:
+            return ENDED
+        if status == 0 and not flags[0]:
+            due[0] = info[3] if flags[4] else np.inf
+            m.told[1] = changed
+            return _failed(m, call_foreign(m.at[CONTINUOUS], c), CONTINUOUS)
+    return RESTLESS
+
+
+@njit(cache=True)
+def stand(m: FmiModel, c: int, t: float, x: Array) -> int:
+    """Bring the instance to a time and states."""
+    status = _failed(m, call_foreign(m.at[TIME], c, t), TIME)
+    if status == 0 and len(x):
+        status = _failed(m, call_foreign(m.at[PUT_X], c, x, len(x)), PUT_X)
+    return status
+
+
+@njit(cache=True)
+def rates_at(m: FmiModel, c: int, t: float, x: Array, dx: Array) -> int:
+    status = stand(m, c, t, x)
+    if status == 0 and len(x):
+        status = _failed(m, call_foreign(m.at[RATES], c, dx, len(x)), RATES)
+    return status
+
+
+@njit(cache=True)
+def partials(m: FmiModel, c: int, unknown: Places, J: Array) -> int:
+    """J (unknowns, states and inputs) by directional derivatives, where the instance stands."""
+    nx, nu = len(m.states), len(unknown)
+    known, one, column = np.zeros(1, np.uint32), np.ones(1), np.zeros(nu)
+    for k in range(J.shape[1]):
+        known[0] = m.states[k] if k < nx else m.inputs[k - nx]
+        if m.version == 2:
+            status = call_foreign(m.at[DIRECTIONAL], c, unknown, nu, known, 1, one, column)
+        else:
+            status = call_foreign(m.at[DIRECTIONAL], c, unknown, nu, known, 1, one, 1, column, nu)
+        if _failed(m, status, DIRECTIONAL) != 0:
+            return status
+        J[:, k] = column
+    return 0
+
+
+@njit(cache=True)
+def indicators_at(m: FmiModel, c: int, z: Array) -> int:
+    if m.indicators == 0:
+        return 0
+    return _failed(m, call_foreign(m.at[INDICATORS], c, z, m.indicators), INDICATORS)
+
+
+# Dormand and Prince (1980), J. Comput. Appl. Math. 6(1), 19-26: orders 5 and 4
+_C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+_A = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_E = np.array(
+    [
+        *(71 / 57600, 0.0, -71 / 16695, 71 / 1920),
+        *(-17253 / 339200, 22 / 525, -1 / 40),
+    ]
+)
+
+
+@njit(cache=True)
+def _tried(
+    m: FmiModel, c: int, t: float, x: Array, S: Array, dt: float, xn: Array, Sn: Array, err: Array
+) -> int:
+    """One step of dt from x, into xn; of the sensitivities S (states, states and inputs), where
+    they have columns, into Sn; err (1): its error, in tolerances. The instance then stands at the
+    step's end."""
+    nx, wide = len(x), S.shape[1]
+    K, KS = np.zeros((7, nx)), np.zeros((7, nx, wide))
+    J = np.zeros((nx, nx + len(m.inputs)))
+    for i in range(7):
+        xn[:] = x
+        for j in range(i):
+            xn += dt * _A[i, j] * K[j]
+        status = rates_at(m, c, t + _C[i] * dt, xn, K[i])
+        if status != 0:
+            return status
+        if wide:
+            status = partials(m, c, m.rates, J)
+            if status != 0:
+                return status
+            Sn[:] = S
+            for j in range(i):
+                Sn += dt * _A[i, j] * KS[j]
+            KS[i] = J[:, :nx] @ Sn
+            KS[i, :, nx:] += J[:, nx:]
+    worst = 0.0
+    for k in range(nx):
+        e = 0.0
+        for i in range(7):
+            e += _E[i] * K[i, k]
+        scale = max(m.sizes[k], abs(x[k]), abs(xn[k]))
+        part = abs(dt * e) / (STEP_TOLERANCE * scale)
+        worst = part if not part <= worst else worst
+    err[0] = worst
+    return 0
+
+
+@njit(cache=True)
+def _crossed(before: Array, after: Array) -> bool:
+    return bool(((before > 0.0) != (after > 0.0)).any())
+
+
+@njit(cache=True)
+def _narrowed(
+    m: FmiModel, c: int, t: float, x: Array, dt: float, z: Array, xn: Array
+) -> tuple[int, float]:
+    """The shortest step from x after which an indicator has changed its sign, to a trillionth of
+    dt; xn is what it leads to, and where the instance stands."""
+    low, high = 0.0, dt
+    none, err, now = np.zeros((len(x), 0)), np.zeros(1), np.zeros(len(z))
+    for k in range(BISECTIONS + 1):
+        middle = 0.5 * (low + high) if k < BISECTIONS else high
+        status = _tried(m, c, t, x, none, middle, xn, none, err)
+        if status == 0:
+            status = indicators_at(m, c, now)
+        if status != 0:
+            return status, high
+        if _crossed(z, now):
+            high = middle
+        else:
+            low = middle
+    return 0, high
+
+
+@njit(cache=True)
+def exchange(
+    m: FmiModel,
+    c: int,
+    begin: float,
+    h: float,
+    f: Array,
+    x: Array,
+    S: Array,
+    due: Array,
+    grid: Array,
+) -> int:
+    """Move x on by h seconds from `begin` under f, and its derivatives S by the states before and
+    by f, where S has columns. Steps end where grid says (ends from `begin`, 0 where it is not
+    written yet: then they are chosen and noted there). due (1): the next event in time. m.told[2]:
+    how many events there were within."""
+    # an event that falls between two exchanges belongs to the later one, whose inputs it sees
+    near = ROUNDING * h
+    first = due[0] if abs(due[0] - begin) <= near else begin
+    status = put_inputs_anew(m, c, first, f, x, due)
+    m.told[2] = 0
+    z, after, xn, Sn, err = (
+        np.zeros(m.indicators),
+        np.zeros(m.indicators),
+        np.zeros(len(x)),
+        np.zeros(S.shape),
+        np.zeros(1),
+    )
+    status = status or indicators_at(m, c, z)
+    follows, at, step, count = grid[0] > 0.0, 0.0, h, 0
+    while status == 0 and at < h:
+        if follows:
+            while 0.0 < grid[count] <= at:
+                count += 1
+            follows = grid[count] > at
+            step = grid[count] - at if follows else h - at
+        stop = max(due[0] - begin, at) if due[0] - begin < h - near else h
+        dt = min(step, stop - at)
+        dt = stop - at if stop - at < 1.0001 * dt else dt
+        status = _tried(m, c, begin + at, x, S, dt, xn, Sn, err)
+        if status == 0 and not follows and not err[0] <= 1.0:
+            step = dt * max(LEAST_SHRINKAGE, SAFETY * err[0] ** -0.2) if err[0] < np.inf else dt / 8
+            if step < h / MOST_STEPS:
+                return NO_NUMBERS if np.isnan(err[0]) else STIFF
+            continue
+        status = status or indicators_at(m, c, after)
+        crossed = status == 0 and _crossed(z, after)
+        if crossed:
+            status, dt = _narrowed(m, c, begin + at, x, dt, z, xn)
+        x[:], S[:] = xn, Sn
+        reached = not crossed and dt == stop - at
+        at = stop if reached else at + dt
+        if not follows:
+            if count + 1 >= len(grid):
+                return STIFF
+            grid[count], count = at, count + 1
+            step = min(h, dt * min(MOST_GROWTH, SAFETY * max(err[0], 1e-4) ** -0.2))
+        status = status or _complete(m, c, x, z, due, crossed or (reached and stop < h))
+    return status
+
+
+@njit(cache=True)
+def put_inputs_anew(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Array) -> int:
+    """At the start of an exchange what goes in jumps: an event."""
+    status = stand(m, c, t, x)
+    status = status or _failed(m, call_foreign(m.at[EVENT], c), EVENT)
+    status = status or put_inputs(m, c, f)
+    status = status or settle(m, c, True, due)
+    return status or _reread(m, c, x)
+
+
+@njit(cache=True)
+def _reread(m: FmiModel, c: int, x: Array) -> int:
+    """States that an event has changed."""
+    if m.told[1] == 0 or len(x) == 0:
+        return 0
+    return _failed(m, call_foreign(m.at[GET_X], c, x, len(x)), GET_X)
+
+
+@njit(cache=True)
+def _complete(m: FmiModel, c: int, x: Array, z: Array, due: Array, event: bool) -> int:
+    """After a step: is there an event?"""
+    flags = np.zeros(2, np.int64)
+    status = call_foreign(m.at[COMPLETED], c, 1, flags[0:1], flags[1:2])
+    status = _failed(m, status, COMPLETED)
+    if status == 0 and flags[1]:
+        return ENDED
+    if status == 0 and (event or flags[0]):
+        m.told[2] += 1
+        if m.told[2] > MOST_EVENTS:
+            return CROWDED
+        status = settle(m, c, False, due)
+        status = status or _reread(m, c, x)
+    return status or indicators_at(m, c, z)
+
+
+@njit(cache=True)
+def exchange_copies(
+    m: FmiModel,
+    handles: NDArray[np.int64],
+    saved: NDArray[np.int64],
+    standing: int,
+    times: Array,
+    f: Array,
+    h: float,
+    x: Array,
+    due: Array,
+    y: Array,
+    statuses: NDArray[np.int64],
+) -> None:
+    """Model exchange: `step_copies`, with the states x (copies, states) and the next events due
+    (copies, 1). Steps are those of the first copy: differences between copies are smooth then."""
+    n, grid, none = len(handles), np.zeros(MOST_STEPS + 1), np.zeros((x.shape[1], 0))
+    for k in range(n):
+        if statuses[k] != 0:
+            continue
+        c, status = handles[k], 0
+        if saved[k] and standing != k:
+            status = _failed(m, call_foreign(m.at[RESTORE], c, saved[k]), RESTORE)
+        status = status or exchange(m, c, times[k], h, f[k], x[k], none, due[k], grid)
+        if status == 0 and saved[k] and n > 1:
+            status = _failed(m, call_foreign(m.at[SAVE], c, saved[k : k + 1]), SAVE)
+        statuses[k] = status or get_outputs(m, c, y[k])
+
+
+@njit(cache=True)
+def slopes_at(m: FmiModel, c: int, h: float, f: Array, x: Array, y: Array, J: Array) -> int:
+    """Model exchange from states that are set: x moved on by h under f, outputs y there, and in J
+    (outputs and states, states and inputs) their derivatives. m.told[2]: events within, with which
+    J is not right."""
+    nx, ny, wide = len(x), len(y), len(x) + len(f)
+    S, due, D = np.zeros((nx, wide)), np.zeros(1), np.zeros((ny, wide))
+    S[:, :nx] = np.eye(nx)
+    status = exchange(m, c, 0.0, h, f, x, S, due, np.zeros(MOST_STEPS + 1))
+    status = status or get_outputs(m, c, y) or partials(m, c, m.outputs, D)
+    J[:ny] = D[:, :nx] @ S
+    J[:ny, nx:] += D[:, nx:]
+    J[ny:] = S
+    return status

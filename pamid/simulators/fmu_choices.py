@@ -1,0 +1,101 @@
+"""What a user says of an FMU in a table beside it, `drive.fmu.toml` beside `drive.fmu`:
+
+kind = "model-exchange"   # or "co-simulation", where it offers both
+seen = false              # its states are not all that it knows
+free = ["inertia_kg_m2"]  # parameters to fit, where not all are
+
+[ports.torque_n_m]        # an input that is a force or a torque: a motion port
+position = "angle_rad"
+velocity = "speed_rad_per_s"
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pamid.base.errors import FileError, nearest
+from pamid.base.toml_file import read_toml
+
+EXCHANGE, CO_SIMULATION = "model-exchange", "co-simulation"
+_KNOWN: dict[str, type] = {"kind": str, "seen": bool, "free": list, "ports": dict}
+_MOTION = ("position", "velocity")
+
+
+@dataclass(frozen=True)
+class FmuChoices:
+    """The table; without a file everything is as the FMU has it. kind: "" where none is said; seen:
+    None where nothing is said; motion: as in `FmuRig`."""
+
+    path: Path
+    kind: str = ""
+    seen: bool | None = None
+    free: tuple[str, ...] = ()
+    motion: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+
+def choices_path(fmu: Path) -> Path:
+    """Where the table of an FMU lies."""
+    return fmu.with_name(f"{fmu.name}.toml")
+
+
+def read_choices(fmu: Path) -> FmuChoices:
+    """The table beside an FMU, if there is one. FileError: it holds something else; whether the
+    names are the FMU's is not looked at here."""
+    path = choices_path(fmu)
+    if not path.exists():
+        return FmuChoices(path)
+    said = read_toml(path)
+    for key, value in said.items():
+        if key not in _KNOWN:
+            raise FileError(
+                f"{path}: {key!r} is nothing that can be said of an FMU",
+                nearest(key, list(_KNOWN)) or f"there are {', '.join(_KNOWN)}",
+                code="toml",
+            )
+        if not isinstance(value, _KNOWN[key]):
+            raise _wrong(path, key, value)
+    kind, free = said.get("kind", ""), said.get("free", [])
+    if kind not in ("", EXCHANGE, CO_SIMULATION):
+        raise FileError(
+            f"{path}: kind = {kind!r} is none",
+            nearest(kind, [EXCHANGE, CO_SIMULATION]) or f"{EXCHANGE} or {CO_SIMULATION}",
+            code="toml",
+        )
+    if not all(isinstance(name, str) for name in free):
+        raise _wrong(path, "free", free)
+    ports = said.get("ports", {})
+    motion = {name: _signals(path, name, port) for name, port in ports.items()}
+    return FmuChoices(path, kind, said.get("seen"), tuple(free), motion)
+
+
+def _signals(path: Path, name: str, port: Any) -> tuple[str, str]:
+    where = f"{path}: [ports.{name}]"
+    if not isinstance(port, dict):
+        raise FileError(
+            f"{where} is no table",
+            f'write [ports.{name}] and under it position = "..." and velocity = "..."',
+            code="toml",
+        )
+    for key, value in port.items():
+        if key not in _MOTION:
+            hint = nearest(key, list(_MOTION)) or "it takes position and velocity"
+            raise FileError(f"{where} has {key!r}", hint, code="toml")
+        if not isinstance(value, str):
+            raise _wrong(path, f"ports.{name}.{key}", value)
+    lacking = [key for key in _MOTION if key not in port]
+    if lacking:
+        raise FileError(
+            f"{where} lacks {' and '.join(lacking)}",
+            "name the outputs that are the position and the velocity where the force acts",
+            code="toml",
+        )
+    return port["position"], port["velocity"]
+
+
+def _wrong(path: Path, key: str, value: Any) -> FileError:
+    like = {"kind": f'"{EXCHANGE}"', "seen": "false", "free": '["mass_kg"]', "ports": "a table"}
+    return FileError(
+        f"{path}: {key} = {value!r:.40} cannot be", f"like {like.get(key, 'a name')}", code="toml"
+    )

@@ -1,0 +1,158 @@
+"""An FMU that somebody holds, as the engine drives it: units, and the words of its requests
+(`pamid.simulators.fmu_host`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.stepped import DIFFERENCE, Slopes
+
+Array = NDArray[np.float64]
+
+_EMPTY = np.zeros((0, 0))
+
+
+class Kept:
+    """A saved state, by its number where the FMU is held."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+class UnitScale(NamedTuple):
+    """From an FMU's units to SI: value * scale + offset."""
+
+    scale: Array
+    offset: Array
+
+    def outside(self, values: Array) -> Array:
+        found: Array = (values - self.offset) / self.scale
+        return found
+
+    def inside(self, values: Array) -> Array:
+        found: Array = values * self.scale + self.offset
+        return found
+
+
+class FmuUnits(NamedTuple):
+    inputs: UnitScale
+    outputs: UnitScale
+    parameters: UnitScale
+    states: UnitScale
+
+
+class FmuLink:
+    """Copies of an FMU, a `pamid.engine.carried.Carrier`; where its states are seen, `SeenFmu`
+    drives it."""
+
+    units: FmuUnits
+
+    def _request(
+        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+    ) -> Array:
+        """The answer to a request."""
+        raise NotImplementedError
+
+    # ---- as a carrier ----------------------------------------------------------------------------
+
+    def begin(self, p: Array) -> Array:
+        return self._readings(b"b", self.units.parameters.outside(p))
+
+    def resume(self, saved: Sequence[Any], p: Array) -> Array:
+        kept = [one.number for one in saved]
+        return self._readings(b"r", self.units.parameters.outside(p), kept=kept)
+
+    def step(self, f: Array, h: float) -> Array:
+        return self._readings(b"s", self.units.inputs.outside(f), h)
+
+    def save(self) -> tuple[Kept, ...]:
+        return tuple(Kept(int(number)) for number in self._request(b"k", _EMPTY)[0])
+
+    # ---- where its states are seen ---------------------------------------------------------------
+
+    def moved(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """States and outputs h later, of n copies; all SI."""
+        return self._parted(self._request(b"x", self._rows(x, f, p), h))
+
+    def derived(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array, Array]:
+        """Of the first copy outputs and states h later, in a row, and their derivatives by its
+        states and what goes in (outputs and states, both); the same of every copy, where there are
+        others. Empty where the FMU cannot tell."""
+        found = self._request(b"l", self._rows(x, f, p), h)
+        if not len(found):
+            return _EMPTY, _EMPTY, _EMPTY
+        wide, file = x.shape[1] + f.shape[1], self.units
+        after = np.concatenate([file.outputs.scale, file.states.scale])
+        before = np.concatenate([file.states.scale, file.inputs.scale])
+        slopes = found[1 : 1 + wide].T * after[:, None] / before
+        first, others = (
+            np.concatenate(self._parted(rows)[::-1], axis=1)
+            for rows in (found[:1], found[1 + wide :])
+        )
+        return first[0], slopes, others
+
+    def shown(self, x: Array, p: Array) -> Array:
+        """Outputs at these states; all SI."""
+        rows = np.concatenate([self.units.states.outside(x), self.units.parameters.outside(p)], 1)
+        return self._readings(b"o", rows)
+
+    def _rows(self, x: Array, f: Array, p: Array) -> Array:
+        file = self.units
+        given = file.states.outside(x), file.inputs.outside(f), file.parameters.outside(p)
+        return np.concatenate(given, axis=1)
+
+    def _parted(self, rows: Array) -> tuple[Array, Array]:
+        seen = len(self.units.outputs.scale)
+        return self.units.states.inside(rows[:, seen:]), self.units.outputs.inside(rows[:, :seen])
+
+    def _readings(
+        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+    ) -> Array:
+        return self.units.outputs.inside(self._request(word, table, h, kept))
+
+
+@dataclass
+class SeenFmu:
+    """An FMU whose states are seen, a `pamid.engine.stepped.Simulator`. places: of the readings
+    among the outputs; derives: it tells its directional derivatives."""
+
+    link: FmuLink
+    places: NDArray[np.intp]
+    derives: bool
+    sizes: tuple[Array, Array]
+    longest_s: float = field(default=float("inf"))
+
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        after, outputs = self.link.moved(x, f, p, h)
+        return after, outputs[:, self.places]
+
+    def reads(self, x: Array, p: Array) -> Array:
+        if not len(self.places):
+            return np.empty((len(x), 0))
+        return self.link.shown(x, p)[:, self.places]
+
+    def slopes(
+        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+    ) -> Slopes | None:
+        """By the FMU's directional derivatives; parameters, of which it has none, by differences
+        along the same steps. None where it cannot tell."""
+        if not self.derives:
+            return None
+        copies = np.tile(p, (1 + len(chosen), 1))
+        by = DIFFERENCE * np.where(p == 0.0, 1.0, np.abs(p))[chosen]
+        copies[1 + np.arange(len(chosen)), chosen] += by
+        xs, fs = (np.tile(row, (len(copies), 1)) for row in (x, f))
+        first, slopes, others = self.link.derived(xs, fs, copies, h)
+        if not len(first):
+            return None
+        seen = len(first) - len(x)
+        rows = np.concatenate([self.places, np.arange(seen, seen + len(x))])
+        moved = np.zeros((len(rows), 0))
+        if len(chosen):
+            moved = ((others[1:] - others[:1]).T / by)[rows]
+        return Slopes(first[rows], slopes[rows][:, : len(x)], slopes[rows][:, len(x) :], moved)

@@ -1,0 +1,127 @@
+"""The process that holds an FMU: its binary may print, hang, or crash, and then only this process
+does.
+
+Requests come by a pipe from the program that started this process: a word, then numbers. Answers
+are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.sent_program`):
+the equations around the FMU are sent once, as text that is compiled.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import sys
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.sent_program import Parcel, received_program, run_answer, run_of
+from pamid.engine.stepped import SteppedProgram
+from pamid.simulators.fmu_host import SHAPE_HEAD, FmuHost
+from pamid.simulators.fmu_link import FmuLink, FmuUnits, Kept, SeenFmu, UnitScale
+
+Array = NDArray[np.float64]
+
+FAILED, NUMBERS = b"!", b"="
+_LENGTH = struct.Struct("<q")
+
+
+class NearFmu(FmuLink):
+    """The FMU of this process."""
+
+    def __init__(self, host: FmuHost) -> None:
+        self.host, self.longest_s = host, float("inf")
+        self.whole_samples = not host.about["any_step"]
+        self.units = FmuUnits(
+            *(UnitScale(np.array(scale), np.array(offset)) for scale, offset in host.about["units"])
+        )
+
+    def _request(
+        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+    ) -> Array:
+        return self.host.told(word, table, h, kept or [])
+
+
+class FmuRuns:
+    """Programs that were sent here, and runs of them."""
+
+    def __init__(self, host: FmuHost) -> None:
+        self.host, self.near = host, NearFmu(host)
+        self.count = 0
+
+    def add(self, message: bytes) -> Array:
+        """A program; its number."""
+        data, _ = parted(message)
+        simulator: Any = self.near
+        if self.host.about["seen"]:
+            states, forces = map(np.array, data["typical"])
+            places = np.array(data["places"], np.intp)
+            simulator = SeenFmu(self.near, places, self.host.about["derives"], (states, forces))
+        self.count += 1
+        self.host.programs[self.count] = received_program(data, simulator)
+        return np.full((1, 1), float(self.count))
+
+    def run(self, message: bytes) -> bytes:
+        """A run, and what it has come to."""
+        about, numbers = parted(message)
+        memory, course = run_of(Parcel(about, numbers))
+        if about["saved"]:
+            plain, *copies = about["saved"]
+            memory.saved = Kept(plain), {c: Kept(number) for c, number in copies}
+        program: SteppedProgram = self.host.programs[about["program"]]
+        found = program.run(
+            memory,
+            course.u,
+            course.p,
+            period_s=course.period_s,
+            time_s=course.time_s,
+            stepping=course.stepping,
+            columns=course.columns,
+            weights=course.weights,
+            after=course.after,
+        )
+        answer = run_answer(memory, found)
+        told: dict[str, Any] = {**answer.about, "kept": [], "columns": []}
+        if memory.saved and not self.host.about["seen"]:
+            first, others = memory.saved
+            told["kept"] = [first.number, *(one.number for one in others.values())]
+            told["columns"] = list(others)
+        said = json.dumps(told).encode()
+        return _LENGTH.pack(len(said)) + said + answer.numbers.tobytes()
+
+
+def parted(message: bytes) -> tuple[dict[str, Any], Array]:
+    """What a message says, and the numbers behind it."""
+    size = _LENGTH.unpack_from(message)[0]
+    end = _LENGTH.size + size
+    return json.loads(message[_LENGTH.size : end]), np.frombuffer(message, offset=end)
+
+
+def serve(inlet: int, outlet: int) -> None:
+    """Answer requests until there are no more. The first one says which FMU it is."""
+    asked, told = Connection(inlet, writable=False), Connection(outlet, readable=False)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
+    host: FmuHost | None = None
+    runs: Any = None
+    while True:
+        try:
+            request = asked.recv_bytes()
+        except EOFError:
+            return
+        try:
+            if host is None:
+                host, found = FmuHost(json.loads(request)), np.zeros((0, 0))
+                runs = FmuRuns(host)
+            elif request[:1] == b"u":
+                told.send_bytes(NUMBERS + runs.run(request[1:]))
+                continue
+            else:
+                found = runs.add(request[1:]) if request[:1] == b"p" else host.answer(request)
+            shape = SHAPE_HEAD.pack(0.0, *found.shape)
+            told.send_bytes(NUMBERS + shape + np.ascontiguousarray(found).tobytes())
+        except Exception as error:
+            kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
+            told.send_bytes(FAILED + f"{kind}{error}".encode())

@@ -1,0 +1,306 @@
+"""FMUs in C that pamid did not write: both kinds, both versions, states saved or replayed,
+derivatives told or by differences, and everything that may go wrong with a binary."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign_fmus import TRUE, compiler, slider
+from numpy.typing import NDArray
+
+from pamid.base.errors import PamidError
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.simulators import fmu_process
+from pamid.simulators.fmu_file import FmuFile, read_fmu
+from pamid.simulators.fmu_rig import FmuRig
+
+pytest.importorskip("fmpy", reason="the extra [fmu] is not installed")
+if compiler() is None:
+    pytest.skip("no C compiler builds the FMU", allow_module_level=True)
+
+Array = NDArray[np.float64]
+
+PERIOD, SAMPLES = 0.01, 150
+U = np.repeat(np.random.default_rng(0).uniform(-14.0, 14.0, SAMPLES // 15), 15)[:, None]
+MET = 0.13  # m: beyond the stop, which lies at 0.12
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("sliders")
+
+
+@pytest.fixture(scope="module")
+def both(folder: Path) -> dict[tuple[int, str], FmuFile]:
+    made = {}
+    for version in (2, 3):
+        for kind in ("CoSimulation", "ModelExchange"):
+            path = slider(folder, version, kinds=(kind,), name=f"{kind}{version}")
+            made[version, kind] = read_fmu(path)
+    return made
+
+
+def _run(rig: FmuRig, parts: int = 1, u: Array = U) -> tuple[Array, Array]:
+    """Outputs, and their derivatives by the parameters."""
+    a = Assembly(rig)
+    p = a.values()
+    memory = a.program.memory(a.start(p), len(p), period_s=PERIOD)
+    rows = []
+    for at in np.array_split(np.arange(len(u)), parts):
+        y, by, bad = a.program.run(
+            memory,
+            u[at],
+            p,
+            period_s=PERIOD,
+            time_s=at[0] * PERIOD,
+            columns=np.arange(len(p), dtype=np.int64),
+        )
+        assert bad < 0
+        rows.append((y, by[:, :, : len(p)]))
+    return np.concatenate([y for y, _ in rows]), np.concatenate([by for _, by in rows])
+
+
+def _truth(u: Array = U, sampled: bool = False) -> Array:
+    """Positions and speeds of the slider, RK4 in steps of 10 us."""
+    p, dt = TRUE, 1e-5
+    x, rows, held = np.zeros(2), [], 0.0
+
+    def rates(x: Array) -> Array:
+        f = held - p["stiffness_n_per_m"] * x[0] - p["damping_n_s_per_m"] * x[1]
+        if x[0] > p["stop_m"]:
+            f -= p["stop_stiffness_n_per_m"] * (x[0] - p["stop_m"]) + 20.0 * x[1]
+        return np.array([x[1], f / p["mass_kg"]])
+
+    for k, row in enumerate(u[:, 0]):
+        rows.append(x)
+        held = held if sampled and k % 5 else row
+        for _ in range(round(PERIOD / dt)):
+            a = rates(x)
+            b = rates(x + 0.5 * dt * a)
+            c = rates(x + 0.5 * dt * b)
+            x = x + dt / 6.0 * (a + 2 * b + 2 * c + rates(x + dt * c))
+    return np.array(rows)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Array:
+    found = _truth()
+    assert found[:, 0].max() > MET  # there are events
+    return found
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_is_integrated_through_its_events(
+    both: dict[tuple[int, str], FmuFile], truth: Array, version: int
+) -> None:
+    file = both[version, "ModelExchange"]
+    assert file.exchange and file.seen and file.saves and file.derives and file.indicators == 1
+    y, told = _run(FmuRig(file))
+    assert np.abs(y - truth).max() <= 1e-4  # the reference meets the stop between its own steps
+    again, also = _run(FmuRig(file), parts=3)
+    assert np.array_equal(again, y) and np.allclose(also, told, rtol=1e-12, atol=0.0)
+    differences = _run(FmuRig(replace(file, derives=False)))[1]
+    assert np.abs(told - differences).max() <= 1e-4 * np.abs(told).max()
+    kept, by = _run(FmuRig(replace(file, derives=False, seen=False)))
+    assert np.abs(kept - y).max() <= 1e-7
+    assert np.abs(by - told).max() <= 1e-2 * np.abs(told).max()
+    replayed = _run(FmuRig(replace(file, derives=False, seen=False, saves=False)), parts=3)[0]
+    assert np.abs(replayed - kept).max() <= 1e-7
+
+
+def test_directional_derivatives_are_those_of_the_equations(
+    both: dict[tuple[int, str], FmuFile],
+) -> None:
+    """Away from the stop the slider is linear: one step is the exponential of its matrix."""
+    from scipy.linalg import expm
+
+    for version in (2, 3):
+        rig = FmuRig(both[version, "ModelExchange"])
+        p = np.array(list(TRUE.values()))
+        none = np.zeros(0, np.intp)
+        found = rig.slopes(np.array([0.01, -0.2]), np.array([3.0]), p, PERIOD, none)
+        assert found is not None
+        A = np.zeros((3, 3))
+        A[0, 1], A[1] = 1.0, np.array([-80.0, -3.0, 1.0]) / 2.0
+        step = expm(PERIOD * A)
+        assert np.abs(found.by_state[-2:] - step[:2, :2]).max() <= 1e-9
+        assert np.abs(found.by_force[-2:, 0] - step[:2, 2]).max() <= 1e-9
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_co_simulation_saves_its_state_or_is_replayed(
+    both: dict[tuple[int, str], FmuFile], truth: Array, version: int
+) -> None:
+    file = both[version, "CoSimulation"]
+    y, by = _run(FmuRig(file))
+    assert np.abs(y - truth).max() <= 2e-2  # its own solver meets the stop up to 0.5 ms late
+    replayed, also = _run(FmuRig(replace(file, saves=False)), parts=3)
+    assert np.array_equal(replayed, y) and np.array_equal(also, by)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("saves", [True, False])
+def test_time_events_and_what_they_change_are_kept(folder: Path, version: int, saves: bool) -> None:
+    path = slider(folder, version, kinds=("ModelExchange",), sampled=True, name=f"held{version}")
+    file = read_fmu(path)
+    assert not file.seen and any("are not seen" in text for text in file.remarks)
+    u = np.sin(0.7 * np.arange(60.0))[:, None] * 5.0
+    y, _ = _run(FmuRig(replace(file, saves=saves)), parts=2, u=u)
+    assert np.abs(y - _truth(u, sampled=True)).max() <= 1e-4
+    blind = FmuRig(replace(file, seen=True))
+    with pytest.raises(PamidError, match=r"depend on the time itself.*seen = false"):
+        _run(blind, u=u)
+
+
+def test_of_both_kinds_one_is_chosen_and_said(folder: Path) -> None:
+    path = slider(folder, 2, name="two")
+    assert not (plain := read_fmu(path)).exchange
+    assert "used for co-simulation: it saves its state" in plain.remarks[0]
+    assert 'kind = "model-exchange" in two.fmu.toml' in plain.remarks[0]
+    forgets = read_fmu(slider(folder, 2, saves=False, name="forgets"))
+    assert forgets.exchange and "co-simulation it saves no state" in forgets.remarks[0]
+
+
+# ---- the table beside it -------------------------------------------------------------------------
+
+PORT = '[ports.force_n]\nposition = "position_m"\nvelocity = "speed_m_per_s"\n'
+
+
+@pytest.fixture
+def beside(tmp_path: Path) -> Iterator[tuple[Path, Path]]:
+    path = slider(tmp_path, 3)
+    yield path, tmp_path / "slider.fmu.toml"
+
+
+def test_a_table_declares_the_port_of_a_force(beside: tuple[Path, Path]) -> None:
+    path, table = beside
+    assert any("[ports.force_n]" in text for text in rig_named(str(path)).remarks)
+    table.write_text(f'kind = "model-exchange"\nfree = ["mass_kg"]\n{PORT}')
+    rig = rig_named(str(path))
+    assert isinstance(rig, FmuRig) and rig.file.exchange
+    assert not any("[ports.force_n]" in text for text in rig.remarks)
+    assert [q.name for q in rig.parameters if q.fitted] == ["mass_kg"]
+    port = rig.ports["at_force_n"]
+    assert (port.kind, port.signals) == ("motion", {"position": "m", "velocity": "m/s"})
+    assert any(
+        a.ports == ("at_force_n",) for a in attachments(rig, [effects()["coulomb-friction"]])
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PORT.replace("force_n", "forse_n"), "'forse_n', which is no input.*force_n"),
+        (PORT.replace("position_m", "postion_m"), "'postion_m', which is no output.*position_m"),
+        (PORT.replace('"speed_m_per_s"', '"position_m2"'), "'position_m2', which is no output"),
+        ('[ports.force_n]\nposition = "position_m"\n', "lacks velocity"),
+        ('[ports.force_n]\nplace = "position_m"\n', "has 'place'"),
+        (
+            '[ports.force_n]\nposition = "speed_m_per_s"\nvelocity = "position_m"\n',
+            "'position_m' .m. is not the velocity of 'speed_m_per_s'",
+        ),
+        ('free = ["mas_kg"]\n', "'mas_kg', which is no parameter.*mass_kg"),
+        ('kind = "model-exchang"\n', "kind = 'model-exchang' is none.*model-exchange"),
+        ("knd = 1\n", "'knd' is nothing that can be said.*kind"),
+        ('seen = "no"\n', "seen = 'no' cannot be"),
+        ("ports = 3\n", "ports = 3 cannot be"),
+        ("[ports\n", "is not TOML"),
+    ],
+)
+def test_a_table_that_is_wrong_says_where(beside: tuple[Path, Path], text: str, words: str) -> None:
+    path, table = beside
+    table.write_text(text)
+    with pytest.raises(PamidError) as caught:
+        rig_named(str(path))
+    assert re.search(words, f"{caught.value} {caught.value.hint}", re.DOTALL), caught.value
+    assert "slider.fmu.toml" in str(caught.value)
+
+
+# ---- what is wrong with it -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("CRASH", r"crashed \(signal 11\)"),
+        ("REFUSE", r"fmi2(DoStep|GetDerivatives) returned fmi2Error, at 0.5\d* s"),
+        ("NONSENSE", r"its (output 'speed_m_per_s' is nan|derivatives are no numbers)"),
+        ("HANG", r"it did not answer within 2[.\d]* s, and was ended"),
+    ],
+)
+def test_what_goes_wrong_inside_is_a_sentence(
+    tmp_path: Path, kind: str, fault: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = read_fmu(slider(tmp_path, 2, kinds=(kind,), fault=fault))
+    rig = FmuRig(replace(file, seen=False, derives=False))
+    a = Assembly(rig)
+    p = a.values()
+    process = rig._process
+    process._request(b"b", np.array([list(TRUE.values())]))  # compiled before patience ends
+    if fault == "HANG":
+        process.step(np.zeros((1, 1)), PERIOD)
+        monkeypatch.setattr(fmu_process, "PATIENCE_S", 2.0)
+    memory = a.program.memory(a.start(p), 0, period_s=PERIOD)
+    with pytest.raises(PamidError, match=f"slider.fmu: the FMU failed: .*{words}"):
+        a.program.run(memory, U, p, period_s=PERIOD)
+    if fault in ("CRASH", "HANG"):
+        assert process.child.poll() is not None  # the process is gone
+
+
+def _changed(fmu: Path, change: Any) -> Path:
+    """A copy whose entries are what `change(name, data)` makes of them; None leaves one out."""
+    path = fmu.with_name("changed.fmu")
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(path, "w") as new:
+        for name in old.namelist():
+            found = change(name, old.read(name))
+            if found is not None:
+                new.writestr(*found)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda name, data: (name.replace("linux64", "win64").replace(".so", ".dll"), data),
+            "has a binary for win64, not for this one",
+        ),
+        (
+            lambda name, data: None if name.startswith("binaries") else (name, data),
+            "a binary for no machine that is known here",
+        ),
+        (
+            lambda name, data: None if name.endswith(".xml") else (name, data),
+            "cannot be read as an FMU: .*modelDescription.xml",
+        ),
+        (
+            lambda name, data: (name.replace("slider.", "another."), data),
+            "the FMU failed: .*slider",
+        ),
+        (
+            lambda name, data: (name, b"no library" if name.startswith("binaries") else data),
+            "the FMU failed: .*Failed to load shared library",
+        ),
+        (
+            lambda name, data: (
+                name,
+                data.replace(b"{slider}", b"{other}") if name.endswith(".xml") else data,
+            ),
+            "the FMU failed: .*nstantiate",
+        ),
+    ],
+)
+def test_a_file_that_cannot_go_says_why(tmp_path: Path, change: Any, words: str) -> None:
+    path = _changed(slider(tmp_path, 2), change)
+    with pytest.raises(PamidError, match=words):
+        _run(FmuRig(read_fmu(path)))
