@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue, Engine
-from pamid.networks.bayes import effective_samples, effective_weights
+from pamid.networks.bayes import Evidence, effective_samples, effective_weights, resolved
 from pamid.networks.checkpoints import (
     Attempt,
     Checkpoint,
@@ -277,7 +277,6 @@ def _training_of(
         if all(np.isfinite(e).all() for e in residual)
         else 0.0
     )
-    found = problem.evaluate(best.weights)
     counted = independent if problem.independent else problem.samples
     # gamma as if only the independent samples had been counted: the precision shrinks as they do
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
@@ -288,10 +287,19 @@ def _training_of(
         converged=best.converged and not interrupted,
         samples=problem.samples,
         effective_samples=independent,
-        supported_weights=effective_weights(tempered, found[1]) if found else math.nan,
+        supported_weights=_supported(problem, best.weights, tempered),
         best=best.start,
         starts_mse=tuple(a.mse for a in attempts),
     )
+
+
+def _supported(problem: TrainingProblem, weights: Array, evidence: Evidence) -> float:
+    """gamma at these weights; NaN where they overflow."""
+    found = problem.evaluate(weights)
+    if found is None:
+        return math.nan
+    spectrum = None if resolved(evidence, found[1]) else problem.spectrum(weights, evidence)
+    return effective_weights(evidence, spectrum or found[1])
 
 
 def _finite(value: float) -> float | None:

@@ -12,6 +12,7 @@ from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.network import Network
+from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.scaling import check_finite
 
 Array = NDArray[np.float64]
@@ -162,6 +163,16 @@ class TrainingProblem:
             if np.isfinite(sse) and np.isfinite(jtj).all() and np.isfinite(jte).all()
             else None
         )
+
+    def spectrum(self, weights: Array, evidence: Evidence) -> Spectrum | None:
+        """J by its singular values, down to what matters beside alpha, from a pass of its own; None
+        where passes are another's, or where J'J holds as much after all."""
+        if self.batch_queue is not None:
+            return None
+        sums = RootSums(len(weights), evidence.alpha / evidence.beta)
+        for u, t in self.records:
+            self.network.add_to(sums, weights, u, t, self.washout, self.threads)
+        return sums.spectrum()
 
 
 def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...]:
