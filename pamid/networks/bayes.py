@@ -21,9 +21,9 @@ from pamid.networks.root_sums import Spectrum
 Array = NDArray[np.float64]
 
 _TINY = 1e-300
-# bound on the relative error of what J'J says of its least decided direction, n eps times the
-# condition. Measured at the first paper's size: 8e-3 as a bound, and gamma right to 1e-6
-RESOLVED = 0.1
+# eps times the condition of the scaled matrix, up to which J'J is believed. At the first paper's
+# size, condition 2e11, eps times it is 4e-5 and gamma is right to 7e-7
+RESOLVED = 0.01
 
 
 @dataclass(frozen=True)
@@ -60,45 +60,38 @@ def effective_weights(evidence: Evidence, sums: Array | Spectrum) -> float:
         return float(n)
     # H / 2 = beta J'J + alpha I, so that gamma = N_w - alpha tr((H / 2)^-1); with H / 2 = L L' that
     # trace is the sum of squares of the entries of L^-1
-    scaled, size = _unit_diagonal(evidence.beta * sums, evidence.alpha)
-    factor, failed = lapack.dpotrf(scaled, lower=1, clean=1)
-    inverse, failed = (factor, failed) if failed else lapack.dtrtri(factor, lower=1)
-    if not failed:
-        undecided = float(np.sum((inverse / size) ** 2))
-        return float(np.clip(n - evidence.alpha * undecided, 0.0, n))
-    # two columns of J are one to rounding, and nobody has taken its root: what cannot be told from
-    # zero is not counted
+    factor, size = _scaled_factor(evidence.beta * sums, evidence.alpha)
+    if factor is not None:
+        inverse = lapack.dtrtri(factor, lower=1)[0] / size
+        return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
+    # nobody has taken the root of J: what cannot be told from zero in its square is not counted
     values = eigh(evidence.beta * sums, eigvals_only=True)
-    return _counted(values[values > _rounding(sums) * evidence.beta], evidence.alpha)
+    return _counted(values[values > evidence.beta * _rounding(sums)], evidence.alpha)
 
 
 def resolved(evidence: Evidence, jtj: Array) -> bool:
-    """Does J'J hold what its rounding might hide, down to where alpha decides?
+    """Does J'J hold what decides gamma and the steps, or has rounding taken too much of it?"""
+    return (
+        evidence.alpha == 0.0 or _scaled_factor(evidence.beta * jtj, evidence.alpha)[0] is not None
+    )
 
-    Cholesky factors are as good as the condition of the matrix scaled to a unit diagonal (Demmel
-    and Veselic 1992, SIAM J. Matrix Anal. Appl. 13(4)): that is what is asked here, not how far the
-    eigenvalues are apart, which are 16 decades at the first paper's size.
+
+def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
+    """Cholesky factor of matrix + alpha I (in its place) divided by the roots of its diagonal on
+    either side, None where that is not resolved; the roots.
+
+    Such a factor is as good as the condition of the scaled matrix (Demmel and Veselic 1992, SIAM J.
+    Matrix Anal. Appl. 13(4)), however far apart the eigenvalues are: 16 decades at the first
+    paper's size.
     """
-    if evidence.alpha == 0.0:
-        return True
-    return _condition_share(evidence.beta * jtj, evidence.alpha) > 0.0
-
-
-def _condition_share(matrix: Array, alpha: float) -> float:
-    """One over the condition of matrix + alpha I, scaled; 0 where that is not resolved."""
-    scaled, _ = _unit_diagonal(matrix, alpha)
+    matrix[np.diag_indices(len(matrix))] += alpha
+    size = np.sqrt(np.maximum(np.diag(matrix), _TINY))
+    scaled = matrix / size / size[:, None]
     norm = float(np.abs(scaled).sum(axis=0).max())
     factor, failed = lapack.dpotrf(scaled, lower=1, clean=1)
     share = 0.0 if failed else float(lapack.dpocon(factor, norm, uplo="L")[0])
-    return share if len(matrix) * np.finfo(float).eps <= RESOLVED * share else 0.0
-
-
-def _unit_diagonal(matrix: Array, alpha: float) -> tuple[Array, Array]:
-    """matrix + alpha I (in its place) divided by the roots of its diagonal on either side; the
-    roots."""
-    matrix[np.diag_indices(len(matrix))] += alpha
-    size = np.sqrt(np.maximum(np.diag(matrix), _TINY))
-    return matrix / size / size[:, None], size
+    good = np.finfo(float).eps <= RESOLVED * share
+    return (factor if good else None), size
 
 
 def _counted(values: Array, alpha: float) -> float:
@@ -110,7 +103,7 @@ def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
     """How much lower F would be after a full, undamped step if it were the quadratic it looks
     like: g' (H / 2)^-1 g with g half of -dF/dw; where rounding hides some directions of the
     Hessian, over those that it decides."""
-    if _condition_share(half_hessian.copy(), 0.0):
+    if _scaled_factor(half_hessian.copy(), 0.0)[0] is not None:
         return float(half_descent @ solve_damped(half_hessian, 0.0, half_descent))
     values, vectors = eigh(half_hessian)
     keep = values > _rounding(half_hessian)

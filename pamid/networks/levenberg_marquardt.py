@@ -9,10 +9,11 @@ F/2 damped by mu (Levenberg, Marquardt). Three things are added to the textbook'
   * variable projection: after the step the weights in which the output is linear take their best
     values;
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`).
-Trial steps cost simulations, accepted ones a pass with derivatives. The iteration is not that of
-engine/damped_gauss_newton.py, which minimises one fixed cost: here F itself changes with alpha and
-beta after every step, the trial steps of one point are computed side by side, and an attempt has to
-be resumable after each of them.
+`TrainingProblem.plain` leaves out the first two, a `Damping.decrease` the third. Trial steps cost
+simulations, accepted ones a pass with derivatives, and a second one where J'J does not hold enough
+(root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises one
+fixed cost: here F itself changes with alpha and beta after every step, the trial steps of one point
+are computed side by side, and an attempt has to be resumable after each of them.
 
 References: Marquardt (1963), SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992),
 Neural Computation 4(3); Foresee and Hagan (1997), ICNN; Golub and Pereyra (1973), SIAM J. Numer.
@@ -107,9 +108,13 @@ def objective(evidence: Evidence, sse: float, weights: Array) -> float:
 
 def fresh(problem: TrainingProblem, seed: int, start: int) -> Attempt:
     """The attempt before its first pass."""
-    weights = np.array(
-        problem.network.start(problem.records, problem.washout, seed + start), dtype=np.float64
+    network = problem.network
+    begun = (
+        network.random_start(seed + start)
+        if problem.plain
+        else network.start(problem.records, problem.washout, seed + start)
     )
+    weights = np.array(begun, dtype=np.float64)
     if not problem.regularise:
         return Attempt(
             start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ()
@@ -236,7 +241,9 @@ def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _
 
 
 def _accelerated(problem: TrainingProblem, point: Point, mu: float, step: Array) -> Array:
-    """The step with its acceleration, where that is short beside it."""
+    """The step with its acceleration, where that is short beside it and not left out."""
+    if problem.plain:
+        return step
     pulled = problem.curvature(point.attempt.weights, step)
     if pulled is None:
         return step

@@ -88,6 +88,10 @@ class Network(ABC):
         """A random start for these recordings, (inputs (N, m), target (N,)) each."""
         return self.initial(seed)
 
+    def random_start(self, seed: int) -> Array:
+        """The start of a training as in the first paper: one that knows no data."""
+        return self.initial(seed)
+
     @abstractmethod
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output (N,)."""

@@ -80,6 +80,7 @@ class Training:
     supported_weights: float
     best: int
     starts_mse: tuple[float, ...]
+    plain: bool = False
 
     @property
     def remark(self) -> str:
@@ -112,6 +113,7 @@ class Training:
             "effective_samples": _finite(self.effective_samples),
             "start": self.best,
             "starts_mse": [_finite(mse) for mse in self.starts_mse],
+            "plain": self.plain,
         }
 
 
@@ -133,6 +135,7 @@ def train(
     independent: bool = False,
     threads: int = 1,
     engine: Engine | None = None,
+    plain: bool = False,
 ) -> Training:
     """Fit a network's output to a target, both scaled into [-1, 1].
 
@@ -146,6 +149,9 @@ def train(
     cores used; the result does not depend on it. `engine`: computes the passes of all starts that
     are running in one batch (batch.py); the sums differ from the network's own in the last digits.
 
+    `plain`: by the textbook's steps from a random start, as the first paper trained; the damping
+    that goes with it is `PAPER_DAMPING`.
+
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
     goes on from it (from the beginning where there is none yet) and ends with the very numbers of
     an undisturbed one; more `iterations` than before are allowed. A failure to converge is
@@ -155,6 +161,7 @@ def train(
     problem = TrainingProblem(
         network, recordings(inputs, target), washout, regularise, damping, goals, independent
     )
+    problem = replace(problem, plain=plain)
     check_problem(problem, iterations, starts, seed)
     if resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
@@ -290,6 +297,7 @@ def _training_of(
         supported_weights=_supported(problem, best.weights, tempered),
         best=best.start,
         starts_mse=tuple(a.mse for a in attempts),
+        plain=problem.plain,
     )
 
 

@@ -147,6 +147,7 @@ class RootSums:
 
     def _decompose(self, rows: Array, error: Array) -> None:
         """The root of R and a chunk below it, that is larger than R in some direction by far."""
+        assert self.root is not None
         above = np.column_stack([self.root, self.along])
         stacked = np.vstack([above, np.column_stack([rows, error])])
         found = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
