@@ -50,6 +50,9 @@ class RecordingUsed(Model):
         None, description="closed or open: did a controller produce the command?"
     )
     controller: dict[Text, Number] = Field({}, description="settings of the controller, by name")
+    known: Sometimes[dict[Text, Number]] = Field(
+        default=None, description="parameters that it states as known, by name with unit"
+    )
     lacks: ListOf[Text] = Field(
         (), description="channels that other recordings of the run have and this one has not"
     )

@@ -347,6 +347,12 @@ def _power(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     recordings(trap, capsys, made, ("power", "--excitation", "rec.csv", "--jobs", "1"))
 
 
+@reads("score")
+def _score(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
+    tried(trap, capsys, trap.place / "run", ("score", "run", "rec.csv"))
+    recordings(trap, capsys, made, ("score", "run", "rec.csv"))
+
+
 @reads("fit")
 def _fit(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     recordings(trap, capsys, made, ("fit", "rec.csv", "--output", "out"))

@@ -1,0 +1,157 @@
+"""Errors where the first paper has them: recording by recording, each with its inertia, replayed
+and in closed loop, never only pooled. One row, one table, for `pamid score` and `pamid report`
+alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from pamid.base.metrics import mae, rms
+from pamid.report import formatting
+from pamid.report.channel_errors import MODEL_NAMES
+from pamid.report.document import Table, table
+from pamid.report.formatting import channel_label, channel_unit, count, number
+from pamid.report.load import RunData
+from pamid.report.reading import FloatArray
+from pamid.schemas.score_file import RecordingError
+
+REPLAY, LOOP = "replay", "loop"
+COMPARISON_NAMES = {REPLAY: "replay", LOOP: "closed loop"}
+#: what is written behind a channel's name in residual.csv -> model, by comparison
+COLUMNS = {
+    REPLAY: {
+        "data_sheet": "data_sheet",
+        "refitted": "refitted",
+        "cause": "with_cause",
+        "network": "with_network",
+    },
+    LOOP: {"loop": "refitted", "loop_network": "with_network"},
+}
+
+
+def recording_error(
+    recording: str,
+    known: Mapping[str, float],
+    comparison: str,
+    channel: str,
+    measured: FloatArray,
+    models: Mapping[str, FloatArray | None],
+) -> RecordingError:
+    """One row from the scored samples (n,) of a channel, in its unit; a model that became unstable
+    is None or not finite."""
+    stable = {
+        name: values if values is not None and bool(np.isfinite(values).all()) else None
+        for name, values in models.items()
+    }
+    return RecordingError(
+        recording=recording,
+        known=dict(known),
+        comparison=comparison,
+        channel=channel,
+        samples=len(measured),
+        mae={n: None if v is None else mae(measured, v) for n, v in stable.items()},
+        rms={n: None if v is None else rms(measured, v) for n, v in stable.items()},
+    )
+
+
+def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
+    """The rows of a run, from the held-out part of its residual.csv; none where it has none."""
+    return tuple(_rows(run))
+
+
+def _rows(run: RunData) -> Iterator[RecordingError]:
+    residual, fit = run.residual, run.fit
+    if residual is None or fit is None:
+        return
+    columns = residual.columns
+    held = columns["part"] == 1
+    for k in np.unique(columns["recording"][held]).astype(int).tolist():
+        if not 0 <= k < len(fit.recordings):
+            continue
+        known = fit.recordings[k].known or {}
+        own = held & (columns["recording"] == k)
+        for comparison, kinds in COLUMNS.items():
+            scored = own & (columns["window"] >= 0) if comparison == REPLAY else own
+            for channel in fit.channels:
+                measured = columns.get(channel)
+                if measured is None:
+                    continue
+                seen = scored & np.isfinite(measured)
+                models = {
+                    name: trace[seen]
+                    for kind, name in kinds.items()
+                    if (trace := residual.of(channel, kind)) is not None
+                    and (name != "with_cause" or run.diagnosis is None or run.diagnosis.causes)
+                }
+                # a loop that could not be simulated stands as zeros
+                if comparison == LOOP and not any(np.any(v) for v in models.values()):
+                    continue
+                if models and seen.any():
+                    yield recording_error(
+                        fit.recordings[k].name, known, comparison, channel, measured[seen], models
+                    )
+
+
+def models_of(rows: Sequence[RecordingError]) -> list[str]:
+    """Models of any row, in the order of the tables."""
+    return [name for name in MODEL_NAMES if any(name in row.mae for row in rows)]
+
+
+def known_words(known: Mapping[str, float]) -> str:
+    """inertia_kg_m2 0.0896, payload_kg 2."""
+    return ", ".join(f"{name} {value:g}" for name, value in known.items())
+
+
+def recording_errors_table(rows: Sequence[RecordingError]) -> Table:
+    """The rows as a table of a page: MAE, and RMS in small print."""
+    models = models_of(rows)
+    heads = ["recording", "known", "comparison", "channel", "unit", "samples"]
+    heads += [f"{MODEL_NAMES[name]}: MAE (RMS)" for name in models]
+    body = [
+        [
+            formatting.clean(row.recording),
+            formatting.clean(known_words(row.known)) or formatting.DASH,
+            COMPARISON_NAMES.get(row.comparison, formatting.clean(row.comparison)),
+            channel_label(row.channel),
+            channel_unit(row.channel) or "-",
+            count(row.samples),
+            *(_cell(row, name) for name in models),
+        ]
+        for row in rows
+    ]
+    return table(heads, body, range(5, len(heads)))
+
+
+def recording_errors_text(rows: Sequence[RecordingError]) -> str:
+    """The same in plain text, columns aligned; the samples are left out."""
+    models = models_of(rows)
+    lines = [
+        ["MAE (RMS)", "known", "comparison", "channel", *(MODEL_NAMES[name] for name in models)]
+    ]
+    lines += [
+        [
+            row.recording,
+            known_words(row.known) or "-",
+            COMPARISON_NAMES.get(row.comparison, row.comparison),
+            f"{channel_label(row.channel)} [{channel_unit(row.channel) or '-'}]",
+            *(_cell(row, name).replace(formatting.SPACE, " ") for name in models),
+        ]
+        for row in rows
+    ]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if k > 3 else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
+
+
+def _cell(row: RecordingError, model: str) -> str:
+    if model not in row.mae:
+        return formatting.DASH
+    error, root = row.mae[model], row.rms[model]
+    return "unstable" if error is None else f"{number(error)} ({number(root)})"
