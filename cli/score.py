@@ -38,7 +38,7 @@ def command(
     windows as a fit has them, and under the controller where one ran. A recording that the run was
     fitted to or judged by is refused.
     """
-    from pamid.api.scoring import score
+    from pamid.api.run_scores import score
 
     found = score(
         run,

@@ -140,12 +140,12 @@ def command(
     Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
     if nothing had happened.
     """
-    from pamid.api.training import ITERATIONS, train_residual
+    from pamid.api.training import USUAL_ITERATIONS, train_residual
     from pamid.networks.training_problem import PAPER_ITERATIONS
 
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     if iterations is None:
-        iterations = PAPER_ITERATIONS if as_in_paper else ITERATIONS
+        iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
     with progress_line("train-residual", iterations) as progress:
         found = train_residual(
             run,
@@ -187,8 +187,9 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         f"inputs    {', '.join(one['name'] for one in about['inputs'])}",
     ]
     lines += [f"note      {note}" for note in about["notes"]]
+    way = ", plain steps as in the paper" if t.get("plain") else ""
     lines += [
-        f"training  {t['iterations']} iterations, {t['why']}",
+        f"training  {t['iterations']} iterations{way}, {t['why']}",
         f"          MSE {t['mse']:.4g} (scaled into [-1, 1]), gradient {t['gradient']:.3g}, mu "
         f"{t['mu']:.3g}",
     ]
@@ -200,6 +201,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         "counted",
         f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
         f"{t['effective_samples']:.0f} independent samples they are worth",
+        "seed      gives this network again on processors of one kind; others round otherwise",
     ]
     return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])
 

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
         ParameterEstimate,
         ParameterTable,
     )
+    from pamid.api.run_scores import ScoreResult, score
     from pamid.api.runs import open_run
-    from pamid.api.scoring import ScoreResult, score
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
@@ -82,7 +82,7 @@ _HOME = {
     "PowerResult": "pamid.api.planning",
     "Recording": "pamid.recording.recording",
     "Rig": "pamid.model.rig",
-    "ScoreResult": "pamid.api.scoring",
+    "ScoreResult": "pamid.api.run_scores",
     "SmoothGain": "pamid.model.background",
     "SplitGain": "pamid.model.background",
     "State": "pamid.model.effect",
@@ -100,7 +100,7 @@ _HOME = {
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
     "release_excitation": "pamid.api.exciting",
-    "score": "pamid.api.scoring",
+    "score": "pamid.api.run_scores",
     "simulate": "pamid.api.simulating",
     "train_residual": "pamid.api.training",
     "write_recording": "pamid.recording.recording",

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
 
 EVIDENCE = ("every-sample", "independent-samples")
-ITERATIONS = 1000
+USUAL_ITERATIONS = 1000
 #: trains and writes; network.json, and whether it was interrupted
 Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[str, Any], bool]]
 
@@ -172,7 +172,7 @@ def train_residual(
         raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
     damping = _damping(as_in_paper, mu, mu_increase, mu_decrease, mu_largest)
     if iterations is None:
-        iterations = PAPER_ITERATIONS if as_in_paper else ITERATIONS
+        iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
     wanted = NetworkChoice(network, sizes)
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
     folder = Run.open(home.folder)

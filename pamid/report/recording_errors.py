@@ -17,17 +17,17 @@ from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
 from pamid.schemas.score_file import RecordingError
 
-REPLAY, LOOP = "replay", "loop"
-COMPARISON_NAMES = {REPLAY: "replay", LOOP: "closed loop"}
+REPLAYED, IN_LOOP = "replay", "loop"
+COMPARISON_NAMES = {REPLAYED: "replay", IN_LOOP: "closed loop"}
 #: what is written behind a channel's name in residual.csv -> model, by comparison
-COLUMNS = {
-    REPLAY: {
+ENDINGS = {
+    REPLAYED: {
         "data_sheet": "data_sheet",
         "refitted": "refitted",
         "cause": "with_cause",
         "network": "with_network",
     },
-    LOOP: {"loop": "refitted", "loop_network": "with_network"},
+    IN_LOOP: {"loop": "refitted", "loop_network": "with_network"},
 }
 
 
@@ -72,8 +72,8 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
             continue
         known = fit.recordings[k].known or {}
         own = held & (columns["recording"] == k)
-        for comparison, kinds in COLUMNS.items():
-            scored = own & (columns["window"] >= 0) if comparison == REPLAY else own
+        for comparison, kinds in ENDINGS.items():
+            scored = own & (columns["window"] >= 0) if comparison == REPLAYED else own
             for channel in fit.channels:
                 measured = columns.get(channel)
                 if measured is None:
@@ -86,7 +86,7 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
                     and (name != "with_cause" or run.diagnosis is None or run.diagnosis.causes)
                 }
                 # a loop that could not be simulated stands as zeros
-                if comparison == LOOP and not any(np.any(v) for v in models.values()):
+                if comparison == IN_LOOP and not any(np.any(v) for v in models.values()):
                     continue
                 if models and seen.any():
                     yield recording_error(

@@ -33,7 +33,7 @@ from pamid.model.rig import Rig
 from pamid.networks.trained_network import NETWORK_FILE
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
-from pamid.report.recording_errors import LOOP, REPLAY, recording_error
+from pamid.report.recording_errors import IN_LOOP, REPLAYED, recording_error
 from pamid.schemas.fit_file import FitFile, RecordingUsed
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -172,7 +172,7 @@ def _rows(found: _Models, recording: Recording) -> Iterator[RecordingError]:
             for name, (done, outputs) in replays.items()
         }
         measured = recording.signal(channel)[scored]
-        yield recording_error(recording.name, recording.known, REPLAY, channel, measured, models)
+        yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
     if _has_loop(found.refitted.assembly.rig, recording):
         runs = {name: _loop_of(model, recording) for name, model in found.named.items()}
         for channel in seen:
@@ -180,7 +180,7 @@ def _rows(found: _Models, recording: Recording) -> Iterator[RecordingError]:
             yield recording_error(
                 recording.name,
                 recording.known,
-                LOOP,
+                IN_LOOP,
                 channel,
                 recording.signal(channel),
                 models,

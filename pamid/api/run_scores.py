@@ -20,7 +20,7 @@ from pamid.api.given import (
 from pamid.api.results import FitResult
 from pamid.base.errors import UsageError
 from pamid.base.files import PathLike
-from pamid.correction.scoring import RunScore, score_run
+from pamid.correction.run_score import RunScore, score_run
 from pamid.model.registry import RigLike, catalogue_rig, in_catalogue, rig_given
 from pamid.report.recording_errors import recording_errors_text
 from pamid.schemas.score_file import RecordingError, ScoreFile
