@@ -48,7 +48,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
                 period_s=r.sampling_period_s,
                 loop=r.loop,
                 controller=r.controller,
-                known=dict(r.known) or None,
+                known=dict(r.known),
                 lacks=tuple(e.lacking(r)),
             )
             for r in e.recordings

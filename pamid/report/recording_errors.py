@@ -70,7 +70,7 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
     for k in np.unique(columns["recording"][held]).astype(int).tolist():
         if not 0 <= k < len(fit.recordings):
             continue
-        known = fit.recordings[k].known or {}
+        known = fit.recordings[k].known
         own = held & (columns["recording"] == k)
         for comparison, kinds in ENDINGS.items():
             scored = own & (columns["window"] >= 0) if comparison == REPLAYED else own

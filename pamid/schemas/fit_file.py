@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -20,6 +20,7 @@ from pamid.schemas.estimates import (
     Interval,
 )
 from pamid.schemas.model import (
+    MAY_LACK,
     Count,
     Figures,
     Flag,
@@ -50,8 +51,8 @@ class RecordingUsed(Model):
         None, description="closed or open: did a controller produce the command?"
     )
     controller: dict[Text, Number] = Field({}, description="settings of the controller, by name")
-    known: Sometimes[dict[Text, Number]] = Field(
-        default=None, description="parameters that it states as known, by name with unit"
+    known: Annotated[dict[Text, Number], MAY_LACK] = Field(
+        default={}, description="parameters that it states as known, by name with unit"
     )
     lacks: ListOf[Text] = Field(
         (), description="channels that other recordings of the run have and this one has not"
