@@ -33,12 +33,12 @@ from pamid.model.rig import Rig
 from pamid.networks.trained_network import NETWORK_FILE
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
-from pamid.report.recording_errors import IN_LOOP, REPLAYED, recording_error
 from pamid.schemas.fit_file import FitFile, RecordingUsed
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.free_runs import measured_outputs
 from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 from pamid.simulation.tracks import Track, track_of
 
 Array = NDArray[np.float64]

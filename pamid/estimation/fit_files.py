@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import column_size, from_si, split_column, with_unit
-from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_names
+from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
 from pamid.estimation.intervals import background_pull, estimates
@@ -25,8 +25,9 @@ from pamid.simulation.replay import Replay, channel_mae, replay_track
 Array = NDArray[np.float64]
 
 
-def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
-    """fit.json: parameters with intervals and words, errors per channel on what was held out."""
+def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, Any]:
+    """fit.json: parameters with intervals and words, errors per channel on what was held out.
+    cause: the model with the causes, for its errors in closed loop."""
     e = g.evidence
     figures = {
         "data_sheet": channel_mae(list(g.data_sheet)),
@@ -86,6 +87,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
             for i, c in enumerate(e.channels)
         },
         closed_loop=closed_loop_figures(g),
+        **({"loops": loops} if (loops := loop_errors(g, cause)) else {}),
         combinations={c.name: _combination(c) for c in combinations},
         tied=tuple(
             result.Tie(parameters=t.parameters, directions=t.directions, known=t.known)

@@ -7,17 +7,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pamid.base.metrics import mae, rms
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES
 from pamid.report.document import Table, table
 from pamid.report.formatting import channel_label, channel_unit, count, number
 from pamid.report.load import RunData
-from pamid.report.reading import FloatArray
 from pamid.schemas.score_file import RecordingError
+from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 
-REPLAYED, IN_LOOP = "replay", "loop"
 COMPARISON_NAMES = {REPLAYED: "replay", IN_LOOP: "closed loop"}
 #: what is written behind a channel's name in residual.csv -> model, by comparison
 ENDINGS = {
@@ -31,34 +30,36 @@ ENDINGS = {
 }
 
 
-def recording_error(
-    recording: str,
-    known: Mapping[str, float],
-    comparison: str,
-    channel: str,
-    measured: FloatArray,
-    models: Mapping[str, FloatArray | None],
-) -> RecordingError:
-    """One row from the scored samples (n,) of a channel, in its unit; a model that became unstable
-    is None or not finite."""
-    stable = {
-        name: values if values is not None and bool(np.isfinite(values).all()) else None
-        for name, values in models.items()
-    }
-    return RecordingError(
-        recording=recording,
-        known=dict(known),
-        comparison=comparison,
-        channel=channel,
-        samples=len(measured),
-        mae={n: None if v is None else mae(measured, v) for n, v in stable.items()},
-        rms={n: None if v is None else rms(measured, v) for n, v in stable.items()},
-    )
-
-
 def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
-    """The rows of a run, from the held-out part of its residual.csv; none where it has none."""
-    return tuple(_rows(run))
+    """The rows of a run, from the held-out part of its residual.csv; in closed loop as fit.json
+    has them, with the network's beside. None where it has no residual.csv."""
+    found = tuple(_rows(run))
+    if run.fit is None or run.fit.loops is None:
+        return found
+    networks = {
+        (row.recording, row.channel): row
+        for row in found
+        if row.comparison == IN_LOOP and "with_network" in row.mae
+    }
+    beside = [_with_network(row, networks) for row in run.fit.loops if _is_shown(run, row)]
+    return (*(row for row in found if row.comparison == REPLAYED), *beside)
+
+
+def _is_shown(run: RunData, row: RecordingError) -> bool:
+    return run.fit is not None and row.channel in run.fit.channels
+
+
+def _with_network(
+    row: RecordingError, networks: Mapping[tuple[str, str], RecordingError]
+) -> RecordingError:
+    other = networks.get((row.recording, row.channel))
+    if other is None:
+        return row
+    added = {
+        "mae": {**row.mae, "with_network": other.mae["with_network"]},
+        "rms": {**row.rms, "with_network": other.rms["with_network"]},
+    }
+    return row.model_copy(update=added)
 
 
 def _rows(run: RunData) -> Iterator[RecordingError]:
@@ -70,28 +71,35 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
     for k in np.unique(columns["recording"][held]).astype(int).tolist():
         if not 0 <= k < len(fit.recordings):
             continue
-        known = fit.recordings[k].known
+        one = fit.recordings[k]
         own = held & (columns["recording"] == k)
-        for comparison, kinds in ENDINGS.items():
+        for comparison in ENDINGS:
             scored = own & (columns["window"] >= 0) if comparison == REPLAYED else own
             for channel in fit.channels:
                 measured = columns.get(channel)
                 if measured is None:
                     continue
                 seen = scored & np.isfinite(measured)
-                models = {
-                    name: trace[seen]
-                    for kind, name in kinds.items()
-                    if (trace := residual.of(channel, kind)) is not None
-                    and (name != "with_cause" or run.diagnosis is None or run.diagnosis.causes)
-                }
+                models = _traces(run, channel, comparison, seen)
                 # a loop that could not be simulated stands as zeros
-                if comparison == IN_LOOP and not any(np.any(v) for v in models.values()):
-                    continue
-                if models and seen.any():
+                still = comparison == IN_LOOP and not any(np.any(v) for v in models.values())
+                if models and seen.any() and not still:
                     yield recording_error(
-                        fit.recordings[k].name, known, comparison, channel, measured[seen], models
+                        one.name, one.known, comparison, channel, measured[seen], models
                     )
+
+
+def _traces(
+    run: RunData, channel: str, comparison: str, seen: NDArray[np.bool_]
+) -> dict[str, NDArray[np.float64] | None]:
+    """What every model gives where something was measured, by model."""
+    assert run.residual is not None
+    named = run.diagnosis is None or bool(run.diagnosis.causes)
+    return {
+        name: trace[seen]
+        for kind, name in ENDINGS[comparison].items()
+        if (trace := run.residual.of(channel, kind)) is not None and (name != "with_cause" or named)
+    }
 
 
 def models_of(rows: Sequence[RecordingError]) -> list[str]:

@@ -32,6 +32,7 @@ from pamid.schemas.model import (
     Text,
     Written,
 )
+from pamid.schemas.score_file import RecordingError
 
 PRIOR = "from the data sheet, or an earlier fit"
 
@@ -199,6 +200,10 @@ class FitFile(Model):
     )
     closed_loop: MapOf[LoopError] | None = Field(
         None, description="by channel; null where no recording was made in a closed loop"
+    )
+    loops: Sometimes[ListOf[RecordingError]] = Field(
+        default=None,
+        description="the same per held-out recording and channel, by model, with RMS",
     )
     combinations: MapOf[Combination] = Field(
         {}, description="combinations of parameters that the data settle, by name with unit"

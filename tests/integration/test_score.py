@@ -184,6 +184,11 @@ def test_the_report_has_the_same_table_of_what_was_held_out(
         gap = np.abs(columns["angle_deg"] - columns[model])[scored]
         assert one["mae"]["refitted"] == pytest.approx(gap.mean())
         assert one["known"] == pytest.approx(KNOWN) and one["samples"] == scored.sum()
+    # the data sheet's closed loop stands in fit.json alone, worse than the refitted one's
+    loop = row(found, "rec", "loop")
+    assert set(loop["mae"]) == {"data_sheet", "refitted"}
+    assert data.fit.closed_loop is not None
+    assert loop["mae"]["data_sheet"] == pytest.approx(data.fit.closed_loop["angle_deg"].data_sheet)
     pooled = data.fit.mae["angle_deg"]["refitted"]
     assert row(found, "rec", "replay")["mae"]["refitted"] == pytest.approx(pooled, rel=1e-3)
     page = (run / "report.html").read_text(encoding="utf-8")
