@@ -94,7 +94,7 @@ def _models_of(
 ) -> _Models:
     refitted = load_identified(folder, which="refitted", rig=rig, effects=effects)
     named = {
-        "data_sheet": replace(refitted, values=refitted.assembly.values()),
+        "data_sheet": replace(refitted, values=refitted.assembly.data_sheet()),
         "refitted": refitted,
     }
     if (folder / NETWORK_FILE).exists():
