@@ -87,7 +87,6 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
             for i, c in enumerate(e.channels)
         },
         closed_loop=closed_loop_figures(g),
-        **({"loops": loops} if (loops := loop_errors(g, cause)) else {}),
         combinations={c.name: _combination(c) for c in combinations},
         tied=tuple(
             result.Tie(parameters=t.parameters, directions=t.directions, known=t.known)
@@ -96,6 +95,8 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
         posterior=posterior_of(g.fit),
         model=fitted_model(g.assembly, g.fit),
     )
+    if loops := loop_errors(g, cause):
+        found = found.model_copy(update={"loops": loops})
     if g.earlier is not None:
         began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
         found = found.model_copy(update={"from_": began})
