@@ -39,6 +39,7 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     shrinks; then plots of all samples and the evidence. It needs no network, follows light and
     dark, and prints. Figures go to RUN/figures as PNG.
     """
+    from pamid.report.recording_errors import recording_errors_text
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
     from pamid.schemas.command_files import WrittenReport
@@ -50,8 +51,11 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
         page=str(report.page),
         figures=tuple(map(str, report.figures)),
         mae=report.mae,
+        recordings=report.recordings,
     )
     table = f"{mae_text(report.errors)}\n\n" if report.errors else ""
+    if report.recordings:
+        table += f"{recording_errors_text(report.recordings)}\n\n"
     written = ""
     if report.pdf is not None:
         found = found.model_copy(update={"pdf": str(report.pdf)})

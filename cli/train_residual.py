@@ -31,11 +31,13 @@ pamid train-residual fitted --at joint --iterations 20
 @click.option(
     "--iterations",
     type=click.IntRange(0),
-    default=1000,
-    show_default=True,
-    help="Levenberg-Marquardt steps at most, for every start.",
+    help="Levenberg-Marquardt steps at most, for every start. [default: 1000, or 5000 with "
+    "--as-in-paper]",
 )
-@seed_option("Same run and seed, same network.")
+@seed_option(
+    "Same run and seed, same network, on processors of one kind: others round otherwise, and a "
+    "long training ends elsewhere."
+)
 @click.option(
     "--starts",
     type=click.IntRange(1, 1000),
@@ -57,6 +59,28 @@ pamid train-residual fitted --at joint --iterations 20
     help="What the regularisation counts: every sample, as the first paper does, or the "
     "far fewer independent ones that a correlated residual is worth.",
 )
+@click.option(
+    "--as-in-paper",
+    is_flag=True,
+    help="Train as the first paper did: plain Levenberg-Marquardt steps from a random start "
+    "(Nguyen and Widrow's), no acceleration, no weights solved for, mu by fixed factors, 5000 "
+    "steps. The derivative stays exact, through time.",
+)
+@click.option(
+    "--mu", type=float, help="Where the damping begins. [default: 0.005, MATLAB's and the paper's]"
+)
+@click.option(
+    "--mu-increase",
+    type=float,
+    help="What mu grows by after a step that did not help. [default: 3; 10 with --as-in-paper]",
+)
+@click.option(
+    "--mu-decrease",
+    type=float,
+    help="What mu shrinks by after a step that helped. [default: by how much it helped; 0.1 with "
+    "--as-in-paper]",
+)
+@click.option("--mu-largest", type=float, help="Where the training gives up. [default: 1e10]")
 @click.option(
     "--device",
     default="cpu",
@@ -90,11 +114,16 @@ pamid train-residual fitted --at joint --iterations 20
 def command(
     run: Path,
     network: str,
-    iterations: int,
+    iterations: int | None,
     seed: int,
     starts: int,
     jobs: int | None,
     evidence: str,
+    as_in_paper: bool,
+    mu: float | None,
+    mu_increase: float | None,
+    mu_decrease: float | None,
+    mu_largest: float | None,
     device: str,
     at: str,
     rig: str | None,
@@ -111,9 +140,12 @@ def command(
     Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
     if nothing had happened.
     """
-    from pamid.api.training import train_residual
+    from pamid.api.training import USUAL_ITERATIONS, train_residual
+    from pamid.networks.training_problem import PAPER_ITERATIONS
 
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
+    if iterations is None:
+        iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
     with progress_line("train-residual", iterations) as progress:
         found = train_residual(
             run,
@@ -123,6 +155,11 @@ def command(
             starts=starts,
             jobs=jobs,
             evidence=evidence,
+            as_in_paper=as_in_paper,
+            mu=mu,
+            mu_increase=mu_increase,
+            mu_decrease=mu_decrease,
+            mu_largest=mu_largest,
             device=device,
             at=at,
             rig=rig,
@@ -150,8 +187,9 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         f"inputs    {', '.join(one['name'] for one in about['inputs'])}",
     ]
     lines += [f"note      {note}" for note in about["notes"]]
+    way = ", plain steps as in the paper" if t.get("plain") else ""
     lines += [
-        f"training  {t['iterations']} iterations, {t['why']}",
+        f"training  {t['iterations']} iterations{way}, {t['why']}",
         f"          MSE {t['mse']:.4g} (scaled into [-1, 1]), gradient {t['gradient']:.3g}, mu "
         f"{t['mu']:.3g}",
     ]
@@ -163,6 +201,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         "counted",
         f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
         f"{t['effective_samples']:.0f} independent samples they are worth",
+        "seed      gives this network again on processors of one kind; others round otherwise",
     ]
     return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])
 

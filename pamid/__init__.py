@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         ParameterEstimate,
         ParameterTable,
     )
+    from pamid.api.run_scores import ScoreResult, score
     from pamid.api.runs import open_run
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
@@ -81,6 +82,7 @@ _HOME = {
     "PowerResult": "pamid.api.planning",
     "Recording": "pamid.recording.recording",
     "Rig": "pamid.model.rig",
+    "ScoreResult": "pamid.api.run_scores",
     "SmoothGain": "pamid.model.background",
     "SplitGain": "pamid.model.background",
     "State": "pamid.model.effect",
@@ -98,6 +100,7 @@ _HOME = {
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
     "release_excitation": "pamid.api.exciting",
+    "score": "pamid.api.run_scores",
     "simulate": "pamid.api.simulating",
     "train_residual": "pamid.api.training",
     "write_recording": "pamid.recording.recording",
@@ -123,6 +126,7 @@ __all__ = [
     "PowerResult",
     "Recording",
     "Rig",
+    "ScoreResult",
     "SmoothGain",
     "SplitGain",
     "State",
@@ -143,6 +147,7 @@ __all__ = [
     "read_recording",
     "release_excitation",
     "report",
+    "score",
     "simulate",
     "train_residual",
     "write_recording",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pamid.api.results import FitResult
 from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
-from pamid.base.errors import PamidError, UsageError
+from pamid.base.errors import DataError, PamidError, UsageError
 from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.progress import Progress, ShowProgress, progress_steps
@@ -35,12 +35,14 @@ from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.networks.network_training import TrainingStep
 from pamid.networks.trained_network import NETWORK_FILE
+from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
 from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
 
 EVIDENCE = ("every-sample", "independent-samples")
+USUAL_ITERATIONS = 1000
 #: trains and writes; network.json, and whether it was interrupted
 Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[str, Any], bool]]
 
@@ -118,7 +120,7 @@ def train_residual(
     run: FitResult | PathLike,
     *,
     network: str = "elman",
-    iterations: int = 1000,
+    iterations: int | None = None,
     seed: int = 0,
     starts: int = 1,
     jobs: int | None = None,
@@ -129,6 +131,11 @@ def train_residual(
     channel: str | None = None,
     inputs: Sequence[str] = (),
     resume: bool = False,
+    as_in_paper: bool = False,
+    mu: float | None = None,
+    mu_increase: float | None = None,
+    mu_decrease: float | None = None,
+    mu_largest: float | None = None,
     progress: ShowProgress = None,
     command: Sequence[str] = (),
     **sizes: int | None,
@@ -141,7 +148,8 @@ def train_residual(
     sizes        what its kind has to choose: hidden=, units of elman or narx [default: 10, or as
                  many as the samples decide]; sets=, membership sets on every input of anfis
                  [default: the most, up to 5, that make no more than 64 rules]
-    iterations   Levenberg-Marquardt steps at most, for each of `starts` random starts; seed: theirs
+    iterations   Levenberg-Marquardt steps at most, for each of `starts` random starts [default:
+                 1000; 5000 as in the paper]; seed: theirs
     jobs         cores to use [default: all]; the result does not depend on it
     evidence     what the regularisation counts: "every-sample", or "independent-samples"
     device       "cpu", or "cuda" where torch sees one
@@ -150,12 +158,21 @@ def train_residual(
     channel      output to correct [default: angle_deg, else the first of the run]
     inputs       columns of residual.csv that the network is given
     resume       go on from where the same training was interrupted
+    as_in_paper  train as the first paper did: plain Levenberg-Marquardt steps from a random start,
+                 no acceleration, no weights solved for, mu by fixed factors, 5000 of them
+    mu...        the damping: where it begins [default: 0.005], by what it grows after a step that
+                 did not help [default: 3; 10 as in the paper], by what it shrinks after one that
+                 did [default: by how much that helped; 0.1 as in the paper], where the training
+                 gives up [default: 1e10]
 
     An interrupt ends the training with what it has. PamidError for whatever is wrong with the run
     or the call, and where nothing came of the training.
     """
     if evidence not in EVIDENCE:
         raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
+    damping = _damping(as_in_paper, mu, mu_increase, mu_decrease, mu_largest)
+    if iterations is None:
+        iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
     wanted = NetworkChoice(network, sizes)
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
     folder = Run.open(home.folder)
@@ -172,6 +189,8 @@ def train_residual(
             "starts": starts,
             "evidence": evidence,
             "at": at,
+            "as_in_paper": as_in_paper,
+            "damping": asdict(damping),
             "resume": resume,
             "channel": leftover.channel,
             "inputs": list(leftover.inputs),
@@ -180,6 +199,8 @@ def train_residual(
     course = TrainingOptions(
         wanted=wanted,
         independent=evidence == "independent-samples",
+        plain=as_in_paper,
+        damping=damping,
         device=device,
         iterations=iterations,
         seed=seed,
@@ -190,6 +211,26 @@ def train_residual(
     )
     about, interrupted = _trained(folder, leftover, trainer, course, progress)
     return _result(home, about, interrupted)
+
+
+def _damping(
+    as_in_paper: bool,
+    start: float | None,
+    increase: float | None,
+    decrease: float | None,
+    largest: float | None,
+) -> Damping:
+    """The paper's schedule of mu, or ours, with what is given in its place; UsageError where that
+    is none."""
+    given = {"start": start, "increase": increase, "decrease": decrease, "largest": largest}
+    named = {name: value for name, value in given.items() if value is not None}
+    try:
+        return replace(PAPER_DAMPING if as_in_paper else Damping(), **named)
+    except DataError as error:
+        raise UsageError(
+            error.message,
+            "--mu lies below --mu-largest, --mu-increase above 1, --mu-decrease between 0 and 1.",
+        ) from None
 
 
 def _trainer(run: FitResult | PathLike, folder: Path, at: str, rig: str | Rig | None) -> Trainer:

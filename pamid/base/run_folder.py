@@ -51,7 +51,6 @@ _PACKAGES = (
     "torch",
     "pysindy",
     "matplotlib",
-    "sympy",
 )
 
 

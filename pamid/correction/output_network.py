@@ -42,6 +42,7 @@ from pamid.networks.trained_network import (
     trace_csv,
     train_on_signals,
 )
+from pamid.networks.training_problem import Damping
 
 Array = NDArray[np.float64]
 
@@ -112,6 +113,8 @@ class TrainingOptions(TypedDict, total=False):
     wanted: NetworkChoice
     device: str
     independent: bool
+    plain: bool
+    damping: Damping
     iterations: int
     seed: int
     starts: int

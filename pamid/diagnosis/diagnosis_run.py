@@ -3,6 +3,7 @@ effect."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from pamid.base.files import write_atomically
@@ -63,5 +64,9 @@ def diagnose_into(
 
 def models_json(d: Diagnosis, seed: int) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it."""
-    cause = {"cause": model_json(d.cause.assembly, d.cause.fit)} if d.cause else {}
-    return fit_json(d.budget.model, seed) | cause
+    model = d.budget.model
+    if d.cause is None:
+        return fit_json(model, seed)
+    with_cause = replace(model, assembly=d.cause.assembly, fit=d.cause.fit)
+    cause = {"cause": model_json(d.cause.assembly, d.cause.fit)}
+    return fit_json(model, seed, with_cause) | cause

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from pamid.base.units import from_si, split_column, with_unit
 from pamid.estimation.grey_box import GreyBox
 from pamid.model.assembly import Assembly
-from pamid.model.rig import Loop
+from pamid.model.rig import Loop, Rig
 from pamid.recording.recording import Recording
+from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import Span
 from pamid.simulation.free_runs import choose_stepping, input_table
+from pamid.simulation.scored_recording import IN_LOOP, recording_error
 from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]
@@ -28,7 +30,7 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     velocity and acceleration, and the command.
     """
     rig = g.evidence.rig
-    if r.loop != "closed" or not rig.loops or not all(r.has(q.reference) for q in rig.loops):
+    if not _has_loop(rig, r):
         return None
     settings = {**rig.controller, **r.controller}
     a = Assembly(
@@ -51,6 +53,10 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     if bad >= 0:
         return None
     return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
+
+
+def _has_loop(rig: Rig, r: Recording) -> bool:
+    return bool(r.loop == "closed" and rig.loops and all(r.has(q.reference) for q in rig.loops))
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
@@ -82,6 +88,24 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
             "band": band,
         }
     return out
+
+
+def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingError, ...]:
+    """What every model errs by in its own loop over what was held out, recording by recording and
+    channel by channel; cause: the model with the causes."""
+    models = {"data_sheet": (g, g.assembly.data_sheet()), "refitted": (g, g.fit.p)}
+    models |= {"with_cause": (cause, cause.fit.p)} if cause is not None else {}
+    rows = []
+    for span in g.evidence.held_out:
+        r, part = span.recording, slice(span.start, span.stop)
+        if not _has_loop(g.evidence.rig, r):
+            continue
+        runs = {name: loop_run(one, r, p) for name, (one, p) in models.items()}
+        for c in g.evidence.channels:
+            if r.has(c):
+                own = {n: None if run is None else run[c][part] for n, run in runs.items()}
+                rows.append(recording_error(r.name, r.known, IN_LOOP, c, r.signal(c)[part], own))
+    return tuple(rows)
 
 
 def _collect(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import column_size, from_si, split_column, with_unit
-from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_names
+from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
 from pamid.estimation.intervals import background_pull, estimates
@@ -25,8 +25,9 @@ from pamid.simulation.replay import Replay, channel_mae, replay_track
 Array = NDArray[np.float64]
 
 
-def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
-    """fit.json: parameters with intervals and words, errors per channel on what was held out."""
+def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, Any]:
+    """fit.json: parameters with intervals and words, errors per channel on what was held out.
+    cause: the model with the causes, for its errors in closed loop."""
     e = g.evidence
     figures = {
         "data_sheet": channel_mae(list(g.data_sheet)),
@@ -48,6 +49,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
                 period_s=r.sampling_period_s,
                 loop=r.loop,
                 controller=r.controller,
+                known=dict(r.known),
                 lacks=tuple(e.lacking(r)),
             )
             for r in e.recordings
@@ -93,6 +95,8 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         posterior=posterior_of(g.fit),
         model=fitted_model(g.assembly, g.fit),
     )
+    if loops := loop_errors(g, cause):
+        found = found.model_copy(update={"loops": loops})
     if g.earlier is not None:
         began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
         found = found.model_copy(update={"from_": began})

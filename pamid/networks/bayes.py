@@ -6,7 +6,8 @@ The objective is F = beta E_D + alpha E_W with E_D the sum of squared errors and
 squared weights. At its minimum, with the Gauss-Newton Hessian H = 2 beta J'J + 2 alpha I,
     gamma = N_w - 2 alpha tr(H^-1)      weights that the data decide ("effective parameters")
     alpha = gamma / (2 E_W),   beta = (n - gamma) / (2 E_D)
-Everything here works on J'J (N_w, N_w) only, so it serves any network.
+Everything here works on J'J (N_w, N_w) only, or on J's singular values where rounding took too
+much from that (root_sums.py), so it serves any network. No eigenvalue is dropped for its size.
 """
 
 from dataclasses import dataclass
@@ -15,9 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh, lapack
 
+from pamid.networks.root_sums import Spectrum
+
 Array = NDArray[np.float64]
 
 _TINY = 1e-300
+# eps times the condition of the scaled matrix, up to which J'J is believed. At the first paper's
+# size, condition 2e11, eps times it is 4e-5 and gamma is right to 7e-7
+RESOLVED = 0.01
 
 
 @dataclass(frozen=True)
@@ -36,37 +42,69 @@ def first_guess(n_weights: int, samples: float, sse: float, ssw: float) -> Evide
     return _evidence(float(n_weights), samples, sse, ssw)
 
 
-def reestimate(previous: Evidence, jtj: Array, samples: float, sse: float, ssw: float) -> Evidence:
+def reestimate(
+    previous: Evidence, sums: Array | Spectrum, samples: float, sse: float, ssw: float
+) -> Evidence:
     """One step of the fixed-point iteration, from the Hessian at the weights that gave `sse` and
     `ssw`."""
-    return _evidence(effective_weights(previous, jtj), samples, sse, ssw)
+    return _evidence(effective_weights(previous, sums), samples, sse, ssw)
 
 
-def effective_weights(evidence: Evidence, jtj: Array) -> float:
-    """gamma = N_w - 2 alpha tr(H^-1), kept within [0, N_w] against rounding."""
-    n = len(jtj)
+def effective_weights(evidence: Evidence, sums: Array | Spectrum) -> float:
+    """gamma = N_w - 2 alpha tr(H^-1), kept within [0, N_w] against rounding; from J'J or, where
+    that does not hold enough (`resolved`), from the singular values of J."""
+    if isinstance(sums, Spectrum):
+        return _counted(evidence.beta * sums.values**2, evidence.alpha)
+    n = len(sums)
     if evidence.alpha == 0.0:
         return float(n)
     # H / 2 = beta J'J + alpha I, so that gamma = N_w - alpha tr((H / 2)^-1); with H / 2 = L L' that
     # trace is the sum of squares of the entries of L^-1
-    scaled = evidence.beta * jtj
-    if evidence.alpha > _rounding(scaled):
-        scaled[np.diag_indices(n)] += evidence.alpha
-        factor, failed = lapack.dpotrf(scaled, lower=1, clean=1)
-        inverse, failed = (factor, failed) if failed else lapack.dtrtri(factor, lower=1)
-        if not failed:
-            return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
-        scaled[np.diag_indices(n)] -= evidence.alpha
-    # A Cholesky factor would hold rounding errors where directions are undecided: they are counted
-    # one by one, gamma = sum of l / (l + alpha) over the eigenvalues l of beta J'J (MacKay 1992)
-    values = eigh(scaled, eigvals_only=True)
-    values = values[values > _rounding(scaled)]
-    return float(np.sum(values / (values + evidence.alpha)))
+    factor, size = _scaled_factor(evidence.beta * sums, evidence.alpha)
+    if factor is not None:
+        inverse = lapack.dtrtri(factor, lower=1)[0] / size
+        return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
+    # nobody has taken the root of J: what cannot be told from zero in its square is not counted
+    values = eigh(evidence.beta * sums, eigvals_only=True)
+    return _counted(values[values > evidence.beta * _rounding(sums)], evidence.alpha)
+
+
+def resolved(evidence: Evidence, jtj: Array) -> bool:
+    """Does J'J hold what decides gamma and the steps, or has rounding taken too much of it?"""
+    return (
+        evidence.alpha == 0.0 or _scaled_factor(evidence.beta * jtj, evidence.alpha)[0] is not None
+    )
+
+
+def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
+    """Cholesky factor of matrix + alpha I (in its place) divided by the roots of its diagonal on
+    either side, None where that is not resolved; the roots.
+
+    Such a factor is as good as the condition of the scaled matrix (Demmel and Veselic 1992, SIAM J.
+    Matrix Anal. Appl. 13(4)), however far apart the eigenvalues are: 16 decades at the first
+    paper's size.
+    """
+    matrix[np.diag_indices(len(matrix))] += alpha
+    size = np.sqrt(np.maximum(np.diag(matrix), _TINY))
+    scaled = matrix / size / size[:, None]
+    norm = float(np.abs(scaled).sum(axis=0).max())
+    factor, failed = lapack.dpotrf(scaled, lower=1, clean=1)
+    share = 0.0 if failed else float(lapack.dpocon(factor, norm, uplo="L")[0])
+    good = np.finfo(float).eps <= RESOLVED * share
+    return (factor if good else None), size
+
+
+def _counted(values: Array, alpha: float) -> float:
+    """gamma = sum of l / (l + alpha) over the eigenvalues l of beta J'J (MacKay 1992)."""
+    return float(np.sum(values / (values + alpha))) if alpha else float(len(values))
 
 
 def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
     """How much lower F would be after a full, undamped step if it were the quadratic it looks
-    like: g' (H / 2)^-1 g with g half of -dF/dw, over the directions that the Hessian decides."""
+    like: g' (H / 2)^-1 g with g half of -dF/dw; where rounding hides some directions of the
+    Hessian, over those that it decides."""
+    if _scaled_factor(half_hessian.copy(), 0.0)[0] is not None:
+        return float(half_descent @ solve_damped(half_hessian, 0.0, half_descent))
     values, vectors = eigh(half_hessian)
     keep = values > _rounding(half_hessian)
     along = vectors[:, keep].T @ half_descent

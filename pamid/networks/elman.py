@@ -49,6 +49,8 @@ Array = NDArray[np.float64]
 TIME_CONSTANTS = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
 BEND = 0.3  # largest state of a start from a linear model: tanh(x) is x to 3 %
 
+ACTIVE = 2.0  # arguments of tanh beyond which it is flat (MATLAB's `tansig`: -2 .. 2)
+
 
 class ElmanLayers(NamedTuple):
     """The weight vector taken apart: units (h, h + m + 1) = [context, input, bias], output (h,),
@@ -178,6 +180,23 @@ class Elman(Network):
             layers.input[first], layers.input[second] = residues.real / size, residues.imag / size
             layers.output[first] = size
         return self.flatten(layers._replace(output_bias=modes.bias))
+
+    def random_start(self, seed: int) -> Array:
+        """The start of MATLAB's Elman network, `initnw`: every unit's weights a random direction of
+        the length with which the units share out the range of their arguments (Nguyen and Widrow
+        1990, IJCNN vol. 3, pp. 21-26), that of tanh being -2 .. 2; the linear output, for which
+        that rule says nothing, uniform in -1 .. 1."""
+        draw = np.random.default_rng(seed)
+        h, seen = self.hidden, self.hidden + self.inputs
+        direction = draw.uniform(-1.0, 1.0, (h, seen))
+        length = ACTIVE * 0.7 * h ** (1.0 / seen)
+        weights = length * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        spread = np.linspace(-1.0, 1.0, h) if h > 1 else np.zeros(1)
+        bias = length * spread * np.sign(weights[:, 0])
+        output = draw.uniform(-1.0, 1.0, h + 1)
+        return self.flatten(
+            ElmanLayers(np.column_stack([weights, bias]), output[:-1], float(output[-1]))
+        )
 
     @property
     def linear(self) -> slice:

@@ -9,10 +9,11 @@ F/2 damped by mu (Levenberg, Marquardt). Three things are added to the textbook'
   * variable projection: after the step the weights in which the output is linear take their best
     values;
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`).
-Trial steps cost simulations, accepted ones a pass with derivatives. The iteration is not that of
-engine/damped_gauss_newton.py, which minimises one fixed cost: here F itself changes with alpha and
-beta after every step, the trial steps of one point are computed side by side, and an attempt has to
-be resumable after each of them.
+`TrainingProblem.plain` leaves out the first two, a `Damping.decrease` the third. Trial steps cost
+simulations, accepted ones a pass with derivatives, and a second one where J'J does not hold enough
+(root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises one
+fixed cost: here F itself changes with alpha and beta after every step, the trial steps of one point
+are computed side by side, and an attempt has to be resumable after each of them.
 
 References: Marquardt (1963), SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992),
 Neural Computation 4(3); Foresee and Hagan (1997), ICNN; Golub and Pereyra (1973), SIAM J. Numer.
@@ -25,9 +26,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.networks.bayes import Evidence, first_guess, promised_decrease, reestimate, solve_damped
+from pamid.networks.bayes import (
+    Evidence,
+    first_guess,
+    promised_decrease,
+    reestimate,
+    resolved,
+    solve_damped,
+)
 from pamid.networks.checkpoints import Attempt, TrainingStep
 from pamid.networks.normal_equations import side_by_side
+from pamid.networks.root_sums import Spectrum
 from pamid.networks.training_problem import Errors, TrainingProblem
 
 Array = NDArray[np.float64]
@@ -40,12 +49,13 @@ SHORT = 0.75
 @dataclass(frozen=True)
 class Point:
     """An attempt with the normal equations at its weights; these are recomputed, not stored, on
-    resuming."""
+    resuming. spectrum: of J, where J'J does not hold enough of it."""
 
     attempt: Attempt
     errors: Errors
     jtj: Array
     jte: Array
+    spectrum: Spectrum | None = None
 
     @property
     def sse(self) -> float:
@@ -70,7 +80,26 @@ class Point:
     def promise(self) -> float:
         """The share of F that an undamped step would take away were the network linear in its
         weights."""
-        return promised_decrease(self.half_hessian, self.descent) / max(self.objective, 1e-300)
+        evidence = self.attempt.evidence
+        if self.spectrum is None:
+            promised = promised_decrease(self.half_hessian, self.descent)
+        else:
+            promised = self.spectrum.promised(evidence.beta, evidence.alpha, self.attempt.weights)
+        return promised / max(self.objective, 1e-300)
+
+    def step(self, mu: float) -> Array:
+        """v of (beta J'J + (alpha + mu) I) v = beta J'e - alpha w."""
+        evidence, weights = self.attempt.evidence, self.attempt.weights
+        if self.spectrum is None:
+            return solve_damped(self.half_hessian, mu, self.descent)
+        return self.spectrum.step(evidence.beta, evidence.alpha, mu, weights)
+
+    def solved(self, mu: float, right: Array) -> Array:
+        """The same system for another right-hand side."""
+        evidence = self.attempt.evidence
+        if self.spectrum is None:
+            return solve_damped(self.half_hessian, mu, right)
+        return self.spectrum.solved(evidence.beta, evidence.alpha + mu, right)
 
 
 def objective(evidence: Evidence, sse: float, weights: Array) -> float:
@@ -79,9 +108,13 @@ def objective(evidence: Evidence, sse: float, weights: Array) -> float:
 
 def fresh(problem: TrainingProblem, seed: int, start: int) -> Attempt:
     """The attempt before its first pass."""
-    weights = np.array(
-        problem.network.start(problem.records, problem.washout, seed + start), dtype=np.float64
+    network = problem.network
+    begun = (
+        network.random_start(seed + start)
+        if problem.plain
+        else network.start(problem.records, problem.washout, seed + start)
     )
+    weights = np.array(begun, dtype=np.float64)
     if not problem.regularise:
         return Attempt(
             start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ()
@@ -127,7 +160,12 @@ def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Poi
     and a step must be judged by the same arithmetic before and after, to the last bit.
     """
     found = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
-    return None if found is None else Point(attempt, errors, found[1], found[2])
+    if found is None:
+        return None
+    if resolved(attempt.evidence, found[1]):
+        return Point(attempt, errors, found[1], found[2])
+    spectrum = problem.spectrum(attempt.weights, attempt.evidence)
+    return Point(attempt, errors, found[1], found[2], spectrum)
 
 
 def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tuple[str, bool]:
@@ -181,39 +219,35 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
 def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
     """Trials with rising mu; with more than one thread some are computed ahead, whether they are
     wanted or not."""
-    matrix, right = point.half_hessian, point.descent
+    right = point.descent
     mu = [point.attempt.mu]
     while mu[-1] * problem.damping.increase <= problem.damping.largest:
         mu.append(mu[-1] * problem.damping.increase)
     at_once = max(1, min(problem.threads, 2))
     for k in range(0, len(mu), at_once):
-        yield from side_by_side(
-            lambda m: _trial(problem, point, matrix, right, m), mu[k : k + at_once]
-        )
+        yield from side_by_side(lambda m: _trial(problem, point, right, m), mu[k : k + at_once])
 
 
-def _trial(
-    problem: TrainingProblem, point: Point, matrix: Array, right: Array, mu: float
-) -> _Trial:
-    step = solve_damped(matrix, mu, right)
+def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _Trial:
+    step = point.step(mu)
     # the quadratic's own decrease of F: 2 v'g - v'Hv = v'(mu v + g), since (H + mu I) v = g
     promised = float(step @ (mu * step + right))
     old = point.attempt
     weights, errors = problem.projected(
-        old.weights + _accelerated(problem, point, matrix, mu, step), old.evidence
+        old.weights + _accelerated(problem, point, mu, step), old.evidence
     )
     lowered = point.objective - objective(old.evidence, errors.sse, weights)
     return _Trial(mu, weights, errors, lowered, lowered / promised if promised > 0.0 else 0.0)
 
 
-def _accelerated(
-    problem: TrainingProblem, point: Point, matrix: Array, mu: float, step: Array
-) -> Array:
-    """The step with its acceleration, where that is short beside it."""
+def _accelerated(problem: TrainingProblem, point: Point, mu: float, step: Array) -> Array:
+    """The step with its acceleration, where that is short beside it and not left out."""
+    if problem.plain:
+        return step
     pulled = problem.curvature(point.attempt.weights, step)
     if pulled is None:
         return step
-    bend = 0.5 * solve_damped(matrix, mu, -point.attempt.evidence.beta * pulled)
+    bend = 0.5 * point.solved(mu, -point.attempt.evidence.beta * pulled)
     return step + bend if 2.0 * np.linalg.norm(bend) <= SHORT * np.linalg.norm(step) else step
 
 
@@ -225,7 +259,11 @@ def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
     if problem.regularise and old.steps:
         counted = problem.counted_samples(point.errors)
         evidence = reestimate(
-            evidence, point.jtj, counted, point.sse, float(old.weights @ old.weights)
+            evidence,
+            point.spectrum or point.jtj,
+            counted,
+            point.sse,
+            float(old.weights @ old.weights),
         )
     point = replace(point, attempt=replace(old, evidence=evidence))
     step = TrainingStep(

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
-from pamid.networks.normal_equations import Rows, summed
+from pamid.networks.normal_equations import Rows, add_up
 from pamid.networks.onnx_nodes import OnnxNodes
+from pamid.networks.root_sums import RootSums
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import Expr, expression
 
@@ -85,6 +86,10 @@ class Network(ABC):
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
         """A random start for these recordings, (inputs (N, m), target (N,)) each."""
+        return self.initial(seed)
+
+    def random_start(self, seed: int) -> Array:
+        """The start of a training as in the first paper: one that knows no data."""
         return self.initial(seed)
 
     @abstractmethod
@@ -164,12 +169,26 @@ class Network(ABC):
         Sensitivities run from sample 0 on, so washed-out samples only leave the sums. With two
         threads one makes a chunk while the other adds the one before: the same result in less time.
         """
+        sums = RootSums(self.n_weights)
+        self.add_to(sums, weights, inputs, target, washout, threads)
+        return sums.sse, sums.jtj, sums.jte
+
+    def add_to(
+        self,
+        sums: RootSums,
+        weights: ArrayLike,
+        inputs: ArrayLike,
+        target: ArrayLike,
+        washout: int = 0,
+        threads: int = 1,
+    ) -> None:
+        """The same, added to what other recordings have brought."""
         wanted = np.ascontiguousarray(target, dtype=np.float64)
         if wanted.shape != (len(np.asarray(inputs)),):
             raise DataError(
                 f"Target has shape {wanted.shape} for {len(np.asarray(inputs))} samples of input."
             )
-        return summed(self.sweep(weights, inputs), wanted, self.n_weights, washout, threads)
+        add_up(sums, self.sweep(weights, inputs), wanted, washout, threads)
 
     def curvature(
         self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue, Engine
-from pamid.networks.bayes import effective_samples, effective_weights
+from pamid.networks.bayes import Evidence, effective_samples, effective_weights, resolved
 from pamid.networks.checkpoints import (
     Attempt,
     Checkpoint,
@@ -80,6 +80,7 @@ class Training:
     supported_weights: float
     best: int
     starts_mse: tuple[float, ...]
+    plain: bool = False
 
     @property
     def remark(self) -> str:
@@ -112,6 +113,7 @@ class Training:
             "effective_samples": _finite(self.effective_samples),
             "start": self.best,
             "starts_mse": [_finite(mse) for mse in self.starts_mse],
+            "plain": self.plain,
         }
 
 
@@ -133,6 +135,7 @@ def train(
     independent: bool = False,
     threads: int = 1,
     engine: Engine | None = None,
+    plain: bool = False,
 ) -> Training:
     """Fit a network's output to a target, both scaled into [-1, 1].
 
@@ -146,6 +149,9 @@ def train(
     cores used; the result does not depend on it. `engine`: computes the passes of all starts that
     are running in one batch (batch.py); the sums differ from the network's own in the last digits.
 
+    `plain`: by the textbook's steps from a random start, as the first paper trained; the damping
+    that goes with it is `PAPER_DAMPING`.
+
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
     goes on from it (from the beginning where there is none yet) and ends with the very numbers of
     an undisturbed one; more `iterations` than before are allowed. A failure to converge is
@@ -155,6 +161,7 @@ def train(
     problem = TrainingProblem(
         network, recordings(inputs, target), washout, regularise, damping, goals, independent
     )
+    problem = replace(problem, plain=plain)
     check_problem(problem, iterations, starts, seed)
     if resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
@@ -277,7 +284,6 @@ def _training_of(
         if all(np.isfinite(e).all() for e in residual)
         else 0.0
     )
-    found = problem.evaluate(best.weights)
     counted = independent if problem.independent else problem.samples
     # gamma as if only the independent samples had been counted: the precision shrinks as they do
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
@@ -288,10 +294,20 @@ def _training_of(
         converged=best.converged and not interrupted,
         samples=problem.samples,
         effective_samples=independent,
-        supported_weights=effective_weights(tempered, found[1]) if found else math.nan,
+        supported_weights=_supported(problem, best.weights, tempered),
         best=best.start,
         starts_mse=tuple(a.mse for a in attempts),
+        plain=problem.plain,
     )
+
+
+def _supported(problem: TrainingProblem, weights: Array, evidence: Evidence) -> float:
+    """gamma at these weights; NaN where they overflow."""
+    found = problem.evaluate(weights)
+    if found is None:
+        return math.nan
+    spectrum = None if resolved(evidence, found[1]) else problem.spectrum(weights, evidence)
+    return effective_weights(evidence, spectrum or found[1])
 
 
 def _finite(value: float) -> float | None:

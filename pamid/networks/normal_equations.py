@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.networks.root_sums import RootSums
+
 Array = NDArray[np.float64]
 Rows = tuple[int, Array, Array]  # first sample, output (n,), its derivative (n, n_weights)
 
@@ -25,26 +27,18 @@ def aligned(*shape: int) -> Array:
     return raw[skip : skip + int(np.prod(shape))].reshape(shape)
 
 
-def summed(
-    chunks: Iterator[Rows], target: Array, n_weights: int, washout: int = 0, threads: int = 1
-) -> tuple[float, Array, Array]:
-    """(sum of e^2, J'J, J'e) with e = target - y, over samples `washout` .. N-1.
+def add_up(
+    sums: RootSums, chunks: Iterator[Rows], target: Array, washout: int = 0, threads: int = 1
+) -> None:
+    """Add e = target - y and J over samples `washout` .. N-1 to the sums.
 
     Chunks are added in their order whatever `threads` is: with two, the next one is made while this
     one is added. Its maker must leave the chunk before untouched.
     """
-    sse, jte, jtj = 0.0, np.zeros(n_weights), np.zeros((n_weights, n_weights))
     with np.errstate(all="ignore"):
         for start, y, jacobian in _made_ahead(chunks) if threads > 1 else chunks:
             skip = min(max(washout - start, 0), len(y))
-            error = target[start + skip : start + len(y)] - y[skip:]
-            rows = jacobian[skip:]
-            if len(error):
-                sse += float(error @ error)
-                jte += error @ rows
-                # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
-                jtj += rows.T @ rows
-    return sse, jtj, jte
+            sums.add(jacobian[skip:], target[start + skip : start + len(y)] - y[skip:])
 
 
 def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:

@@ -12,6 +12,7 @@ from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.network import Network
+from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.scaling import check_finite
 
 Array = NDArray[np.float64]
@@ -19,19 +20,44 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Damping:
-    """The schedule of mu: `increase` after a step that does not lower F, else by the gain ratio."""
+    """The schedule of mu: `increase` after a step that does not lower F, else `decrease`, or by the
+    gain ratio where that is None.
+
+    DataError where it could not end, or would not damp.
+    """
 
     start: float = 0.005
     increase: float = 3.0
     largest: float = 1e10
     smallest: float = 1e-20
+    decrease: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("start", "increase", "largest", "decrease"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise DataError(f"Damping: {name} must be a positive number, not {value!r}.")
+        if self.increase <= 1.0:
+            raise DataError(f"Damping: increase must be above 1, not {self.increase!r}.")
+        if self.decrease is not None and self.decrease >= 1.0:
+            raise DataError(f"Damping: decrease must be below 1, not {self.decrease!r}.")
+        if self.start > self.largest:
+            raise DataError(f"Damping: mu begins at {self.start:g}, above {self.largest:g}.")
 
     def factor(self, gain: float) -> float:
         """What mu is multiplied by after an accepted step that lowered F by `gain` times what it
         promised: the nearer the quadratic came to the truth, the less the next step is damped (the
-        gain ratio of trust regions: Nocedal and Wright 2006, Numerical Optimization, ch. 4.1)."""
+        gain ratio of trust regions: Nocedal and Wright 2006, Numerical Optimization, ch. 4.1); or
+        `decrease`."""
+        if self.decrease is not None:
+            return self.decrease
         steps = ((0.98, 0.1), (0.75, 1.0 / 3.0), (0.5, 2.0 / 3.0), (0.25, 1.0))
         return next((factor for above, factor in steps if gain > above), 2.0)
+
+
+#: of MATLAB's `trainbr` (mu, mu_inc, mu_max, mu_dec), and the first paper's number of epochs
+PAPER_DAMPING = Damping(start=0.005, increase=10.0, largest=1e10, decrease=0.1)
+PAPER_ITERATIONS = 5000
 
 
 @dataclass(frozen=True)
@@ -71,7 +97,8 @@ class TrainingProblem:
 
     independent: alpha and beta count the independent samples that the errors are worth, not every
     sample. threads: for one pass; batch_queue: computes the passes of several starts together; None
-    where every start computes its own.
+    where every start computes its own. plain: as the first paper trained, by the textbook's steps
+    from a random start: no geodesic acceleration, the linear weights like the others.
     """
 
     network: Network
@@ -83,6 +110,7 @@ class TrainingProblem:
     independent: bool = False
     threads: int = 1
     batch_queue: BatchQueue | None = None
+    plain: bool = False
 
     @property
     def samples(self) -> int:
@@ -118,7 +146,7 @@ class TrainingProblem:
         and the errors."""
         network, linear = self.network, self.network.linear
         count = linear.stop - linear.start
-        if not count:
+        if not count or self.plain:
             return weights, self.errors(weights)
         gram, right = np.zeros((count, count)), np.zeros(count)
         with np.errstate(all="ignore"):
@@ -162,6 +190,16 @@ class TrainingProblem:
             if np.isfinite(sse) and np.isfinite(jtj).all() and np.isfinite(jte).all()
             else None
         )
+
+    def spectrum(self, weights: Array, evidence: Evidence) -> Spectrum | None:
+        """J by its singular values, down to what matters beside alpha, from a pass of its own; None
+        where passes are another's, or where J'J holds as much after all."""
+        if self.batch_queue is not None:
+            return None
+        sums = RootSums(len(weights), evidence.alpha / evidence.beta)
+        for u, t in self.records:
+            self.network.add_to(sums, weights, u, t, self.washout, self.threads)
+        return sums.spectrum()
 
 
 def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...]:
@@ -222,6 +260,7 @@ def fingerprint(problem: TrainingProblem, seed: int, starts: int) -> str:
         bool(problem.independent),
         problem.damping,
         problem.goals,
+        bool(problem.plain),
         int(seed),
         int(starts),
     )

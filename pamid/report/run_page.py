@@ -30,6 +30,7 @@ from pamid.report.document import (
 from pamid.report.equation import cause_equations, model_equations, remainder_equations
 from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
+from pamid.report.recording_errors import held_out_errors, recording_errors_table
 from pamid.report.style import Picture
 from pamid.report.tables import (
     combinations_table,
@@ -204,6 +205,14 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
     if run.residual is None:
         texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
     yield notes(*texts)
+    if recordings := held_out_errors(run):
+        yield Heading("The same per recording", 3)
+        yield recording_errors_table(recordings)
+        yield notes(
+            "Replay: the held-out windows, on the recorded command. Closed loop: the held-out part "
+            "of a run of the refitted model under its own controller, from the recording's "
+            "beginning."
+        )
 
 
 def _transfer(run: RunData) -> Iterator[Block]:

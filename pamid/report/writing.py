@@ -32,6 +32,7 @@ from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
+from pamid.report.recording_errors import held_out_errors
 from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial_figures import trial_drawings
@@ -39,6 +40,7 @@ from pamid.report.trial_page import trial_document
 from pamid.report.trial_results import read_trial
 from pamid.report.web_page import MARK, html_of
 from pamid.schemas.run_file import Step
+from pamid.schemas.score_file import RecordingError
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them
@@ -64,13 +66,14 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Report:
-    """What was written; `errors` are the rows of the MAE table, `pdf` is there where it was asked
-    for."""
+    """What was written; `errors` are the rows of the MAE table, `recordings` those per recording,
+    `pdf` is there where it was asked for."""
 
     page: Path
     figures: tuple[Path, ...]
     errors: tuple[ChannelErrors, ...]
     pdf: Path | None = None
+    recordings: tuple[RecordingError, ...] = ()
 
     @property
     def mae(self) -> dict[str, dict[str, float]]:
@@ -86,6 +89,7 @@ class Content:
     errors: tuple[ChannelErrors, ...]
     drawings: list[Drawing]
     document_of: Callable[[dict[str, Picture]], Document]
+    recordings: tuple[RecordingError, ...] = ()
 
 
 def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None = None) -> Report:
@@ -121,7 +125,7 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     write_together(
         {**files, **({pdf: paper} if pdf is not None else {}), page: html.encode(errors="replace")}
     )
-    return Report(page, tuple(figures), content.errors, pdf)
+    return Report(page, tuple(figures), content.errors, pdf, content.recordings)
 
 
 def content_of(run_folder: Path) -> Content:
@@ -137,7 +141,9 @@ def content_of(run_folder: Path) -> Content:
         return _paper_content(run_folder, paper, steps)
     run = load_run(run_folder)
     rows = errors_of(run)
-    return Content(rows, drawings_of(run, rows), partial(run_document, run, rows))
+    return Content(
+        rows, drawings_of(run, rows), partial(run_document, run, rows), held_out_errors(run)
+    )
 
 
 def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
@@ -151,6 +157,7 @@ def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...])
         rows,
         drawings_of(run, rows),
         partial(paper_document, paper, steps, run, rows),
+        held_out_errors(run),
     )
 
 

@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field, WithJsonSchema
 
 from pamid.schemas.estimates import EFFECTS, PERIOD, RIG, SEED
 from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Sometimes, Text
+from pamid.schemas.score_file import RecordingError
 
 LOOP = "closed or open: was a controller producing the command?"
 
@@ -108,6 +109,9 @@ class WrittenReport(Model):
     figures: ListOf[Text] = Field(description="paths of the pictures")
     mae: MapOf[MapOf[Number]] = Field(
         description="mean absolute error, in the unit of the channel: channel -> model -> error"
+    )
+    recordings: ListOf[RecordingError] = Field(
+        (), description="the same per held-out recording, comparison and channel, with RMS"
     )
     pdf: Sometimes[Text] = Field(default=None, description="path of the PDF, where it was asked")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -20,6 +20,7 @@ from pamid.schemas.estimates import (
     Interval,
 )
 from pamid.schemas.model import (
+    MAY_LACK,
     Count,
     Figures,
     Flag,
@@ -31,6 +32,7 @@ from pamid.schemas.model import (
     Text,
     Written,
 )
+from pamid.schemas.score_file import RecordingError
 
 PRIOR = "from the data sheet, or an earlier fit"
 
@@ -50,6 +52,9 @@ class RecordingUsed(Model):
         None, description="closed or open: did a controller produce the command?"
     )
     controller: dict[Text, Number] = Field({}, description="settings of the controller, by name")
+    known: Annotated[dict[Text, Number], MAY_LACK] = Field(
+        default={}, description="parameters that it states as known, by name with unit"
+    )
     lacks: ListOf[Text] = Field(
         (), description="channels that other recordings of the run have and this one has not"
     )
@@ -195,6 +200,10 @@ class FitFile(Model):
     )
     closed_loop: MapOf[LoopError] | None = Field(
         None, description="by channel; null where no recording was made in a closed loop"
+    )
+    loops: Sometimes[ListOf[RecordingError]] = Field(
+        default=None,
+        description="the same per held-out recording and channel, by model, with RMS",
     )
     combinations: MapOf[Combination] = Field(
         {}, description="combinations of parameters that the data settle, by name with unit"

@@ -54,6 +54,7 @@ class TrainingSummary(Model):
         "effective_samples",
         "start",
         "starts_mse",
+        "plain",
     )
 
     why: Annotated[Text, MAY_LACK] = Field(default="", description=WHY_ENDED)
@@ -73,6 +74,11 @@ class TrainingSummary(Model):
     start: Sometimes[Count] = Field(default=None, description="number of the best start")
     starts_mse: Annotated[ListOf[Number | None], MAY_LACK] = Field(
         default=(), description="of every start; null where it is not finite"
+    )
+    plain: Sometimes[Flag] = Field(
+        default=None,
+        description="whether by plain Levenberg-Marquardt steps from a random start, as in the "
+        "first paper",
     )
 
 

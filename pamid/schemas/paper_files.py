@@ -58,6 +58,7 @@ class PaperTraining(TrainingSummary):
         "samples",
         "effective_samples",
         "start",
+        "plain",
     )
 
     seconds: Sometimes[Number] = None

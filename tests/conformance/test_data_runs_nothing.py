@@ -115,6 +115,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.estimation.grey_box.fit_model",
         "pamid.diagnosis.diagnosis_run.diagnose_into",
         "pamid.correction.output_network.train_correction",
+        "pamid.correction.run_score.split_recordings",
     ):
         monkeypatch.setattr(place, end)
     monkeypatch.setattr("pamid.report.writing.render", blank)
@@ -232,6 +233,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with everything in it, and the recording it was made with."""
     place = tmp_path_factory.mktemp("made")
     fitted_run(place / "run", record(place / "rec.csv", 6.0).path)
+    record(place / "new.csv", 6.0, seed=2)
     put_network(place / "run", random_network(Elman(len(SEEN), 2), SEEN, "angle_deg", 1.0))
     (place / "run" / "diagnosis.json").write_text(
         json.dumps({**diagnosis_json("explained"), "sentence": "friction"})
@@ -345,6 +347,12 @@ def _simulate(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> Non
 @reads("power")
 def _power(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     recordings(trap, capsys, made, ("power", "--excitation", "rec.csv", "--jobs", "1"))
+
+
+@reads("score")
+def _score(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
+    recordings(trap, capsys, made, ("score", "run", "rec.csv"))
+    tried(trap, capsys, trap.place / "run", ("score", "run", "new.csv"))
 
 
 @reads("fit")

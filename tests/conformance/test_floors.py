@@ -72,7 +72,6 @@ HEAVY = (
     "fpdf",
     "pandas",
     "scipy",
-    "sympy",
     "sklearn",
     "numpy",
     "pamid",

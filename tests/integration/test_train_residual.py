@@ -145,6 +145,24 @@ def test_the_summary_is_told(run: Copy, capsys: pytest.CaptureFixture[str]) -> N
     assert "every start" not in text
 
 
+def test_as_in_the_paper(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+    """Plain steps: mu by tens and tenths, or by what is given; said in what is printed and kept."""
+    folder = run()
+    assert train(folder, *QUICK, "--as-in-paper", "--mu", "0.02", "--mu-increase", "8") == 0
+    assert "plain steps as in the paper" in capsys.readouterr().out
+    assert read_json(folder / "network.json")["training"]["plain"] is True
+    (options,) = [one["options"] for one in steps(folder)]
+    assert options["as_in_paper"] is True and options["damping"]["decrease"] == 0.1
+    rows = np.genfromtxt(folder / "trace.csv", delimiter=",", names=True)
+    assert rows["mu"][0] == 0.02
+    np.testing.assert_allclose(
+        rows["mu"][1:] / rows["mu"][:-1], 0.1 * 8.0 ** (rows["trials"][1:] - 1.0)
+    )
+    capsys.readouterr()
+    assert train(folder, *QUICK, "--mu-increase", "0.5", "--json") == 2
+    assert "increase must be above 1" in said(capsys)["message"]
+
+
 @pytest.mark.parametrize(
     ("options", "sizes", "words"),
     [

@@ -1,0 +1,50 @@
+"""`pamid score`: Judge the models of a run on recordings it has not seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import frame
+from .terminal import aside, quoted
+
+PLACE = 65
+EXAMPLE = """
+pamid score fitted new-1.csv new-2.csv
+"""
+
+
+@frame.command("score", example=EXAMPLE)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--rig", help="Where the run was made with a rig file: its path (it is run, if it is the same)."
+)
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    help="Path of an effect file that the run was made with (it is run, if it is the same).",
+)
+def command(
+    run: Path, recordings: tuple[Path, ...], rig: str | None, effects: tuple[str, ...]
+) -> frame.Result:
+    """Judge the models of the run folder RUN on RECORDINGS that it has not seen: data sheet,
+    refitted, with the causes, with the network.
+
+    Mean absolute errors, and root mean squares in brackets, per recording and channel, with what
+    the recording states as known (an inertia, a payload): in replay, on the recorded command in
+    windows as a fit has them, and under the controller where one ran. A recording that the run was
+    fitted to or judged by is refused.
+    """
+    from pamid.api.run_scores import score
+
+    found = score(
+        run,
+        list(recordings),
+        rig=rig,
+        effects=effects,
+        warn=lambda text: aside(f"Warning: {text}"),
+    )
+    return frame.Result(found.to_dict(), f"{found.summary()}\nNext: pamid report {quoted(run)}")

@@ -1,0 +1,105 @@
+"""`pamid.score`: the models of a run on recordings that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pamid.api.given import (
+    EffectLike,
+    RecordingLike,
+    Warn,
+    effects_given,
+    recording_given,
+    recordings_given,
+    unknown_columns,
+    warn_in_python,
+)
+from pamid.api.results import FitResult
+from pamid.base.errors import UsageError
+from pamid.base.files import PathLike
+from pamid.correction.run_score import RunScore, score_run
+from pamid.model.registry import RigLike, catalogue_rig, in_catalogue, rig_given
+from pamid.report.recording_errors import recording_errors_text
+from pamid.schemas.score_file import RecordingError, ScoreFile
+
+
+@dataclass(frozen=True)
+class ScoreResult:
+    """What the models of a run err by on recordings that it has not seen.
+
+    rig: its name; models: "data_sheet", "refitted", "with_cause", "with_network", those that the
+    run has; recordings: a row per recording, comparison ("replay", "loop") and channel, with `mae`
+    and `rms` by model in the channel's unit, and what the recording states as `known`.
+    """
+
+    folder: Path
+    _found: RunScore
+
+    @property
+    def rig(self) -> str:
+        return self._found.rig
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        return self._found.models
+
+    @property
+    def recordings(self) -> tuple[RecordingError, ...]:
+        return self._found.rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json."""
+        return ScoreFile(
+            run=str(self.folder),
+            rig=self.rig,
+            models=self.models,
+            recordings=self.recordings,
+            notes=self._found.notes,
+        ).as_json()
+
+    def summary(self) -> str:
+        """The table, as lines of text."""
+        return "\n".join([recording_errors_text(self.recordings), *self._found.notes])
+
+    def __repr__(self) -> str:
+        return f"<ScoreResult of {self.rig}>\n{self.summary()}"
+
+
+def score(
+    run: FitResult | PathLike,
+    recordings: RecordingLike | Sequence[RecordingLike],
+    *,
+    rig: RigLike | None = None,
+    effects: EffectLike | Iterable[EffectLike] = (),
+    warn: Warn = warn_in_python,
+) -> ScoreResult:
+    """Judge the models of a run (data sheet, refitted, with the causes, with the network) on
+    recordings that it has not seen: mean absolute and root mean square errors per recording, as it
+    was recorded, and per channel; replayed on the recorded command, and under the controller where
+    one ran.
+
+    run            a result, or a run folder
+    rig, effects   what the run was made with, where that is a file (it is run) or was given in
+                   Python
+
+    PamidError where a recording was used in the run, or does not fit its rig.
+    """
+    given = recordings_given(recordings)
+    if not given:
+        raise UsageError("There is no recording to judge by.", "Give at least one.")
+    named, own = rig_given(rig), effects_given(effects)
+    if isinstance(run, FitResult):
+        named, own = named or run.code[0], own or run.code[1]
+    folder = run.folder if isinstance(run, FitResult) else Path(run)
+    read = [recording_given(one, f"recording-{k + 1}") for k, one in enumerate(given)]
+    found = score_run(folder, read, rig=named, effects=own)
+    for recording in read:
+        texts = list(recording.warnings)
+        if in_catalogue(found.rig):
+            texts += unknown_columns(catalogue_rig(found.rig), recording)
+        for text in texts:
+            warn(f"{recording.path}: {text}")
+    return ScoreResult(folder, found)

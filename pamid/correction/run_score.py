@@ -1,0 +1,284 @@
+"""The models of a run on recordings that it has not seen: the data sheet, the refitted model, with
+the causes, with the network.
+
+Replayed by the rules of a fit, in windows on the recorded command, each from a state estimated on
+its beginning; and where a controller ran, once more under that controller, from the beginning to
+the end. A network that was trained on the one comparison is judged in that one alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import DataError, PamidError
+from pamid.base.files import sha256_of
+from pamid.base.result_file import need_result
+from pamid.base.run_folder import FIT_FILE
+from pamid.base.units import from_si, split_column, to_si
+from pamid.correction.identified_model import (
+    PERIODS_AGREE,
+    Identified,
+    load_identified,
+    record_identified,
+)
+from pamid.correction.port_network import ADDED
+from pamid.model.assembly import Assembly
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.networks.trained_network import NETWORK_FILE
+from pamid.recording.overlap import require_apart
+from pamid.recording.recording import Recording, read_recording
+from pamid.schemas.fit_file import FitFile, RecordingUsed
+from pamid.schemas.score_file import RecordingError
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.free_runs import measured_outputs
+from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
+from pamid.simulation.tracks import Track, track_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunScore:
+    """What the models of a run err by: rows per recording, comparison and channel."""
+
+    rig: str
+    models: tuple[str, ...]
+    rows: tuple[RecordingError, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Models:
+    """The models of a run, those that it has, by name; channels: that it was fitted to."""
+
+    refitted: Identified
+    named: dict[str, Identified]
+    channels: tuple[str, ...]
+
+
+def score_run(
+    folder: Path,
+    recordings: Sequence[Recording],
+    *,
+    rig: str | Rig | None = None,
+    effects: tuple[str | type[Effect], ...] = (),
+) -> RunScore:
+    """Errors of every model that a run has on these recordings; rig, effects: as in
+    `load_identified`.
+
+    DataError where a recording is one of the run's, holds samples of one, or is sampled otherwise;
+    FileError where it lacks a column that the rig needs, or holds no channel of the run.
+    """
+    fit = need_result(folder / FIT_FILE, FitFile, also=("model", "cause"))
+    found = _models_of(folder, fit, rig, effects)
+    outputs = tuple(found.refitted.assembly.rig.outputs)
+    used = _used_again(fit.recordings)
+    for recording in recordings:
+        _require_fresh(folder, recording, fit.recordings)
+        require_apart(outputs, used, [recording])
+        _require_alike(recording, found.refitted)
+        measured_outputs(found.refitted.assembly, recording)
+    rows = [row for one in recordings for row in _rows(found, one)]
+    return RunScore(found.refitted.name, tuple(found.named), tuple(rows), _notes(found))
+
+
+def _models_of(
+    folder: Path, fit: FitFile, rig: str | Rig | None, effects: tuple[str | type[Effect], ...]
+) -> _Models:
+    refitted = load_identified(folder, which="refitted", rig=rig, effects=effects)
+    named = {
+        "data_sheet": replace(refitted, values=refitted.assembly.data_sheet()),
+        "refitted": refitted,
+    }
+    if (folder / NETWORK_FILE).exists():
+        named["with_network"] = load_identified(folder, which="network", rig=rig, effects=effects)
+    if fit.cause is not None:
+        named["with_cause"] = load_identified(folder, which="cause", rig=rig, effects=effects)
+    return _Models(refitted, named, tuple(fit.channels))
+
+
+def _notes(found: _Models) -> tuple[str, ...]:
+    one = found.named.get("with_network")
+    if one is None or one.network is None:
+        return ()
+    where, other = ("closed loop", "replay") if one.network.in_loop else ("replay", "")
+    return (f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}.",)
+
+
+# ---- what may be judged ------------------------------------------------------------------------
+
+
+def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingUsed]) -> None:
+    same = next((one for one in used if one.sha256 and one.sha256 == recording.sha256), None)
+    if same is not None:
+        raise DataError(
+            f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a model is not "
+            "judged by what it was made with.",
+            f"Give recordings that the run has not seen; `pamid report {folder}` has the errors on "
+            "its own held-out part.",
+            code="overlap",
+        )
+
+
+def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
+    """The run's recordings, where they still lie there as they were: one of them under another
+    name, or a part of it, is known by its samples."""
+    found = []
+    for one in used:
+        path = Path(one.path)
+        try:
+            if path.is_file() and sha256_of(path) == one.sha256:
+                found.append(read_recording(path))
+        except (PamidError, OSError):  # it has moved or changed: its digest is what is left
+            continue
+    return found
+
+
+def _require_alike(recording: Recording, model: Identified) -> None:
+    period = recording.sampling_period_s
+    if abs(period - model.period_s) > PERIODS_AGREE * model.period_s:
+        raise DataError(
+            f"{recording.path} is sampled every {period:g} s, the model's sample is "
+            f"{model.period_s:g} s.",
+            "Record with the model's period, or fit a model with this one.",
+            code="period",
+        )
+
+
+# ---- rows --------------------------------------------------------------------------------------
+
+
+def _rows(found: _Models, recording: Recording) -> Iterator[RecordingError]:
+    """Replay, then closed loop, channel by channel."""
+    seen = [c for c in found.channels if recording.has(c)]
+    split = split_recordings(found.refitted.assembly.rig, [recording], [])
+    replays = {
+        name: _Replayed(model, found.channels, split, recording).outputs()
+        for name, model in found.named.items()
+        if model.network is None or not model.network.in_loop
+    }
+    scored = next(iter(replays.values()))[0].scored
+    for channel in seen:
+        k = found.channels.index(channel)
+        models = {
+            name: _own(outputs[scored, k], channel) if done.finite else None
+            for name, (done, outputs) in replays.items()
+        }
+        measured = recording.signal(channel)[scored]
+        yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
+    if _has_loop(found.refitted.assembly.rig, recording):
+        runs = {name: _loop_of(model, recording) for name, model in found.named.items()}
+        for channel in seen:
+            models = {n: None if run is None else run[channel] for n, run in runs.items()}
+            yield recording_error(
+                recording.name,
+                recording.known,
+                IN_LOOP,
+                channel,
+                recording.signal(channel),
+                models,
+            )
+
+
+def _own(values: Array, channel: str) -> Array:
+    return np.asarray(from_si(values, split_column(channel)[1]))
+
+
+def _has_loop(rig: Rig, recording: Recording) -> bool:
+    return bool(
+        recording.loop == "closed"
+        and rig.loops
+        and all(recording.has(q.reference) for q in rig.loops)
+    )
+
+
+def _loop_of(model: Identified, recording: Recording) -> dict[str, Array] | None:
+    """The model under the recording's controller, columns in their units; None where it becomes
+    unstable."""
+    commands = {q.command for q in model.assembly.rig.loops}
+    sent = {n: v for n, v in recording.columns.items() if n not in commands}
+    try:
+        made = record_identified(model, replace(recording, columns=sent), noise=0.0)
+    except DataError:
+        return None
+    return {name: np.asarray(values) for name, values in made.columns.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Replayed:
+    """A model over the whole of a recording, window by window; channels: what its windows find
+    their start by."""
+
+    model: Identified
+    channels: tuple[str, ...]
+    split: DataSplit
+    recording: Recording
+
+    def outputs(self) -> tuple[Replay, Array]:
+        """The replay, and its outputs with the network's value (samples x channels, SI)."""
+        network = self.model.network
+        if network is None:
+            done = self._run(self.model.assembly, self.model.values)
+            return done, done.model
+        if network.entry is None:
+            done = self._run(self.model.assembly, self.model.values)
+            outputs, k = done.model.copy(), self.channels.index(network.channel)
+            unit = split_column(network.channel)[1]
+            outputs[:, k] = to_si(from_si(outputs[:, k], unit) + self._value(done), unit)
+            return done, outputs
+        assert self.model.beside is not None
+        before = self._run(*self.model.beside)
+        unit = split_column(network.trained.output_name)[1]
+        done = self._run(
+            self.model.assembly, self.model.values, np.asarray(to_si(self._value(before), unit))
+        )
+        return done, done.model
+
+    def _run(self, assembly: Assembly, p: Array, added: Array | None = None) -> Replay:
+        measured = replace(assembly, outputs=self.channels)
+        track = self._track(measured, added)
+        # of a channel that was not recorded nothing is weighed
+        noise = np.array(
+            [
+                self.split.noise[self.split.channels.index(c)] if c in self.split.channels else 1.0
+                for c in self.channels
+            ]
+        )
+        return replay_track(measured, p, track, self.model.stepping, noise)
+
+    def _track(self, assembly: Assembly, added: Array | None) -> Track:
+        recording, column = self.recording, None
+        if ADDED in assembly.traced.inputs:
+            column = assembly.traced.inputs.index(ADDED)
+        track = track_of(
+            assembly, recording, self.channels, self.split.jump, self.split.timescale_s
+        )
+        if column is None or added is None:
+            return track
+        u = track.u.copy()
+        u[:, column] = added
+        return replace(track, u=u)
+
+    def _value(self, done: Replay) -> Array:
+        """The network over every window from a zero state, in its own unit (samples,)."""
+        network, inputs = self.model.network, self.model.assembly.traced.inputs
+        assert network is not None
+        columns = []
+        for source in network.sources:
+            if source in self.channels:
+                values = done.model[:, self.channels.index(source)]
+            else:
+                values = done.track.u[:, inputs.index(source)]
+            columns.append(_own(values, source))
+        signals = np.column_stack(columns)
+        found = np.zeros(len(signals))
+        for w in done.windows:
+            found[w.start : w.stop] = network.trained.predict(signals[w.start : w.stop])
+        return found

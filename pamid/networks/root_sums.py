@@ -1,0 +1,157 @@
+"""Normal equations that keep what J'J loses: a triangular root R with R'R = J'J, from rows of J
+that come in chunks.
+
+Rounded to 16 digits, J'J holds no eigenvalue below n eps trace(J'J). A recurrent network near the
+edge of stability has a trace so large (1e15 over the 66667 samples of the first paper's task) that
+most of what regularisation weighs lies below that line, and the number of weights that count would
+be a rank of floating point. R holds the singular values of J themselves, down to eps times the
+largest: twice as many digits.
+
+Rows are added to J'J as they are while it can hold all that matters, eigenvalues down to `finest`.
+From there on they are added in the coordinates of the root so far,
+    K = J_chunk R^-1,   G = I + sum of K'K,   J'J = R' G R,
+where no direction is small: the Cholesky factor of G is as good as that of a well-conditioned
+matrix (the preconditioned Cholesky QR of Yamamoto, Nakatsukasa, Yanagisawa and Fukaya 2015, ETNA
+44, with what was summed so far as the preconditioner). Where G grows beyond `GROWN` the root takes
+it up, R := chol(G)' R, G := I; a chunk that alone is larger is taken up by a QR decomposition
+(Golub and Van Loan 2013, Matrix Computations, 5.2). A chunk costs a triangular product more than
+its J'J; `benchmarks/elman_pass.py` measures it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, qr, solve_triangular
+
+Array = NDArray[np.float64]
+
+# share of `finest` that may be lost: what it could move gamma by, per weight
+LOST = 1e-4
+# largest trace of G beyond its start: it keeps eps times this, relative to every direction
+GROWN = 1e7
+# column blocks of the triangular product: 5/8 of a full one
+BLOCKS = 4
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """J = U diag(values) vectors', and along = U'e: all that a step asks of the normal equations.
+
+    values (n,), vectors (n, n) in columns, along (n,): J'J = vectors diag(values^2) vectors', J'e =
+    vectors (values * along).
+    """
+
+    values: Array
+    vectors: Array
+    along: Array
+
+    def step(self, beta: float, alpha: float, mu: float, weights: Array) -> Array:
+        """v of (beta J'J + (alpha + mu) I) v = beta J'e - alpha w."""
+        right = beta * self.values * self.along - alpha * (weights @ self.vectors)
+        return np.asarray(self.vectors @ (right / (beta * self.values**2 + alpha + mu)))
+
+    def solved(self, beta: float, damping: float, right: Array) -> Array:
+        """v of (beta J'J + damping I) v = right."""
+        return np.asarray(
+            self.vectors @ ((right @ self.vectors) / (beta * self.values**2 + damping))
+        )
+
+    def promised(self, beta: float, alpha: float, weights: Array) -> float:
+        """g' (beta J'J + alpha I)^-1 g with g = beta J'e - alpha w."""
+        right = beta * self.values * self.along - alpha * (weights @ self.vectors)
+        return float(np.sum(right * right / (beta * self.values**2 + alpha)))
+
+
+class RootSums:
+    """Sums over rows of a Jacobian: sse, and J'J and J'e either as they are or by their root.
+
+    finest: eigenvalues of J'J below it need not be told from zero; 0 where all of them are, which
+    leaves J'J as it is.
+    """
+
+    def __init__(self, n_weights: int, finest: float = 0.0) -> None:
+        self.n, self.lost = n_weights, LOST * finest
+        self.sse, self.jte, self.jtj = 0.0, np.zeros(n_weights), np.zeros((n_weights, n_weights))
+        self.root: Array | None = None  # R, upper triangular
+        self.inverse = self.grown = np.empty((0, 0))  # R^-1 and G
+        self.along = np.empty(0)  # h with J'e = R'h
+
+    def add(self, rows: Array, error: Array) -> None:
+        """rows (m, n) of J, error (m,) of the same samples; both may be overwritten afterwards."""
+        if not len(error):
+            return
+        self.sse += float(error @ error)
+        if self.root is None:
+            # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
+            square = rows.T @ rows
+            if not self.lost or self._kept(square):
+                self.jte += error @ rows
+                self.jtj += square
+                return
+            self._begin_root()
+        turned = self._in_coordinates(rows)
+        square = turned.T @ turned
+        if np.trace(square) < GROWN:
+            self.grown += square
+            self.along += error @ turned
+            if np.trace(self.grown) - self.n > GROWN:
+                self._take_up()
+        elif np.isfinite(rows).all() and np.isfinite(error).all():
+            self._take_up()
+            self._decompose(rows, error)
+        else:  # an overflow: it shows in what is handed out
+            self.sse = np.inf
+
+    def spectrum(self) -> Spectrum | None:
+        """What was summed; None where J'J itself is good enough, or where numbers overflowed."""
+        if self.root is None or not np.isfinite(self.sse):
+            return None
+        self._take_up()
+        left, values, right = np.linalg.svd(self.root)
+        return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
+
+    def _kept(self, square: Array) -> bool:
+        """Is what rounding takes from J'J with this chunk small beside what matters? (Not where it
+        is no number.)"""
+        trace = float(np.trace(self.jtj) + np.trace(square))
+        return not self.n * np.finfo(float).eps * trace > self.lost
+
+    def _begin_root(self) -> None:
+        """The root of the sum so far; the weights that it says nothing of are held by what may be
+        lost."""
+        self.jtj[np.diag_indices(self.n)] += self.lost
+        self._set_root(cholesky(self.jtj, check_finite=False))
+        self.along = solve_triangular(self.root, self.jte, trans="T", check_finite=False)
+
+    def _set_root(self, root: Array) -> None:
+        self.root, self.grown = root, np.eye(self.n)
+        self.inverse = np.ascontiguousarray(
+            solve_triangular(root, np.eye(self.n), check_finite=False)
+        )
+
+    def _in_coordinates(self, rows: Array) -> Array:
+        """rows R^-1, by blocks of its columns, whose lower part is zero."""
+        turned = np.empty_like(rows)
+        cuts = np.linspace(0, self.n, BLOCKS + 1).astype(int).tolist()
+        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+            np.matmul(rows[:, :b], self.inverse[:b, a:b], out=turned[:, a:b])
+        return turned
+
+    def _take_up(self) -> None:
+        """R := chol(G)' R, G := I."""
+        factor = cholesky(self.grown, check_finite=False)
+        assert self.root is not None
+        self.along = solve_triangular(factor, self.along, trans="T", check_finite=False)
+        self._set_root(np.triu(factor @ self.root))
+
+    def _decompose(self, rows: Array, error: Array) -> None:
+        """The root of R and a chunk below it, that is larger than R in some direction by far."""
+        assert self.root is not None
+        above = np.column_stack([self.root, self.along])
+        stacked = np.vstack([above, np.column_stack([rows, error])])
+        found = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
+        signs = np.where(np.diag(found) < 0.0, -1.0, 1.0)
+        found = signs[:, None] * found
+        self.along = np.ascontiguousarray(found[:, -1])
+        self._set_root(np.ascontiguousarray(found[:, :-1]))

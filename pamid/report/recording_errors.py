@@ -1,0 +1,165 @@
+"""Errors where the first paper has them: recording by recording, each with its inertia, replayed
+and in closed loop, never only pooled. One row, one table, for `pamid score` and `pamid report`
+alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.report import formatting
+from pamid.report.channel_errors import MODEL_NAMES
+from pamid.report.document import Table, table
+from pamid.report.formatting import channel_label, channel_unit, count, number
+from pamid.report.load import RunData
+from pamid.schemas.score_file import RecordingError
+from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
+
+COMPARISON_NAMES = {REPLAYED: "replay", IN_LOOP: "closed loop"}
+#: what is written behind a channel's name in residual.csv -> model, by comparison
+ENDINGS = {
+    REPLAYED: {
+        "data_sheet": "data_sheet",
+        "refitted": "refitted",
+        "cause": "with_cause",
+        "network": "with_network",
+    },
+    IN_LOOP: {"loop": "refitted", "loop_network": "with_network"},
+}
+
+
+def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
+    """The rows of a run, from the held-out part of its residual.csv; in closed loop as fit.json
+    has them, with the network's beside. None where it has no residual.csv."""
+    found = tuple(_rows(run))
+    if run.fit is None or run.fit.loops is None:
+        return found
+    networks = {
+        (row.recording, row.channel): row
+        for row in found
+        if row.comparison == IN_LOOP and "with_network" in row.mae
+    }
+    beside = [_with_network(row, networks) for row in run.fit.loops if _is_shown(run, row)]
+    return (*(row for row in found if row.comparison == REPLAYED), *beside)
+
+
+def _is_shown(run: RunData, row: RecordingError) -> bool:
+    return run.fit is not None and row.channel in run.fit.channels
+
+
+def _with_network(
+    row: RecordingError, networks: Mapping[tuple[str, str], RecordingError]
+) -> RecordingError:
+    other = networks.get((row.recording, row.channel))
+    if other is None:
+        return row
+    added = {
+        "mae": {**row.mae, "with_network": other.mae["with_network"]},
+        "rms": {**row.rms, "with_network": other.rms["with_network"]},
+    }
+    return row.model_copy(update=added)
+
+
+def _rows(run: RunData) -> Iterator[RecordingError]:
+    residual, fit = run.residual, run.fit
+    if residual is None or fit is None:
+        return
+    columns = residual.columns
+    held = columns["part"] == 1
+    for k in np.unique(columns["recording"][held]).astype(int).tolist():
+        if not 0 <= k < len(fit.recordings):
+            continue
+        one = fit.recordings[k]
+        own = held & (columns["recording"] == k)
+        for comparison in ENDINGS:
+            scored = own & (columns["window"] >= 0) if comparison == REPLAYED else own
+            for channel in fit.channels:
+                measured = columns.get(channel)
+                if measured is None:
+                    continue
+                seen = scored & np.isfinite(measured)
+                models = _traces(run, channel, comparison, seen)
+                # a loop that could not be simulated stands as zeros
+                still = comparison == IN_LOOP and not any(np.any(v) for v in models.values())
+                if models and seen.any() and not still:
+                    yield recording_error(
+                        one.name, one.known, comparison, channel, measured[seen], models
+                    )
+
+
+def _traces(
+    run: RunData, channel: str, comparison: str, seen: NDArray[np.bool_]
+) -> dict[str, NDArray[np.float64] | None]:
+    """What every model gives where something was measured, by model."""
+    assert run.residual is not None
+    named = run.diagnosis is None or bool(run.diagnosis.causes)
+    return {
+        name: trace[seen]
+        for kind, name in ENDINGS[comparison].items()
+        if (trace := run.residual.of(channel, kind)) is not None and (name != "with_cause" or named)
+    }
+
+
+def models_of(rows: Sequence[RecordingError]) -> list[str]:
+    """Models of any row, in the order of the tables."""
+    return [name for name in MODEL_NAMES if any(name in row.mae for row in rows)]
+
+
+def known_words(known: Mapping[str, float]) -> str:
+    """inertia_kg_m2 0.0896, payload_kg 2."""
+    return ", ".join(f"{name} {value:g}" for name, value in known.items())
+
+
+def recording_errors_table(rows: Sequence[RecordingError]) -> Table:
+    """The rows as a table of a page: MAE, and RMS in small print."""
+    models = models_of(rows)
+    heads = ["recording", "known", "comparison", "channel", "unit", "samples"]
+    heads += [f"{MODEL_NAMES[name]}: MAE (RMS)" for name in models]
+    body = [
+        [
+            formatting.clean(row.recording),
+            formatting.clean(known_words(row.known)) or formatting.DASH,
+            COMPARISON_NAMES.get(row.comparison, formatting.clean(row.comparison)),
+            channel_label(row.channel),
+            channel_unit(row.channel) or "-",
+            count(row.samples),
+            *(_cell(row, name) for name in models),
+        ]
+        for row in rows
+    ]
+    return table(heads, body, range(5, len(heads)))
+
+
+def recording_errors_text(rows: Sequence[RecordingError]) -> str:
+    """The same in plain text, columns aligned; the samples are left out."""
+    models = models_of(rows)
+    lines = [
+        ["MAE (RMS)", "known", "comparison", "channel", *(MODEL_NAMES[name] for name in models)]
+    ]
+    lines += [
+        [
+            row.recording,
+            known_words(row.known) or "-",
+            COMPARISON_NAMES.get(row.comparison, row.comparison),
+            f"{channel_label(row.channel)} [{channel_unit(row.channel) or '-'}]",
+            *(_cell(row, name).replace(formatting.SPACE, " ") for name in models),
+        ]
+        for row in rows
+    ]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if k > 3 else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
+
+
+def _cell(row: RecordingError, model: str) -> str:
+    if model not in row.mae:
+        return formatting.DASH
+    error, root = row.mae[model], row.rms[model]
+    return "unstable" if error is None else f"{number(error)} ({number(root)})"

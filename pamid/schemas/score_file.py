@@ -1,0 +1,46 @@
+"""What models err by, recording by recording."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import RIG
+from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Text
+
+BY_MODEL = "in the unit of the channel, by model; null where the model became unstable"
+
+
+class RecordingError(Model):
+    """What every model errs by in one channel of one recording."""
+
+    recording: Text = Field(description="its name")
+    known: dict[Text, Number] = Field(
+        description="what the recording states as known, by name with unit: its inertia, payload"
+    )
+    comparison: Text = Field(
+        description="replay: on the recorded command, window by window; loop: under the "
+        "controller, from the beginning to the end"
+    )
+    channel: Text = Field(description="by name with unit")
+    samples: Count = Field(description="number of samples that are scored")
+    mae: MapOf[Number | None] = Field(description=f"mean absolute error, {BY_MODEL}")
+    rms: MapOf[Number | None] = Field(description=f"root of the mean squared error, {BY_MODEL}")
+
+
+class ScoreFile(Model):
+    """What the models of a run err by on recordings that it has not seen."""
+
+    model_config = ConfigDict(
+        title="pamid score: what the models of a run err by on recordings it has not seen"
+    )
+
+    schema_: Literal["pamid.score/1"] = Field(default="pamid.score/1", alias="schema")
+    run: Text = Field(description="folder of the run")
+    rig: Text = Field(description=RIG)
+    models: ListOf[Text] = Field(
+        description="data_sheet, refitted, with_cause, with_network: those that the run has"
+    )
+    recordings: ListOf[RecordingError] = Field(description="per recording, comparison and channel")
+    notes: ListOf[Text] = Field(description="a sentence each")

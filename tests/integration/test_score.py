@@ -1,0 +1,195 @@
+"""`pamid score` and the table per recording: models of a run on recordings that it has not seen."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from identified_runs import SEEN, fitted_run, put_network, random_network
+from pamid_cli import frame
+from virtual_joint import KNOWN, record
+
+import pamid
+from pamid.base.files import write_atomically
+from pamid.correction.identified_model import load_identified, record_identified
+from pamid.estimation.fit_files import residual_csv
+from pamid.networks.elman import Elman
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.report.load import load_run
+from pamid.report.recording_errors import held_out_errors
+
+LIGHT = {"inertia_kg_m2": 0.014}
+FRICTION = ("coulomb-friction:torque_n_m=0.4",)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run, fitted to a joint with dry friction, and recordings of it at two inertias that the run
+    has not seen."""
+    folder = tmp_path_factory.mktemp("score")
+    record(folder / "rec.csv", effects=FRICTION)
+    record(folder / "heavy.csv", seconds=6.0, seed=5, effects=FRICTION)
+    record(folder / "light.csv", seconds=6.0, seed=6, effects=FRICTION, known=LIGHT)
+    model = fitted_run(folder / "run", folder / "rec.csv")
+    write_atomically(folder / "run" / "residual.csv", residual_csv(model))
+    return folder
+
+
+@pytest.fixture
+def run(place: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(place / "run", tmp_path / "run"))
+
+
+def row(found: dict[str, Any], recording: str, comparison: str) -> dict[str, Any]:
+    (one,) = [
+        r
+        for r in found["recordings"]
+        if (r["recording"], r["comparison"], r["channel"]) == (recording, comparison, "angle_deg")
+    ]
+    return dict(one)
+
+
+def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, dict[str, Any]]:
+    code = frame.run([*map(str, words), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_a_row_per_recording_comparison_and_channel(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = (place / "heavy.csv", place / "light.csv")
+    code, found = asked(capsys, "score", place / "run", *files)
+    assert code == 0 and found["models"] == ["data_sheet", "refitted"]
+    rows = [(r["recording"], r["comparison"]) for r in found["recordings"]]
+    channels = load_run(place / "run").fit.channels  # type: ignore[union-attr]
+    assert len(rows) == len(set(rows)) * len(channels)
+    assert set(rows) == {(n, c) for n in ("heavy", "light") for c in ("replay", "loop")}
+    for name, known in (("heavy", KNOWN), ("light", LIGHT)):
+        one = row(found, name, "replay")
+        assert one["known"] == pytest.approx(known)
+        assert 0.0 < one["mae"]["refitted"] < one["mae"]["data_sheet"]
+        assert one["rms"]["refitted"] > one["mae"]["refitted"]
+    assert frame.run(["score", str(place / "run"), *map(str, files)]) == 0
+    text = capsys.readouterr().out
+    assert "inertia_kg_m2 0.014" in text and "closed loop" in text
+
+
+def test_the_closed_loop_is_the_model_under_the_recordings_controller(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, found = asked(capsys, "score", place / "run", place / "light.csv")
+    light = read_recording(place / "light.csv")
+    sent = {"reference_deg": light.columns["reference_deg"]}
+    made = record_identified(
+        load_identified(place / "run"), replace(light, columns=sent), noise=0.0
+    )
+    gap = light.signal("angle_deg") - made.columns["angle_deg"]
+    one = row(found, "light", "loop")
+    assert one["mae"]["refitted"] == pytest.approx(np.abs(gap).mean(), rel=1e-9)
+    assert one["rms"]["refitted"] == pytest.approx(np.sqrt((gap**2).mean()), rel=1e-9)
+    assert one["samples"] == len(light)
+
+
+def test_the_score_of_a_recording_does_not_depend_on_the_others(place: Path) -> None:
+    both = pamid.score(place / "run", [place / "light.csv", place / "heavy.csv"])
+    alone = pamid.score(place / "run", place / "heavy.csv")
+    assert [r for r in both.recordings if r.recording == "heavy"] == list(alone.recordings)
+    assert "heavy" in repr(alone)
+
+
+@pytest.mark.parametrize("enters", ["output", {"port": "joint"}])
+def test_a_network_is_judged_where_it_was_trained(
+    enters: Any, run: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    at_output = enters == "output"
+    name = "angle_deg" if at_output else "missing_n_m"
+    network = random_network(Elman(3, 2), SEEN, name, 2.0 if at_output else 0.2)
+    put_network(run, network, enters=enters, parameters={})
+    _, found = asked(capsys, "score", run, place / "heavy.csv")
+    one = row(found, "heavy", "replay")
+    assert found["models"] == ["data_sheet", "refitted", "with_network"]
+    assert one["mae"]["with_network"] != pytest.approx(one["mae"]["refitted"], rel=1e-3)
+    put_network(run, replace(network, weights=0.0 * network.weights), enters=enters, parameters={})
+    _, found = asked(capsys, "score", run, place / "heavy.csv")
+    one = row(found, "heavy", "replay")
+    assert one["mae"]["with_network"] == pytest.approx(one["mae"]["refitted"], rel=1e-9)
+
+
+def test_a_network_of_the_closed_loop_is_judged_there_alone(
+    run: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ("reference_deg", "command_loop", "angle_loop_deg")
+    put_network(run, random_network(Elman(3, 2), names, "angle_deg", 2.0), model="loop")
+    _, found = asked(capsys, "score", run, place / "heavy.csv")
+    assert "with_network" not in row(found, "heavy", "replay")["mae"]
+    one = row(found, "heavy", "loop")
+    assert one["mae"]["with_network"] != pytest.approx(one["mae"]["refitted"], rel=1e-3)
+    assert "closed loop" in found["notes"][0]
+
+
+def test_what_the_run_has_seen_is_refused(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, found = asked(capsys, "score", place / "run", place / "rec.csv")
+    assert code == 4 and found["code"] == "overlap" and "was used in" in found["message"]
+    whole = read_recording(place / "rec.csv")
+    part = {name: values[500:2500] for name, values in whole.columns.items()}
+    about = {"recording": {"rig": "one-dof", "loop": "closed", "sampling_period_s": 0.003}}
+    write_recording(tmp_path / "part.csv", whole.time[500:2500], part, about)
+    code, found = asked(capsys, "score", place / "run", tmp_path / "part.csv")
+    assert code == 4 and "same measured samples" in found["message"]
+
+
+def _written(path: Path, like: Recording, period_s: float, columns: dict[str, Any]) -> Path:
+    about = {"recording": {"loop": "open", "sampling_period_s": period_s}}
+    write_recording(path, period_s * np.arange(len(like)), columns, about)
+    return path
+
+
+def test_what_does_not_fit_is_refused(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heavy = read_recording(place / "heavy.csv")
+    wrong = {("comand" if n == "command" else n): v for n, v in heavy.columns.items()}
+    path = _written(tmp_path / "wrong.csv", heavy, 0.003, wrong)
+    code, found = asked(capsys, "score", place / "run", path)
+    assert code == 3 and "'command'" in found["message"] and "comand" in found["hint"]
+    slow = _written(tmp_path / "slow.csv", heavy, 0.01, dict(heavy.columns))
+    code, found = asked(capsys, "score", place / "run", slow)
+    assert code == 4 and "0.01 s" in found["message"]
+    code, found = asked(capsys, "score", tmp_path, place / "heavy.csv")
+    assert code == 3
+
+
+def test_the_report_has_the_same_table_of_what_was_held_out(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, found = asked(capsys, "report", run)
+    assert code == 0
+    data = load_run(run)
+    assert data.residual is not None and data.fit is not None
+    assert found["recordings"] == [r.as_json() for r in held_out_errors(data)]
+    columns = data.residual.columns
+    held = columns["part"] == 1
+    for comparison, scored, model in (
+        ("replay", held & (columns["window"] >= 0), "angle_refitted_deg"),
+        ("loop", held, "angle_loop_deg"),
+    ):
+        one = row(found, "rec", comparison)
+        gap = np.abs(columns["angle_deg"] - columns[model])[scored]
+        assert one["mae"]["refitted"] == pytest.approx(gap.mean())
+        assert one["known"] == pytest.approx(KNOWN) and one["samples"] == scored.sum()
+    # the data sheet's closed loop stands in fit.json alone, worse than the refitted one's
+    loop = row(found, "rec", "loop")
+    assert set(loop["mae"]) == {"data_sheet", "refitted"}
+    assert data.fit.closed_loop is not None
+    assert loop["mae"]["data_sheet"] == pytest.approx(data.fit.closed_loop["angle_deg"].data_sheet)
+    pooled = data.fit.mae["angle_deg"]["refitted"]
+    assert row(found, "rec", "replay")["mae"]["refitted"] == pytest.approx(pooled, rel=1e-3)
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "The same per recording" in page and "inertia_kg_m2 0.0896" in page

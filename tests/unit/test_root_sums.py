@@ -1,0 +1,158 @@
+"""Gamma and steps where J'J in 16 digits holds too little, against arithmetic in 100 digits."""
+
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from pamid.networks.bayes import Evidence, effective_weights, resolved
+from pamid.networks.elman import Elman
+from pamid.networks.root_sums import GROWN, LOST, RootSums, Spectrum
+
+DIGITS = 100
+
+
+def solved_exactly(jacobian, error, weights, evidence, mu=0.0):
+    """(gamma, step) from beta J'J + (alpha + mu) I, inverted in 100 digits by Gauss and Jordan."""
+    with localcontext() as context:
+        context.prec = DIGITS
+        rows = [[Decimal(x) for x in row] for row in jacobian.tolist()]
+        errors, n = [Decimal(x) for x in error.tolist()], jacobian.shape[1]
+        alpha, beta = Decimal(evidence.alpha), Decimal(evidence.beta)
+        columns = list(zip(*rows, strict=True))
+
+        def dot(a, b):
+            return sum((x * y for x, y in zip(a, b, strict=True)), Decimal(0))
+
+        def inverse(damping):
+            table = [
+                [beta * dot(a, b) + (damping if i == k else 0) for k, b in enumerate(columns)]
+                + [Decimal(int(i == k)) for k in range(n)]
+                for i, a in enumerate(columns)
+            ]
+            for i in range(n):
+                pivot = table[i][i]
+                table[i] = [x / pivot for x in table[i]]
+                for k in range(n):
+                    if k != i:
+                        factor = table[k][i]
+                        table[k] = [x - factor * y for x, y in zip(table[k], table[i], strict=True)]
+            return [row[n:] for row in table]
+
+        undecided = inverse(alpha)
+        gamma = n - alpha * sum(undecided[i][i] for i in range(n))
+        right = [
+            beta * dot(c, errors) - alpha * Decimal(w)
+            for c, w in zip(columns, weights.tolist(), strict=True)
+        ]
+        step = [dot(row, right) for row in inverse(alpha + Decimal(mu))]
+        return float(gamma), np.array([float(x) for x in step])
+
+
+def summed(jacobian, error, finest, chunk):
+    sums = RootSums(jacobian.shape[1], finest)
+    for k in range(0, len(error), chunk):
+        sums.add(jacobian[k : k + chunk], error[k : k + chunk])
+    return sums
+
+
+def close_columns(n=8, rows=60, apart=1e-9, seed=0):
+    """Every other column is its neighbour but for one part in 1e9: J'J holds nothing of the
+    difference."""
+    draw = np.random.default_rng(seed)
+    jacobian = draw.normal(size=(rows, n))
+    jacobian[:, 1::2] = jacobian[:, ::2] + apart * jacobian[:, 1::2]
+    return jacobian * 1e3, draw.normal(size=rows), draw.normal(size=n)
+
+
+def rank_above_rounding(evidence, jtj):
+    """What stood here before: only eigenvalues above n eps trace are counted."""
+    values = eigh(evidence.beta * jtj, eigvals_only=True)
+    values = values[values > len(jtj) * np.finfo(float).eps * evidence.beta * np.trace(jtj)]
+    return float(np.sum(values / (values + evidence.alpha)))
+
+
+@pytest.mark.parametrize("alpha", [1e-13, 1e-11, 1e-9])
+@pytest.mark.parametrize("chunk", [7, 60])
+def test_gamma_and_step_of_columns_that_rounding_cannot_tell_apart(alpha, chunk):
+    jacobian, error, weights = close_columns()
+    evidence = Evidence(8.0, alpha, 1.0)
+    gamma, step = solved_exactly(jacobian, error, weights, evidence, mu=alpha)
+    assert not resolved(evidence, jacobian.T @ jacobian)
+    found = summed(jacobian, error, alpha, chunk).spectrum()
+    assert isinstance(found, Spectrum)
+    assert effective_weights(evidence, found) == pytest.approx(gamma, abs=8 * LOST)
+    moved = found.step(1.0, alpha, alpha, weights)
+    assert np.linalg.norm(jacobian @ (moved - step)) < 1e-3 * np.linalg.norm(jacobian @ step)
+    assert 4.1 < gamma < 8.0 or alpha == 1e-13
+    assert rank_above_rounding(evidence, jacobian.T @ jacobian) == pytest.approx(4.0, abs=1e-6)
+
+
+def test_gamma_of_columns_of_very_different_size_needs_no_root():
+    """18 decades between the eigenvalues are no loss where the columns themselves differ."""
+    draw = np.random.default_rng(1)
+    jacobian, weights = draw.normal(size=(40, 7)) * np.logspace(0, 9, 7), draw.normal(size=7)
+    evidence = Evidence(7.0, 20.0, 1.0)
+    jtj = jacobian.T @ jacobian
+    gamma, _ = solved_exactly(jacobian, np.zeros(40), weights, evidence)
+    assert resolved(evidence, jtj)
+    assert effective_weights(evidence, jtj) == pytest.approx(gamma, rel=1e-9)
+    assert gamma - rank_above_rounding(evidence, jtj) > 0.5
+
+
+def test_gamma_of_a_recurrent_network_at_the_edge_of_stability():
+    """Poles at 0.999 and states that hardly bend: sensitivities in a ratio of 1e6, J from the
+    network's own sweep."""
+    network, draw = Elman(1, 3), np.random.default_rng(2)
+    layers = network.layers(network.initial(0))
+    layers.units[:, :3] = np.diag([0.999, 0.9989, 0.5])
+    layers.units[:, 3:] *= 1e-6
+    weights = network.flatten(layers)
+    u = draw.uniform(-1.0, 1.0, (400, 1))
+    jacobian = network.jacobian(weights, u)
+    target = draw.normal(size=400)
+    evidence = Evidence(float(network.n_weights), 1e-14, 1e3)
+    gamma, _ = solved_exactly(
+        jacobian, target - network.simulate(weights, u), np.zeros(len(weights)), evidence
+    )
+    sums = RootSums(network.n_weights, evidence.alpha / evidence.beta)
+    network.add_to(sums, weights, u, target)
+    spectrum = sums.spectrum()
+    assert spectrum is not None
+    assert effective_weights(evidence, spectrum) == pytest.approx(
+        gamma, abs=network.n_weights * LOST
+    )
+    assert gamma - rank_above_rounding(evidence, jacobian.T @ jacobian) > 1.0
+
+
+def test_sums_are_those_of_the_whole_record():
+    draw = np.random.default_rng(3)
+    jacobian, error = draw.normal(size=(300, 5)), draw.normal(size=300)
+    plain = summed(jacobian, error, 0.0, 64)
+    assert plain.spectrum() is None
+    np.testing.assert_allclose(plain.jtj, jacobian.T @ jacobian, rtol=1e-12)
+    root = summed(jacobian, error, 1e-30, 64)
+    found = root.spectrum()
+    np.testing.assert_allclose(found.values, np.linalg.svd(jacobian)[1], rtol=1e-12)
+    scaled = found.vectors * found.values
+    np.testing.assert_allclose(scaled @ scaled.T, jacobian.T @ jacobian, atol=1e-10)
+    np.testing.assert_allclose(scaled @ found.along, jacobian.T @ error, atol=1e-10)
+    assert root.sse == pytest.approx(error @ error)
+
+
+def test_a_chunk_that_dwarfs_what_was_before_takes_nothing_from_it():
+    """A sensitivity that grows by far more than GROWN from one chunk to the next."""
+    draw = np.random.default_rng(4)
+    jacobian, error = draw.normal(size=(90, 4)), draw.normal(size=90)
+    jacobian[30:60, 1] *= 1e9
+    assert GROWN < 1e9**2
+    found = summed(jacobian, error, 1e-12, 30).spectrum()
+    exact, _ = solved_exactly(jacobian, error, np.zeros(4), Evidence(4.0, 50.0, 1.0))
+    assert effective_weights(Evidence(4.0, 50.0, 1.0), found) == pytest.approx(exact, rel=1e-9)
+
+
+def test_an_overflow_gives_no_spectrum():
+    rows = np.array([[1.0, 0.0], [0.0, 1.0], [np.inf, 1.0]])
+    with np.errstate(all="ignore"):  # as add_up does
+        assert summed(rows, np.zeros(3), 1e-30, 1).spectrum() is None
