@@ -15,10 +15,12 @@ import pytest
 from foreign_fmus import TRUE, compiler, slider
 from numpy.typing import NDArray
 
+import pamid
 from pamid.base.errors import PamidError
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import write_recording
 from pamid.simulators import fmu_process
 from pamid.simulators.fmu_file import FmuFile, read_fmu
 from pamid.simulators.fmu_rig import FmuRig
@@ -69,13 +71,19 @@ def _run(rig: FmuRig, parts: int = 1, u: Array = U) -> tuple[Array, Array]:
     return np.concatenate([y for y, _ in rows]), np.concatenate([by for _, by in rows])
 
 
-def _truth(u: Array = U, sampled: bool = False) -> Array:
-    """Positions and speeds of the slider, RK4 in steps of 10 us."""
-    p, dt = TRUE, 1e-5
+def _truth(u: Array = U, sampled: bool = False, friction_n: float = 0.0, dt: float = 1e-5) -> Array:
+    """Positions and speeds of the slider, RK4 in steps of dt (s); friction: what it lacks, regular
+    below 2 mm/s."""
+    p = TRUE
     x, rows, held = np.zeros(2), [], 0.0
 
     def rates(x: Array) -> Array:
-        f = held - p["stiffness_n_per_m"] * x[0] - p["damping_n_s_per_m"] * x[1]
+        f = (
+            held
+            - friction_n * np.tanh(x[1] / 0.002)
+            - p["stiffness_n_per_m"] * x[0]
+            - p["damping_n_s_per_m"] * x[1]
+        )
         if x[0] > p["stop_m"]:
             f -= p["stop_stiffness_n_per_m"] * (x[0] - p["stop_m"]) + 20.0 * x[1]
         return np.array([x[1], f / p["mass_kg"]])
@@ -304,3 +312,27 @@ def test_a_file_that_cannot_go_says_why(tmp_path: Path, change: Any, words: str)
     path = _changed(slider(tmp_path, 2), change)
     with pytest.raises(PamidError, match=words):
         _run(FmuRig(read_fmu(path)))
+
+
+# ---- from the log to the cause -------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_what_the_fmu_lacks_is_named(tmp_path: Path) -> None:
+    """Dry friction against its motion, in equations that are not ours, and noise on both
+    sensors."""
+    path = slider(tmp_path, 2, kinds=("ModelExchange",), name="slider")
+    path.with_name("slider.fmu.toml").write_text(
+        '[ports.force_n]\nposition = "position_m"\nvelocity = "speed_m_per_s"\n'
+    )
+    random, planted = np.random.default_rng(3), 2.0
+    u = np.repeat(random.uniform(-14.0, 14.0, 40), 40)[:, None]
+    found = _truth(u, friction_n=planted, dt=1e-4)
+    found += random.standard_normal(found.shape) * (2e-4, 5e-3)
+    columns = {"force_n": u[:, 0], "position_m": found[:, 0], "speed_m_per_s": found[:, 1]}
+    write_recording(tmp_path / "log.csv", PERIOD * np.arange(len(u)), columns)
+    run = pamid.diagnose(tmp_path / "log.csv", rig=path, jobs=1, progress=False)
+    assert [c.effect for c in run.causes] == ["coulomb-friction"]
+    assert run.causes[0].port == "at_force_n"
+    level = run.causes[0].parameters["force_n"]
+    assert level.low <= planted <= level.high
