@@ -158,7 +158,10 @@ def _effect_page(said: EffectStory) -> str:
 
 
 def _parameter_table(rows: Iterable[ParameterRow]) -> list[str]:
-    lines = ["| parameter | typical | range | counts in | off at | source |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| parameter | typical | range | counts in | off at | source |",
+        "|---|---|---|---|---|---|",
+    ]
     for row in rows:
         low, high = ("-" if bound is None else f"{bound:g}" for bound in (row.low, row.high))
         counts = f"multiples of {row.multiple_of}" if row.multiple_of else row.unit or "-"
@@ -224,8 +227,8 @@ def _schemas_page() -> str:
     lines = [
         "# JSON: what commands print and write",
         "",
-        "Every object has a `schema` with its name and version. `pamid schema NAME` prints its full",
-        "JSON schema; this page lists the keys at the top of each.",
+        "Every object has a `schema` with its name and version. `pamid schema NAME` prints its",
+        "full JSON schema; this page lists the keys at the top of each.",
     ]
     for name, schema in sorted(all_schemas().items()):
         lines += ["", f"## {name}", "", _prose(schema.get("title", "")), ""]
@@ -269,7 +272,8 @@ def _glossary_page() -> str:
     """The section *Words* of CONTRIBUTING."""
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     words = page.partition("## Words\n")[2].partition("\n## ")[0].strip()
-    return f"# Glossary\n\nWords as the commands, the page and this documentation use them.\n\n{words}\n"
+    what = "Words as the commands, the page and this documentation use them."
+    return f"# Glossary\n\n{what}\n\n{words}\n"
 
 
 def _cell(text: str) -> str:

@@ -89,9 +89,7 @@ def seen(case: Case) -> Seen:
     program = assembly.program_with({"before": passage.value, "after": passage.result, **over})
     p = assembly.values()
     memory = program.memory(assembly.start(p), stepping=STEPPING, period_s=rig.period_s)
-    y, _, _ = program.run(
-        memory, excitation(case.rig), p, period_s=rig.period_s, stepping=STEPPING
-    )
+    y, _, _ = program.run(memory, excitation(case.rig), p, period_s=rig.period_s, stepping=STEPPING)
     added = y[:, -(2 + len(over)) :][-2 * SHOWN :]
     before, after = added[:, 0], added[:, 1]
     return Seen(
@@ -130,7 +128,9 @@ def drawn(what: Seen) -> bytes:
         left.set(xlabel="time [s]", ylabel=f"{what.port} [{what.unit or '-'}]")
         left.legend(loc="upper right", frameon=False)
         through = what.over_name == "what enters"
-        right.plot(what.over, what.after if through else what.after - what.before, color=AFTER, lw=0.9)
+        right.plot(
+            what.over, what.after if through else what.after - what.before, color=AFTER, lw=0.9
+        )
         if through:
             right.plot(what.over, what.over, color=BEFORE, lw=0.6, ls=":")
         right.set(
