@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -207,7 +208,8 @@ def _command_page(name: str) -> str:
     lines = [f"# pamid {name}", "", "```text", usage, "```", ""]
     for paragraph in re.split(r"\n\s*\n", (command.help or "").strip()):
         if paragraph.lstrip().startswith("\b"):
-            lines += ["```text", paragraph.replace("\b", "").strip("\n"), "```", ""]
+            listed = textwrap.dedent(paragraph.partition("\b")[2].lstrip(" ").strip("\n"))
+            lines += ["```text", listed, "```", ""]
         else:
             lines += [_prose(" ".join(paragraph.split())), ""]
     lines += ["## Options", "", "| option | |", "|---|---|"]

@@ -69,25 +69,40 @@ def section(rig: str, said: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def summary(found_at: dict[str, dict[str, Any]]) -> str:
+    """How many effects each sensor of each rig shows by itself, and all of them together."""
+    lines = ["| rig | effects that fit | shown by a sensor alone | by all together |"]
+    lines += ["|---|---:|---|---:|"]
+    for rig, said in found_at.items():
+        usual, seen = said["sizes"].index(1.0), said["seen"]
+        made = [one for one in said["effects"] if not one["failed"]]
+
+        alone = {
+            c: sum(one["by_channel"].get(c, 0.0) >= seen for one in made) for c in said["channels"]
+        }
+        together = sum(one["visible"][usual] >= seen for one in made)
+        said_alone = ", ".join(f"`{c}` {n}" for c, n in alone.items())
+        lines.append(f"| `{rig}` | {len(made)} | {said_alone} | {together} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--taken", type=Path, help="folder with RIG.json of earlier runs")
     given = asked.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        parts = [
-            section(
-                rig,
-                json.loads((given.taken / f"{rig}.json").read_text())
-                if given.taken
-                else found(rig, Path(temporary)),
-            )
+        found_at = {
+            rig: json.loads((given.taken / f"{rig}.json").read_text())
+            if given.taken
+            else found(rig, Path(temporary))
             for rig in RIGS
-        ]
+        }
     page = PAGE.read_text(encoding="utf-8")
     before, _, rest = page.partition(BEGIN)
     _, _, after = rest.partition(END)
     when = f"Measured on {date.today():%-d %B %Y}."
-    text = "\n\n".join([when, *parts])
+    parts = [section(rig, said) for rig, said in found_at.items()]
+    text = "\n\n".join([when, summary(found_at), *parts])
     PAGE.write_text(f"{before}{BEGIN}\n{text}\n\n{END}{after}", encoding="utf-8")
 
 
