@@ -58,7 +58,7 @@ def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
             f"*What enters its port and what leaves it (left), and the relation between them "
             f"(right), at {where}, at its typical size.*\n\n"
         )
-        head, equation, rest = pages[place].partition("## Equation\n")
+        head, equation, rest = pages[place].partition("## What it is\n")
         found[place] = head + shown + equation + rest
     return found
 
