@@ -103,11 +103,14 @@ def run(page: Path, programs: Path, place: Path) -> bool:
 
 def main() -> int:
     asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("names", nargs="*", help="tutorials, by their file; all where none is named")
+    asked.add_argument(
+        "names", nargs="*", help="tutorials by their files, in this order; default: all"
+    )
     asked.add_argument("--full", action="store_true", help="install what pamid needs anew")
     asked.add_argument("--keep", type=Path, help="a new folder to work in, and to keep")
     given = asked.parse_args()
-    pages = [p for p in sorted(FOLDER.glob("*.md")) if not given.names or p.stem in given.names]
+    all_pages = {p.stem: p for p in sorted(FOLDER.glob("*.md"))}
+    pages = [all_pages[name] for name in given.names or all_pages]
     with tempfile.TemporaryDirectory() as temporary:
         place = given.keep or Path(temporary)
         place.mkdir(parents=True, exist_ok=True)
