@@ -74,9 +74,9 @@ def environment(place: Path, full: bool) -> Path:
 
 def run(page: Path, programs: Path, place: Path) -> bool:
     """Go through a tutorial; False where a command fails."""
-    work, home = place / page.stem, place / f"home-{page.stem}"
+    work, home = place / page.stem, place / "home"
     work.mkdir()
-    home.mkdir()
+    home.mkdir(exist_ok=True)  # one for all: what was compiled in it is kept there
     shutil.copytree(ROOT / "data", work / "data")
     clean = {"HOME": str(home), "PATH": f"{programs}:/usr/bin:/bin", "LANG": "C.UTF-8"}
     for step in steps(page):
