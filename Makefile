@@ -4,6 +4,8 @@
 # make fuzz     100 000 damaged inputs (hours)
 # make faults   kills and failing writes at every moment (long)
 # make planted  plants every effect in turn (long)
+# make docs     the documentation, into build/docs
+# make docs-test  every command of the tutorials, in a clean environment (long)
 
 PYTHON ?= python3
 VENV := .venv
@@ -13,7 +15,7 @@ TORCH := $(shell grep '^torch==' constraints.txt)
 # one process per core; a file's tests stay together, because they share what they set up
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
-.PHONY: demo test slow lint bench fuzz faults planted clean
+.PHONY: demo test slow lint bench fuzz faults planted docs docs-test clean
 
 demo: $(STAMP)
 	$(BIN)/pamid demo --output demo-run --overwrite
@@ -41,6 +43,13 @@ faults: $(STAMP)
 planted: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/planted_truth.py
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/planted_general.py
+
+# the pictures of the effects are kept in build/signatures
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
+docs-test: $(STAMP)
+	OMP_NUM_THREADS=1 $(BIN)/python tests/support/tutorials.py
 
 # torch first and by itself: the wheel already there (or the index it is taken from) is then kept by what follows
 $(STAMP): pyproject.toml constraints.txt

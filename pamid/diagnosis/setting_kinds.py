@@ -11,7 +11,7 @@ from pamid.base.errors import UsageError
 #: what speaks for a value that has no source of its own
 JUDGEMENT = (
     "engineering judgement, not varied by itself: decision with all others by the blind trial "
-    "(README, 'The blind trial')"
+    "(docs/measured/blind-trial.md)"
 )
 COST = "bounds the cost; what another value would do to verdicts was not measured by itself"
 SHOWN_ONLY = "presentation only: no verdict rests on it"

@@ -30,7 +30,7 @@ class Settings:
         "a refitted model nearer to the floor than this in every channel, with 95 % confidence, "
         "has no structural gap",
         "an equivalence margin, stated before the first trial; alarms where nothing is planted: "
-        "README, 'The blind trial'",
+        "docs/measured/blind-trial.md",
     )
     naive_margin: float = setting(
         0.10,

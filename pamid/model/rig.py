@@ -245,7 +245,7 @@ def check_rig(rig: Rig, where: str) -> None:
     for what in ("inputs", "outputs", "ports"):
         if not isinstance(getattr(rig, what), dict):
             raise FileError(
-                f"{kind}: {what} must be a dict", "see pamid rigs one-dof and the README's cart"
+                f"{kind}: {what} must be a dict", "see pamid rigs one-dof and data/rigs/cart.py"
             )
     if not rig.outputs:
         raise FileError(

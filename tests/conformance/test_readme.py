@@ -1,5 +1,5 @@
-"""README, CONTRIBUTING and data/README say what is true: commands, options, names, links, and the
-cart."""
+"""README, CONTRIBUTING, data/README and all of docs/ say what is true: commands, options, names,
+links, and the cart."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ PAGES = [
     ROOT / "SECURITY.md",
     ROOT / "data" / "README.md",
     ROOT / "data" / "rigs" / "README.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
 ]
+README, CART_PAGE = PAGES[0], ROOT / "docs" / "tutorials" / "own-rig.md"
+LINES_OF_README = 150
 VERDICTS = set(get_args(Verdict))
 #: hyphenated words in backquotes that are neither commands nor members of the catalogue
 OTHER = {"my-effect"}
@@ -35,10 +38,17 @@ TO_WRITE = {"pamid/effects/NAME.py", "pamid/effects/my_effect.py"}
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    """The fenced blocks of a language."""
+    """The fenced blocks of a language, those that are files to write (`title=`) included."""
     return re.findall(
-        rf"^```{language}\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+        rf'^```{language}(?: title="[^"]+")?\n(.*?)^```$',
+        page.read_text(encoding="utf-8"),
+        re.MULTILINE | re.DOTALL,
     )
+
+
+def titles(page: Path) -> set[str]:
+    """Files that a page has its reader write."""
+    return set(re.findall(r'^```\w+ title="([^"]+)"$', page.read_text(encoding="utf-8"), re.M))
 
 
 def prose(page: Path) -> str:
@@ -62,6 +72,12 @@ def command_lines(page: Path) -> list[list[str]]:
     return [shlex.split(line, comments=True) for line in lines if line.strip()]
 
 
+def anchors(page: Path) -> set[str]:
+    """What a link may lead to within a page: its headings, as every forge and mkdocs spell them."""
+    heads = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head).strip().lower().replace(" ", "-") for head in heads}
+
+
 def options_of(name: str) -> set[str]:
     params = load_command(name).params
     return {word for one in params for word in (*one.opts, *one.secondary_opts)}
@@ -69,19 +85,20 @@ def options_of(name: str) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_commands_and_their_options_exist(page: Path) -> None:
-    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     seen = 0
     for words in command_lines(page):
         if words[0] == "make":
             assert words[1] in targets, words
         elif words[0] == "python":
-            assert (ROOT / words[1]).is_file(), words
+            assert (ROOT / words[1]).is_file() or words[1] in titles(page), words
         elif words[0].removeprefix(".venv/bin/") == "pamid" and words[1] != "--help":
             assert words[1] in COMMANDS, f"{' '.join(words)}: no command {words[1]!r}"
-            known = options_of(words[1])
+            known = {"--help", *options_of(words[1])}
             assert not [w for w in words[2:] if w.startswith("--") and w not in known], words
         seen += 1
-    assert seen
+    # a page of docs/ may be words alone; all others tell what to type
+    assert seen or (ROOT / "docs") in page.parents
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
@@ -91,10 +108,9 @@ def test_effects_and_rigs_named_exist(page: Path) -> None:
         for option, value in zip(words, words[1:], strict=False):
             if option == "--effect" and not value.endswith(".py"):
                 assert split_spec(value)[0].partition("@")[0] in effects(), value
-            if option == "--rig" and value.endswith(".py") and not value.startswith("./"):
-                assert (ROOT / value).is_file(), value
-            if option == "--rig" and not value.startswith("./") and not value.endswith(".py"):
-                assert value in rigs(), value
+            if option != "--rig" or value.startswith("./") or value in titles(page):
+                continue
+            assert (ROOT / value).is_file() if value.endswith(".py") else value in rigs(), value
     for text in quoted(page):
         if re.fullmatch(r"[a-z]+(-[a-z]+)+", text):
             assert text in names, f"{page.name} names {text!r}, which does not exist"
@@ -104,7 +120,9 @@ def test_effects_and_rigs_named_exist(page: Path) -> None:
 def test_files_linked_or_named_exist(page: Path) -> None:
     links = [t for t in re.findall(r"\]\(([^)]+)\)", prose(page)) if "://" not in t]
     for target in links:
-        assert (page.parent / target).is_file(), target
+        file, _, anchor = target.partition("#")
+        assert (page.parent / file).is_file(), target
+        assert not anchor or anchor in anchors(page.parent / file), target
     here, place = (
         [page.parent, ROOT],
         r"(pamid|tests|data|notebooks|benchmarks|cli|rigs|example)/[\w./]+\.\w+",
@@ -115,18 +133,33 @@ def test_files_linked_or_named_exist(page: Path) -> None:
 
 
 def test_the_first_two_commands_are_those_of_a_fresh_machine() -> None:
-    assert blocks(PAGES[0], "sh")[0].split("\n")[:2] == ["make demo", "make test"]
+    assert blocks(README, "sh")[0].split("\n")[:2] == ["make demo", "make test"]
 
 
 def test_the_cart_shown_is_the_cart_shipped() -> None:
     assert (ROOT / "data" / "rigs" / "cart.py").read_text(encoding="utf-8") in blocks(
-        PAGES[0], "python"
+        CART_PAGE, "python"
     )
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= LINES_OF_README
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    missing = [
+        p
+        for p in PAGES
+        if (ROOT / "docs") in p.parents
+        and f": {p.relative_to(ROOT / 'docs').as_posix()}\n" not in listed
+    ]
+    assert missing == []
 
 
 def test_number_of_effects() -> None:
     assert f"a catalogue of {len(effects())} " in " ".join(
-        PAGES[0].read_text(encoding="utf-8").split()
+        README.read_text(encoding="utf-8").split()
     )
 
 
@@ -147,12 +180,22 @@ def shape(line: str) -> str:
     return " ".join(re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", line).split())
 
 
+def answer_of(page: Path) -> str:
+    """The answer that a page shows."""
+    return next(b for b in blocks(page, "text") if "explains 99.2 % of the gap" in b)
+
+
+def test_the_readme_shows_lines_of_the_whole_answer() -> None:
+    whole = answer_of(ROOT / "docs" / "how-to" / "read-the-answer.md").splitlines()
+    assert set(answer_of(README).splitlines()) <= set(whole)
+
+
 @pytest.mark.slow
 def test_the_answer_shown_is_the_answer_given(tmp_path: Path) -> None:
-    shown = next(b for b in blocks(PAGES[0], "text") if "explains the gap" in b)
+    shown = answer_of(ROOT / "docs" / "how-to" / "read-the-answer.md")
     (tmp_path / "data").symlink_to(ROOT / "data")
     said = ""
-    for words in command_lines(PAGES[0]):
+    for words in command_lines(README):
         if words[0] == "pamid" and "data/example/joint.csv" in words and "run" in words:
             done = subprocess.run(
                 [sys.executable, "-m", "pamid_cli", *words[1:]],

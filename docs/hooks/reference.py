@@ -1,0 +1,288 @@
+"""The reference pages in Markdown: effects, rigs, commands, schemas, glossary, the Python face."""
+
+from __future__ import annotations
+
+import re
+import sys
+import textwrap
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from pamid_cli.table import COMMANDS, load_command
+
+import pamid
+from pamid.model import catalogue
+from pamid.model.effect import KINDS
+from pamid.model.registry import effects, rig_named, rigs
+from pamid.schemas import all_schemas
+from pamid.schemas.catalogue_files import EffectStory, ParameterRow
+
+ROOT = Path(__file__).resolve().parents[2]
+EFFECTS, RIGS, COMMAND_PAGES = "reference/effects/", "reference/rigs/", "reference/commands/"
+
+
+def written_pages() -> Iterator[tuple[str, str]]:
+    """Path in the site and text of every generated page."""
+    stories = _stories()
+    yield f"{EFFECTS}index.md", _catalogue_page(stories)
+    for name, story in stories.items():
+        yield f"{EFFECTS}{name}.md", _effect_page(story)
+    for name in sorted(rigs()):
+        yield f"{RIGS}{name}.md", _rig_page(name)
+    yield f"{COMMAND_PAGES}index.md", _commands_page()
+    for name in COMMANDS:
+        yield f"{COMMAND_PAGES}{name}.md", _command_page(name)
+    yield "reference/schemas.md", _schemas_page()
+    yield "reference/python.md", _face_page()
+    yield "explanation/glossary.md", _glossary_page()
+
+
+def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
+    """The pages of the effects with the pictures of their signatures, and the pictures."""
+    folders = [str(ROOT / "docs" / "hooks"), str(ROOT / "tests" / "support")]
+    sys.path[:0] = folders
+    try:
+        import signatures
+    finally:
+        del sys.path[: len(folders)]
+
+    found: dict[str, bytes | str] = {}
+    for name, (picture, where) in signatures.pictures(sorted(effects())).items():
+        place = f"{EFFECTS}{name}.md"
+        found[f"{EFFECTS}{name}.svg"] = picture
+        shown = (
+            f"![Signature of {name}: what enters and what leaves its port over time, and the "
+            f"change over the signal that it follows]({name}.svg)\n\n"
+            f"*What enters its port and what leaves it (left), and the relation between them "
+            f"(right), at {where}, at its typical size.*\n\n"
+        )
+        head, equation, rest = pages[place].partition("## What it is\n")
+        found[place] = head + shown + equation + rest
+    return found
+
+
+def navigation() -> dict[str, list[Any]]:
+    """What stands in the navigation in place of a folder."""
+    families: dict[str, list[Any]] = {}
+    for name, effect in sorted(effects().items()):
+        families.setdefault(effect.family, []).append({name: f"{EFFECTS}{name}.md"})
+    return {
+        EFFECTS: [f"{EFFECTS}index.md", *({k: v} for k, v in sorted(families.items()))],
+        RIGS: [{name: f"{RIGS}{name}.md"} for name in sorted(rigs())],
+        COMMAND_PAGES: [
+            f"{COMMAND_PAGES}index.md",
+            *({f"pamid {name}": f"{COMMAND_PAGES}{name}.md"} for name in COMMANDS),
+        ],
+    }
+
+
+# ---- effects and rigs ----------------------------------------------------------------------------
+
+
+def _stories() -> dict[str, EffectStory]:
+    known = effects()
+    looked_at = [rig_named(name) for name in rigs()]
+    return {
+        name: catalogue.effect_story(known[name], looked_at, known.values())
+        for name in sorted(known)
+    }
+
+
+def _catalogue_page(stories: dict[str, EffectStory]) -> str:
+    """All effects by family."""
+    families: dict[str, list[EffectStory]] = {}
+    for story in stories.values():
+        for family in dict.fromkeys(story.families.values()):
+            families.setdefault(family, []).append(story)
+    lines = [
+        "# The catalogue of effects",
+        "",
+        f"{len(stories)} effects in {len(families)} families. A **family** holds effects with one",
+        "cause and like equations. Where an effect can act follows from the **kind** of a port; "
+        "`pamid effects` prints the",
+        "same list, and `pamid effects --rig RIG` what fits one rig.",
+        "",
+        "| kind of port | what passes through it |",
+        "|---|---|",
+        *(f"| `{kind}` | {what} |" for kind, what in KINDS.items()),
+    ]
+    for family, members in sorted(families.items()):
+        lines += ["", f"## {family}", "", "| effect | acts on | |", "|---|---|---|"]
+        for one in members:
+            kinds = ", ".join(f"`{k}`" for k, f in one.families.items() if f == family)
+            lines.append(f"| [`{one.name}`]({one.name}.md) | {kinds} | {_cell(one.title)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _effect_page(said: EffectStory) -> str:
+    lines = [f"# {said.name}", "", f"**{said.title}**", ""]
+    needs = ", ".join(f"`{s}`" for s in said.signals)
+    lines += [
+        f"Family: {', '.join(dict.fromkeys(said.families.values()))}. "
+        f"Acts on: {', '.join(f'`{k}`' for k in said.kinds)}"
+        + (f" in {said.unit}" if said.unit else "")
+        + (f", where the port offers {needs}" if needs else "")
+        + ".",
+        "",
+    ]
+    for signal, names in said.stand_ins.items():
+        offered = ", ".join(f"`{n}`" for n in names)
+        lines += [f"`{signal}` may be offered as {offered}.", ""]
+    for title in ("What it is", "What it looks like", "Looks like it"):
+        if said.story.get(title):
+            lines += [f"## {title}", "", said.story[title], ""]
+    if said.look_alikes:
+        linked = ", ".join(f"[`{n}`]({n}.md)" for n in said.look_alikes)
+        lines += [f"In the catalogue: {linked}.", ""]
+    lines += ["## Equation", "", "```text", said.story.get("Equation", ""), "```", ""]
+    lines += ["## Parameters", "", *_parameter_table(said.parameters), ""]
+    if said.general_parameters:
+        lines += ["At other ports of a rig of your own:", ""]
+        lines += [*_parameter_table(said.general_parameters), ""]
+    if said.absorbed_by:
+        names = ", ".join(f"`{n}`" for n in said.absorbed_by)
+        lines += [f"Parameters of a rig that can stand in for it: {names}.", ""]
+    lines += ["## Where it fits on the shipped rigs", ""]
+    if said.places:
+        lines += ["| rig | written as | ports | parameters there |", "|---|---|---|---|"]
+        for one in said.places:
+            ports = ", ".join(f"`{p}`" for p in one.ports)
+            own = ", ".join(f"`{p.name}`" for p in one.parameters)
+            lines.append(f"| `{one.rig}` | `{one.effect}` | {ports} | {own} |")
+    else:
+        lines.append("At no port of them; it serves rigs of your own.")
+    if said.story.get("References"):
+        lines += ["", "## References", "", said.story["References"]]
+    return "\n".join(lines) + "\n"
+
+
+def _parameter_table(rows: Iterable[ParameterRow]) -> list[str]:
+    lines = [
+        "| parameter | typical | range | counts in | off at | source |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        low, high = ("-" if bound is None else f"{bound:g}" for bound in (row.low, row.high))
+        counts = f"multiples of {row.multiple_of}" if row.multiple_of else row.unit or "-"
+        null = "" if row.null is None else f"{row.null:g}"
+        lines.append(
+            f"| `{row.name}` | {row.value:g} | {low} to {high} | {counts} | {null} | "
+            f"{_cell(row.source)} |"
+        )
+    return lines
+
+
+def _rig_page(name: str) -> str:
+    said = catalogue.rig_story(rig_named(name), effects().values())
+    lines = [f"# {name}", "", said.title, "", f"What `pamid rigs {name}` prints.", ""]
+    return "\n".join([*lines, "```text", catalogue.rig_text(said), "```", ""])
+
+
+# ---- commands ------------------------------------------------------------------------------------
+
+
+def _commands_page() -> str:
+    lines = [
+        "# Every command",
+        "",
+        "What `pamid --help` lists. All take `--json` (exactly one JSON object on standard output,",
+        "also when they fail), `--debug` and `--help`.",
+        "",
+        "| command | |",
+        "|---|---|",
+        *(f"| [`pamid {name}`]({name}.md) | {_cell(line)} |" for name, line in COMMANDS.items()),
+        "",
+        "Exit codes: 0 done, 1 unexpected, 2 usage, 3 a file is wrong, 4 the data cannot answer, "
+        "5 not converged,",
+        "6 partly done (the rest is written), 130 interrupted (what is finished is kept).",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _command_page(name: str) -> str:
+    command = load_command(name)
+    context = click.Context(command, info_name=f"pamid {name}")
+    usage = " ".join([f"pamid {name}", *command.collect_usage_pieces(context)])
+    lines = [f"# pamid {name}", "", "```text", usage, "```", ""]
+    for paragraph in re.split(r"\n\s*\n", (command.help or "").strip()):
+        if paragraph.lstrip().startswith("\b"):
+            listed = textwrap.dedent(paragraph.partition("\b")[2].lstrip(" ").strip("\n"))
+            lines += ["```text", listed, "```", ""]
+        else:
+            lines += [_prose(" ".join(paragraph.split())), ""]
+    lines += ["## Options", "", "| option | |", "|---|---|"]
+    for one in command.get_params(context):
+        record = one.get_help_record(context)
+        if record is not None:
+            lines.append(f"| `{record[0].replace('|', ' or ')}` | {_cell(record[1])} |")
+    example = getattr(command, "example", "")
+    lines += ["", "## Example", "", "```sh", example, "```"]
+    return "\n".join(lines) + "\n"
+
+
+# ---- the rest ------------------------------------------------------------------------------------
+
+
+def _schemas_page() -> str:
+    lines = [
+        "# JSON: what commands print and write",
+        "",
+        "Every object has a `schema` with its name and version. `pamid schema NAME` prints its",
+        "full JSON schema; this page lists the keys at the top of each.",
+    ]
+    for name, schema in sorted(all_schemas().items()):
+        lines += ["", f"## {name}", "", _prose(schema.get("title", "")), ""]
+        lines += ["| key | |", "|---|---|"]
+        for key, what in schema.get("properties", {}).items():
+            lines.append(f"| `{key}` | {_cell(what.get('description', ''))} |")
+    return "\n".join(lines) + "\n"
+
+
+_PARTS = {
+    "Verbs": "Each does what the command of its name does.",
+    "Results": "Frozen and typed, and read from their run folder.",
+    "What rig and effect files are made of": "",
+}
+
+
+def _face_page() -> str:
+    """Every name of the face, by part."""
+    parts: dict[str, list[str]] = {part: [] for part in _PARTS}
+    for name in sorted(pamid.__all__):
+        if name == "report" or name.startswith("_"):
+            continue
+        home = pamid._HOME.get(name, "pamid.ingest.ingesting")  # a package that can be called
+        results = home.startswith(("pamid.api", "pamid.ingest", "pamid.base"))
+        part = list(_PARTS)[0 if name[0].islower() else 1 if results else 2]
+        parts[part].append(f"::: {home}.{name}")
+    lines = [
+        "# The Python face",
+        "",
+        "`import pamid` gives these names; each is loaded when it is first asked for.",
+        "`pamid.report(run, output=None, pdf=None)` writes the page of a run.",
+    ]
+    for part, what in _PARTS.items():
+        lines += ["", f"## {part}", "", what, ""]
+        for one in parts[part]:
+            lines += [one, ""]
+    return "\n".join(lines)
+
+
+def _glossary_page() -> str:
+    """The section *Words* of CONTRIBUTING."""
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    words = page.partition("## Words\n")[2].partition("\n## ")[0].strip()
+    what = "Words as the commands, the page and this documentation use them."
+    return f"# Glossary\n\n{what}\n\n{words}\n"
+
+
+def _cell(text: str) -> str:
+    """Text for a cell of a table."""
+    return _prose(" ".join(text.split())).replace("|", "\\|")
+
+
+def _prose(text: str) -> str:
+    """Text that Markdown takes as it stands: underscores and stars in names, angle brackets."""
+    return re.sub(r"(?<!`)([*_<>\[\]])", r"\\\1", text) if "`" not in text else text

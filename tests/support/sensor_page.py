@@ -1,0 +1,110 @@
+"""Writes the tables of docs/how-to/choose-sensors.md, one for each starter rig, from what `pamid
+power` says: `python tests/support/sensor_page.py` (minutes of CPU).
+
+With --taken FOLDER it reads RIG.json there in place of running the commands again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "choose-sensors.md"
+BEGIN = "<!-- measured: python tests/support/sensor_page.py -->\n"
+END = "<!-- end -->\n"
+#: rig -> length of the experiment, s: about 20 of its longest holds, and more
+RIGS = {
+    "one-dof": 30,
+    "dc-motor": 30,
+    "servo-pendulum": 30,
+    "cylinder-bench": 30,
+    "damper-bench": 30,
+    "two-masses": 30,
+    "cascaded-tanks": 2000,
+    "thermal-block": 20000,
+}
+
+
+def commands(rig: str) -> tuple[str, str]:
+    """The two commands behind a table."""
+    made = f"pamid generate-aprbs --rig {rig} --duration {RIGS[rig]} --seed 1 --output {rig}.csv"
+    return made, f"pamid power --rig {rig} --excitation {rig}.csv"
+
+
+def found(rig: str, folder: Path) -> dict[str, Any]:
+    """What `pamid power` says (pamid.power/1)."""
+    for line in commands(rig):
+        words = [sys.executable, "-m", "pamid_cli", *line.split()[1:], "--json"]
+        done = subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True)
+    said: dict[str, Any] = json.loads(done.stdout)
+    return said
+
+
+def section(rig: str, said: dict[str, Any]) -> str:
+    """Heading, commands and table of a rig: families by sensors, the plainest first."""
+    families: dict[str, list[dict[str, Any]]] = {}
+    usual, seen = said["sizes"].index(1.0), said["seen"]
+    for one in said["effects"]:
+        if not one["failed"]:
+            families.setdefault(one["family"], []).append(one)
+    channels = said["channels"]
+
+    def cell(value: float) -> str:
+        return f"{value:.1f}" if value >= seen else "-"
+
+    lines = [f"## {rig}", "", "```sh", *commands(rig), "```", ""]
+    lines += [f"| family | effects | {' | '.join(f'`{c}`' for c in channels)} | all |"]
+    lines += ["|---|---:|" + "---:|" * (len(channels) + 1)]
+    for family, members in families.items():
+        alone = [max(m["by_channel"].get(c, 0.0) for m in members) for c in channels]
+        together = max(m["visible"][usual] for m in members)
+        cells = " | ".join(map(cell, [*alone, together]))
+        lines.append(f"| {family} | {len(members)} | {cells} |")
+    return "\n".join(lines)
+
+
+def summary(found_at: dict[str, dict[str, Any]]) -> str:
+    """How many effects each sensor of each rig shows by itself, and all of them together."""
+    lines = ["| rig | effects that fit | shown by a sensor alone | by all together |"]
+    lines += ["|---|---:|---|---:|"]
+    for rig, said in found_at.items():
+        usual, seen = said["sizes"].index(1.0), said["seen"]
+        made = [one for one in said["effects"] if not one["failed"]]
+
+        alone = {
+            c: sum(one["by_channel"].get(c, 0.0) >= seen for one in made) for c in said["channels"]
+        }
+        together = sum(one["visible"][usual] >= seen for one in made)
+        said_alone = ", ".join(f"`{c}` {n}" for c, n in alone.items())
+        lines.append(f"| `{rig}` | {len(made)} | {said_alone} | {together} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--taken", type=Path, help="folder with RIG.json of earlier runs")
+    given = asked.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        found_at = {
+            rig: json.loads((given.taken / f"{rig}.json").read_text())
+            if given.taken
+            else found(rig, Path(temporary))
+            for rig in RIGS
+        }
+    page = PAGE.read_text(encoding="utf-8")
+    before, _, rest = page.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    when = f"Measured on {date.today():%-d %B %Y}."
+    parts = [section(rig, said) for rig, said in found_at.items()]
+    text = "\n\n".join([when, summary(found_at), *parts])
+    PAGE.write_text(f"{before}{BEGIN}\n{text}\n\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
