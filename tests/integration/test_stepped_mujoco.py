@@ -104,6 +104,39 @@ def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path: Path) -> None:
     assert np.abs(_run(a, a.values()) - truth).max() < 1e-10
 
 
+def test_its_library_is_called_as_its_python_package_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Outputs and slopes, with an effect that has a state of its own."""
+    rig = rig_named(str(_written(tmp_path)))
+    found = {a.label: a for a in attachments(rig, [effects()["lugre-friction"]])}
+    a = Assembly(rig, (found["lugre-friction@hip"],))
+    p = a.values()
+    k, n = len(p), len(rig.states)
+    runs = []
+    for whole in (True, False):
+        if not whole:
+            monkeypatch.setattr(a.rig._stepper, "mj_step", 0)  # type: ignore[attr-defined]
+        assert bool(a.rig._stepper.mj_step) is whole  # type: ignore[attr-defined]
+        memory = a.program.memory(a.start(p), k + n, stepping=Stepping(2), period_s=PERIOD)
+        memory.S[:n, k : k + n] = np.eye(n)
+        y, by, bad = a.program.run(
+            memory,
+            COMMANDS,
+            p,
+            period_s=PERIOD,
+            stepping=Stepping(2),
+            columns=np.arange(k, dtype=np.int64),
+            weights=np.arange(1.0, 5.0),
+        )
+        assert bad < 0
+        runs.append((y, by, memory.x, memory.S))
+    # contacts part what rounding leaves between two ways of adding up slopes
+    for one, other in zip(*runs, strict=True):
+        assert np.abs(one - other).max() <= 1e-6 * np.abs(one).max()
+    assert np.array_equal(runs[0][0], runs[1][0])
+
+
 def test_parameters_are_those_of_the_file(tmp_path: Path) -> None:
     a = Assembly(rig_named(str(_written(tmp_path))))
     p = a.values({"thigh_mass_kg": 1.3, "knee_damping_n_m_s_per_rad": 0.2, "servo_kp": 6.0})
