@@ -24,7 +24,7 @@ class SteppedInC(NamedTuple):
     step            function (model, data) that moves data on by a step of the model's own
     data            what it moves
     models          (1 + moved parameters,): plain, then each with one parameter moved
-    count           steps per exchange
+    steps           of the model's own per exchange
     state_at, force_at
                     (states,), (forces,): where these numbers stand in data
     cleared_at      (cleared,): numbers of data that every exchange begins with at zero
@@ -37,7 +37,7 @@ class SteppedInC(NamedTuple):
     step: int
     data: int
     models: Any
-    count: int
+    steps: int
     state_at: Any
     force_at: Any
     cleared_at: Any
@@ -56,7 +56,7 @@ def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
         put_number(c.state_at[i], x[i])
     for i in range(f.shape[0]):
         put_number(c.force_at[i], f[i])
-    for _ in range(c.count):
+    for _ in range(c.steps):
         call_pair(c.step, model, c.data)
     for i in range(x.shape[0]):
         after[i] = number_at(c.state_at[i])

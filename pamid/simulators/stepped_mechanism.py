@@ -236,7 +236,7 @@ class _Stepper:
                 np.array([m._address for m in models], np.int64),
                 count,
                 *self.addresses,
-                (models, self.data),
+                kept=(models, self.data),
             )
         finally:
             self.mujoco.set_mju_user_warning(None)
@@ -244,7 +244,7 @@ class _Stepper:
     @cached_property
     def mj_step(self) -> int:
         """Address of the function in MuJoCo's library, 0 where that is not found."""
-        folder = Path(self.mujoco.__file__).parent
+        folder = Path(str(self.mujoco.__file__)).parent
         for name in sorted((*folder.glob("*mujoco*.so*"), *folder.glob("*mujoco*.d*l*"))):
             found = getattr(ctypes.CDLL(str(name)), "mj_step", None)
             if found is not None:
@@ -259,7 +259,7 @@ class _Stepper:
         return rest == 0 and not int(model.opt.enableflags) & int(asleep)
 
     @cached_property
-    def addresses(self) -> tuple[NDArray[np.int64], ...]:
+    def addresses(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Where in mjData states and forces stand, and what every exchange begins with at zero."""
         data = self.data
 
