@@ -28,6 +28,7 @@ from pamid.model.step_rig import StepRig
 from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
 from pamid.simulators.mechanism import Actuator, Mechanism
 from pamid.simulators.mujoco_file import open_mujoco
+from pamid.simulators.mujoco_findings import NOT_ENFORCED
 from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
 
 Array = NDArray[np.float64]
@@ -54,7 +55,11 @@ class SteppedMechanism(StepRig, CompiledMechanism):
             + "; ".join(map(str, mechanism.hindrances)),
             "left out: effects between joint and link (backlash, a soft shaft), which want the "
             "model as equations",
-            *(str(f) for f in mechanism.findings if not f.hinders),
+            *(
+                str(f)
+                for f in mechanism.findings
+                if not f.hinders and not f.text.endswith(NOT_ENFORCED)
+            ),
         )
 
     @cached_property
