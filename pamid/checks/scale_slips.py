@@ -51,7 +51,8 @@ BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never
 MOST_SLIPS = 3  # named in one finding
 LEAST_MOTION = 2.0  # times its noise: a channel that shows something
 LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
-MOST_TRIED_SAMPLES = 4000  # samples on which they are looked for
+# samples on which they are looked for; of a stepped rig, a sample of which costs many times as much
+MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 4000, 500
 
 
 @dataclass(frozen=True)
@@ -197,12 +198,9 @@ def slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
     A model at rest misses by just as much as the signal moves. A factor that only brings the model
     to rest explains nothing, so a slip has to come nearer than that.
     """
-    e = replace(
-        e,
-        y=e.y[:MOST_TRIED_SAMPLES],
-        u=e.u[:MOST_TRIED_SAMPLES],
-        model=e.model[:MOST_TRIED_SAMPLES],
-    )
+    stepped = isinstance(e.assembly.rig, StepRig)
+    most = MOST_STEPPED_SAMPLES if stepped else MOST_TRIED_SAMPLES
+    e = replace(e, y=e.y[:most], u=e.u[:most], model=e.model[:most])
     bad = _missed(e)
     if not bad.any():
         return []

@@ -106,15 +106,18 @@ def slopes_of(
     p: Array,
     h: float,
     chosen: NDArray[np.intp],
+    pushed: NDArray[np.intp] | None = None,
 ) -> Slopes:
     """By forward differences over copies: one plain, then one for each value that is moved; or as
-    the simulator itself tells them, where it has `slopes` that do. chosen: places of
-    parameters."""
+    the simulator itself tells them, where it has `slopes` that do. chosen: places of parameters;
+    pushed: of forces, all without it."""
     told = getattr(simulator, "slopes", None)
     if told is not None and (own := told(x, f, p, h, chosen)) is not None:
-        return Slopes(*own)
+        known = Slopes(*own)
+        return known if pushed is None else known._replace(by_force=known.by_force[:, pushed])
     nx, nf = len(x), len(f)
-    at = np.concatenate([np.arange(nx + nf), nx + nf + chosen])
+    forces = np.arange(nf) if pushed is None else pushed
+    at = np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen])
     plain = np.concatenate([x, f, p])
     by = DIFFERENCE * np.maximum(np.abs(plain), np.concatenate([*simulator.sizes, p == 0.0]))[at]
     copies = np.empty((1 + len(at), len(plain)))
@@ -125,7 +128,7 @@ def slopes_of(
     )
     both = np.concatenate([readings, after], axis=1)
     slopes = (both[1:] - both[0]).T / by
-    return Slopes(both[0], slopes[:, :nx], slopes[:, nx : nx + nf], slopes[:, nx + nf :])
+    return Slopes(both[0], *np.split(slopes, [nx, nx + len(forces)], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,8 +341,9 @@ class _Course:
             after, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
             self.x[: q.readings], self.x[self.part] = readings[0], after[0]
             return
-        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
-        rows = found.by_state @ self.S[self.part] + found.by_force @ by
+        pushed = np.flatnonzero(by.any(axis=1))  # by what is sought
+        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen, pushed)
+        rows = found.by_state @ self.S[self.part] + found.by_force @ by[pushed]
         rows[:, self.places] += found.by_parameter
         self.S[self.both] = rows
         self.x[self.both] = found.after

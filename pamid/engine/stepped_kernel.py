@@ -73,6 +73,8 @@ def _exchange(c, x, f, by, S, difference, sensitive):  # type: ignore[no-untyped
         rows = np.zeros((nx, wide))
         for i in range(nx + nf):
             at, k = (x, i) if i < nx else (f, i - nx)
+            if i >= nx and not by[k].any():
+                continue  # nothing that is sought moves this force
             size = c.state_size[k] if i < nx else c.force_size[k]
             value = at[k]
             step = difference * max(abs(value), size)
