@@ -288,6 +288,28 @@ class SteppedProgram:
         found[self.simulated :] = rates[first + self.simulated :]
         return found
 
+    def exchange_matrix(
+        self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
+    ) -> Array:
+        """Of `rate_matrix` what goes by way of the exchanges, by which their length is chosen: what
+        the simulator does between two of them, an impact for instance, its own step takes care
+        of."""
+        found = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
+        if isinstance(self.simulator, Carrier):
+            return found
+        around = self.around.driver(memory.copy(), u[None, :], p, None, None, self.readings)
+        inside = around.arrays.x
+        course = _Course(self, self.simulator, inside, around.arrays.S, p, None)
+        course.read()
+        x = inside[course.part].copy()
+        times = (time_s, period_s, Stepping())
+        f = around.step(0, 0, times, memory.begin, memory.join)[0][len(self.outputs) :]
+        none = np.zeros(0, np.intp)
+        alone = slopes_of(self.simulator, x, f, course.own, period_s, none, none).by_state
+        n = self.simulated
+        found[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
+        return found
+
 
 @dataclass(eq=False)
 class _Course:

@@ -18,6 +18,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
+from pamid.simulation.free_runs import choose_stepping
 from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
@@ -202,6 +203,16 @@ def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: 
     )
     print(found)
     assert [c.effect for c in found.causes] == ["coulomb-friction@hip"]
+
+
+def test_impacts_inside_ask_for_no_finer_exchange() -> None:
+    """MuJoCo's own step takes care of them; a shorter one would be another simulation."""
+    gymnasium = pytest.importorskip("gymnasium", reason="its hopper falls to the floor")
+    assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+    a = Assembly(rig_named(str(assets / "hopper.xml")))
+    p, period = a.values(), 0.008
+    u = np.stack([aprbs(8.0, period, 0.15, (0.2, 0.8), seed=3 + i) for i in range(3)], axis=1)
+    assert choose_stepping(a, u, p, period, a.start(p)) == Stepping(1)
 
 
 def test_what_becomes_unstable_is_seen_and_not_begun_anew(
