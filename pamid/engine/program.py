@@ -238,11 +238,7 @@ class Program:
             period_s,
         )
 
-    def exchange_matrix(
-        self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
-    ) -> Array:
-        """By what the length of a step is chosen: df/dx."""
-        return self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
+    exchange_matrix = rate_matrix  # by which the length of a step is chosen
 
     def _with_rises(self, u: Array, after: Array | None) -> Array:
         """u and, behind it, by how much every linear input rises over each sample."""
