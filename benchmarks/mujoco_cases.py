@@ -79,7 +79,8 @@ def main() -> int:
         for number in range(options.cases)
         if BLOCKS[number // len(KINDS) % len(BLOCKS)] in options.joints
     ]
-    for number in chosen:
+    # in an order of their own, so that the share done by any moment is not a share of some kinds
+    for number in np.random.default_rng([options.seed, 5]).permutation(chosen).tolist():
         make_case(options.output, options.seed, number)
         if not options.score_only:
             diagnose_case(folder_of(options.output, number))

@@ -33,10 +33,12 @@ from pamid.base.units import quantity_of, split_column, suffixes_for, unit, with
 from pamid.checks.channel_quality import QualityIssue
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
+    choose_stepping,
     free_run,
     input_table,
     known_values,
@@ -179,8 +181,18 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
+    # hundreds of runs may follow: of what steps by itself the exchanges are chosen once
+    stepped = isinstance(rig, StepRig)
+    steps = choose_stepping(assembly, u, p, period, assembly.start(p)) if stepped else None
+
     def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
-        run = free_run(assembly, np.ascontiguousarray(inputs), values, clock * period)
+        run = free_run(
+            assembly,
+            np.ascontiguousarray(inputs),
+            values,
+            clock * period,
+            stepping=steps if clock == 1.0 else None,
+        )
         return (
             None
             if run.blown_up >= 0 or not np.isfinite(run.outputs).all()

@@ -21,6 +21,7 @@ from pamid.checks.channel_quality import PLUGGED, QualityIssue
 from pamid.checks.rig_consistency import SheetComparison, recorded_as, shapes
 from pamid.model.rig import Rig
 from pamid.model.sampling import stated_period
+from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
@@ -49,7 +50,9 @@ BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero wher
 BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
 MOST_SLIPS = 3  # named in one finding
 LEAST_MOTION = 2.0  # times its noise: a channel that shows something
-MOST_TRIED_SAMPLES = 4000  # samples on which they are looked for
+LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
+# samples on which they are looked for; of a stepped rig, a sample of which costs many times as much
+MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 4000, 500
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,18 @@ def _better_clock(e: SheetComparison) -> float | None:
     before = size_of(errors(e.y, e.model))
     if before < MENDED_OF_REST:
         return None
-    after = {c: size_of(errors(e.y, e.simulate(e.u, clock=c))) for c in CLOCKS}
+    # no more time is simulated than was recorded: a simulation has a step of its own, and a sample
+    # of an hour would be a million of them
+    samples = {c: len(e.u) if c < 1.0 else int(len(e.u) / c) for c in CLOCKS}
+    if not isinstance(e.assembly.rig, StepRig):
+        samples = dict.fromkeys(CLOCKS, len(e.u))
+    after = {
+        c: size_of(errors(e.y[:n], e.simulate(e.u[:n], clock=c)))
+        for c, n in samples.items()
+        if n >= LEAST_CLOCKED_SAMPLES
+    }
+    if not after:
+        return None
     best = min(after, key=lambda c: after[c])
     return best if after[best] < min(MENDED_OF_REST, MENDED_OF_BEFORE * before) else None
 
@@ -184,12 +198,9 @@ def slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
     A model at rest misses by just as much as the signal moves. A factor that only brings the model
     to rest explains nothing, so a slip has to come nearer than that.
     """
-    e = replace(
-        e,
-        y=e.y[:MOST_TRIED_SAMPLES],
-        u=e.u[:MOST_TRIED_SAMPLES],
-        model=e.model[:MOST_TRIED_SAMPLES],
-    )
+    stepped = isinstance(e.assembly.rig, StepRig)
+    most = MOST_STEPPED_SAMPLES if stepped else MOST_TRIED_SAMPLES
+    e = replace(e, y=e.y[:most], u=e.u[:most], model=e.model[:most])
     bad = _missed(e)
     if not bad.any():
         return []

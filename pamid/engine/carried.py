@@ -95,6 +95,10 @@ class CarriedCourse:
             forces[1:] += (by[:, self.places] * self.by).T
         self._take(self.carrier.step(forces, h))
 
+    def in_c(self, *_: Any) -> None:
+        """It is stepped one exchange after the other."""
+        return
+
     def _take(self, found: Array) -> None:
         self.x[: self.readings] = found[0]
         if len(self.by):

@@ -78,3 +78,39 @@ def call_foreign(typingctx, address, *given):  # type: ignore[no-untyped-def]
         return builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
 
     return signature, codegen
+
+
+@intrinsic
+def call_pair(typingctx, address, one, other):  # type: ignore[no-untyped-def]
+    """Call the C function at `address` with two addresses; what it returns is left."""
+    signature = types.void(types.intp, types.intp, types.intp)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 2)
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1], args[2]])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def number_at(typingctx, address):  # type: ignore[no-untyped-def]
+    """The float64 that stands at an address."""
+    signature = types.float64(types.intp)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.load(builder.inttoptr(args[0], ir.DoubleType().as_pointer()))
+
+    return signature, codegen
+
+
+@intrinsic
+def put_number(typingctx, address, value):  # type: ignore[no-untyped-def]
+    """Write a float64 to an address."""
+    signature = types.void(types.intp, types.float64)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        builder.store(args[1], builder.inttoptr(args[0], ir.DoubleType().as_pointer()))
+        return context.get_dummy_value()
+
+    return signature, codegen

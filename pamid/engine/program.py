@@ -238,6 +238,8 @@ class Program:
             period_s,
         )
 
+    exchange_matrix = rate_matrix  # by which the length of a step is chosen
+
     def _with_rises(self, u: Array, after: Array | None) -> Array:
         """u and, behind it, by how much every linear input rises over each sample."""
         plain = np.ascontiguousarray(u, float)

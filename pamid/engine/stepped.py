@@ -18,6 +18,7 @@ and Computer Modelling of Dynamical Systems 6(2), 93-113).
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -25,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
-from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.program import Memory, Program, StepDriver, Stepping
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,30 @@ class Simulator(Protocol):
 
     def reads(self, x: Array, p: Array) -> Array:
         """Readings (n, readings) at x (n, states), p (n, parameters)."""
+
+    def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
+        """The same steps of h seconds as a function of a library, with parameters p (n,
+        parameters); None where there is none, or where there are readings."""
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryStep:
+    """What steps, in a library of C functions; addresses are int64.
+
+    step: function (model, data) that moves data on, `count` times an exchange; models (n,): with
+    parameters of their own; state_at, force_at: where the states and forces (float64) stand in
+    data; cleared_at: numbers of it that every exchange begins with at zero; kept: what must live as
+    long as these.
+    """
+
+    step: int
+    data: int
+    models: NDArray[np.int64]
+    count: int
+    state_at: NDArray[np.int64]
+    force_at: NDArray[np.int64]
+    cleared_at: NDArray[np.int64]
+    kept: tuple[Any, ...]
 
 
 class FarRunner(Protocol):
@@ -81,15 +106,18 @@ def slopes_of(
     p: Array,
     h: float,
     chosen: NDArray[np.intp],
+    pushed: NDArray[np.intp] | None = None,
 ) -> Slopes:
     """By forward differences over copies: one plain, then one for each value that is moved; or as
-    the simulator itself tells them, where it has `slopes` that do. chosen: places of
-    parameters."""
+    the simulator itself tells them, where it has `slopes` that do. chosen: places of parameters;
+    pushed: of forces, all without it."""
     told = getattr(simulator, "slopes", None)
     if told is not None and (own := told(x, f, p, h, chosen)) is not None:
-        return Slopes(*own)
+        known = Slopes(*own)
+        return known if pushed is None else known._replace(by_force=known.by_force[:, pushed])
     nx, nf = len(x), len(f)
-    at = np.concatenate([np.arange(nx + nf), nx + nf + chosen])
+    forces = np.arange(nf) if pushed is None else pushed
+    at = np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen])
     plain = np.concatenate([x, f, p])
     by = DIFFERENCE * np.maximum(np.abs(plain), np.concatenate([*simulator.sizes, p == 0.0]))[at]
     copies = np.empty((1 + len(at), len(plain)))
@@ -100,7 +128,7 @@ def slopes_of(
     )
     both = np.concatenate([readings, after], axis=1)
     slopes = (both[1:] - both[0]).T / by
-    return Slopes(both[0], slopes[:, :nx], slopes[:, nx : nx + nf], slopes[:, nx + nf :])
+    return Slopes(both[0], *np.split(slopes, [nx, nx + len(forces)], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +213,10 @@ class SteppedProgram:
         course.read()
         parts = 1 if self.whole else step.substeps
         bad, times = -1, (time_s, period_s, replace(step, substeps=parts))
-        for k in range(len(u)):
+        found = course.in_c(around, memory, times, Y, JY)
+        if found is not None:
+            bad = found
+        for k in range(len(u)) if found is None else ():
             for sub in range(parts):
                 values, slopes = around.step(k, sub, times, memory.begin, memory.join)
                 memory.begin = memory.join = False
@@ -257,6 +288,28 @@ class SteppedProgram:
         found[self.simulated :] = rates[first + self.simulated :]
         return found
 
+    def exchange_matrix(
+        self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
+    ) -> Array:
+        """Of `rate_matrix` what goes by way of the exchanges, by which their length is chosen: what
+        the simulator does between two of them, an impact for instance, its own step takes care
+        of."""
+        found = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
+        if isinstance(self.simulator, Carrier):
+            return found
+        around = self.around.driver(memory.copy(), u[None, :], p, None, None, self.readings)
+        inside = around.arrays.x
+        course = _Course(self, self.simulator, inside, around.arrays.S, p, None)
+        course.read()
+        x = inside[course.part].copy()
+        times = (time_s, period_s, Stepping())
+        f = around.step(0, 0, times, memory.begin, memory.join)[0][len(self.outputs) :]
+        none = np.zeros(0, np.intp)
+        alone = slopes_of(self.simulator, x, f, course.own, period_s, none, none).by_state
+        n = self.simulated
+        found[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
+        return found
+
 
 @dataclass(eq=False)
 class _Course:
@@ -310,11 +363,66 @@ class _Course:
             after, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
             self.x[: q.readings], self.x[self.part] = readings[0], after[0]
             return
-        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
-        rows = found.by_state @ self.S[self.part] + found.by_force @ by
+        pushed = np.flatnonzero(by.any(axis=1))  # by what is sought
+        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen, pushed)
+        rows = found.by_state @ self.S[self.part] + found.by_force @ by[pushed]
         rows[:, self.places] += found.by_parameter
         self.S[self.both] = rows
         self.x[self.both] = found.after
+
+    def in_c(
+        self,
+        around: StepDriver,
+        memory: Memory,
+        times: tuple[float, float, Stepping],
+        Y: Array,
+        JY: Array,
+    ) -> int | None:
+        """The whole run in one compiled loop, as `SteppedProgram.run` makes it; the first sample at
+        which it blew up, or -1. None where the simulator is no function of a library."""
+        time_s, period_s, stepping = times
+        p = np.tile(self.own, (1 + len(self.chosen), 1))
+        tiny = np.abs(self.own[self.chosen])
+        by = DIFFERENCE * (tiny + (tiny == 0.0))
+        p[1 + np.arange(len(by)), self.chosen] += by
+        with self.simulator.in_c(p, period_s / stepping.substeps) as c:
+            if c is None:
+                return None
+            from pamid.engine.integrator import Times
+            from pamid.engine.stepped_kernel import SteppedInC, stepped_sweep
+
+            bad = stepped_sweep(
+                around.equations,
+                around.arrays,
+                around.inputs,
+                Times(
+                    float(time_s),
+                    float(period_s),
+                    stepping.substeps,
+                    stepping.implicit,
+                    memory.begin,
+                    memory.join,
+                    -1,
+                ),
+                around.results,
+                SteppedInC(
+                    c.step,
+                    c.data,
+                    c.models,
+                    c.count,
+                    c.state_at,
+                    c.force_at,
+                    c.cleared_at,
+                    *self.simulator.sizes,
+                    by,
+                    np.asarray(self.places, np.int64),
+                ),
+                DIFFERENCE,
+                Y,
+                JY,
+            )
+        memory.begin = memory.join = False
+        return int(bad)
 
     def keep(self, memory: Memory) -> None:
         """All that a run carries on stands in the memory's arrays."""

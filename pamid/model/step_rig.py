@@ -34,6 +34,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -43,7 +44,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import DIFFERENCE, FarRunner, Slopes, slopes_of
+from pamid.engine.stepped import DIFFERENCE, FarRunner, LibraryStep, Slopes, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -123,6 +124,12 @@ class StepRig(Rig):
         """What `slopes_of` gives, where the simulation knows its own derivatives; None has them
         taken by differences."""
         return None
+
+    def in_c(
+        self, p: Array, h: float, into: tuple[str, ...]
+    ) -> AbstractContextManager[LibraryStep | None]:
+        """See `pamid.engine.stepped.Simulator`; what is written in Python is none."""
+        return nullcontext()
 
     def _called(
         self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
@@ -310,6 +317,9 @@ class RigSimulator:
         self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
     ) -> Slopes | None:
         return self.rig.slopes(x, f, p, h, chosen)
+
+    def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
+        return self.rig.in_c(p, h, self.into)
 
 
 def _read(name: str) -> str:

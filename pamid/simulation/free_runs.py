@@ -78,8 +78,8 @@ def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, li
 
 
 def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: Array) -> Stepping:
-    """Steps per sample from the spectral radius of df/dx along a robust run of the first
-    seconds."""
+    """Steps per sample from the spectral radius of df/dx (of what steps by itself: of what is
+    exchanged with it) along a robust run of the first seconds."""
     program = assembly.program
     careful = Stepping(2, implicit=True)
     memory = program.memory(x, stepping=careful, period_s=period_s)
@@ -87,7 +87,7 @@ def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: 
     block = max(1, min(len(u), 3000) // 40)
     for i in range(0, min(len(u), 3000), block):
         matrix = (
-            program.rate_matrix(memory, u[i], p, period_s=period_s, time_s=i * period_s)
+            program.exchange_matrix(memory, u[i], p, period_s=period_s, time_s=i * period_s)
             if i
             else None
         )

@@ -16,6 +16,7 @@ from pamid.simulators.mujoco_file import MujocoFile
 
 CONFIGURATIONS = 300  # configurations looked at for contacts
 RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
+NOT_ENFORCED = "is not enforced by the equations"  # where there are equations
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
 _READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
@@ -90,7 +91,7 @@ def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
             yield _finding(file, "joint", i, "a spring or damper that is not linear")
         if m.jnt_limited[i]:
             low, high = m.jnt_range[i]
-            text = f"the range {low:.4g} .. {high:.4g} is not enforced by the equations"
+            text = f"the range {low:.4g} .. {high:.4g} {NOT_ENFORCED}"
             yield _finding(file, "joint", i, text, hinders=False)
 
 

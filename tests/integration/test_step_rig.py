@@ -4,6 +4,7 @@ wrong."""
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from pendulums import SteppedTwin, WrittenPendulum
 import pamid
 from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, SAME_SLOPE, null_error, sensitivity_error
+from pamid.checks.rig_consistency import compared_with_sheet
+from pamid.checks.scale_slips import clock
 from pamid.correction.identified_model import load_identified
 from pamid.engine.program import Stepping
 from pamid.excitation.aprbs import aprbs
@@ -32,6 +35,7 @@ Array = NDArray[np.float64]
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "data/rigs/stepped_pendulum.py"
 PERIOD = WrittenPendulum.period_s
+RANDOM = np.random.default_rng(7)
 U = aprbs(4.0, PERIOD, 6.0, (0.1, 1.0), seed=1)[:, None]
 
 
@@ -165,6 +169,30 @@ def test_it_is_sent_to_another_process_without_what_was_made_here() -> None:
     again = pickle.loads(pickle.dumps(a))
     assert "_known_links" not in vars(again.rig)
     assert np.array_equal(_run(again)[0], y)
+
+
+def test_no_more_time_is_simulated_than_was_recorded_when_the_clock_is_doubted() -> None:
+    """A sample of an hour would be a million steps of a simulation."""
+    named = {k: v for k, v in vars(SteppedTwin).items() if k not in ("period_s", "__dict__")}
+    rig = type("Unstated", (pamid.StepRig,), named)()
+    count = 6000
+    columns = {
+        "time_s": PERIOD * np.arange(count),
+        "force_n": np.tile(U[:, 0], 20)[:count],
+        **{name: np.cumsum(RANDOM.standard_normal(count)) for name in rig.outputs},
+    }
+    recording = pamid.Recording.from_pandas(pd.DataFrame(columns))
+    evidence = compared_with_sheet(recording, rig)
+    assert evidence is not None
+    asked: list[tuple[int, float]] = []
+
+    def simulate(u: Array, values: Array = evidence.p, clock: float = 1.0) -> Array:
+        asked.append((len(u), clock))
+        return evidence.model[: len(u)]
+
+    assert clock(recording, rig, replace(evidence, simulate=simulate)) == []
+    assert {c for _, c in asked} >= {1e-3, 60.0}
+    assert all(n * c <= count for n, c in asked)
 
 
 # ---- fit and diagnosis ---------------------------------------------------------------------------

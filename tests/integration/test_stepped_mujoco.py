@@ -18,6 +18,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
+from pamid.simulation.free_runs import choose_stepping
 from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
@@ -98,10 +99,44 @@ def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path: Path) -> None:
     rig = rig_named(str(path))
     assert isinstance(rig, SteppedMechanism)
     assert any("stepped by MuJoCo" in text and "geoms touch" in text for text in rig.remarks)
+    assert not any("not enforced" in text for text in rig.remarks)  # MuJoCo does
     truth, touching = _by_itself(path)
     assert touching > SAMPLES / 10
     a = Assembly(rig)
     assert np.abs(_run(a, a.values()) - truth).max() < 1e-10
+
+
+def test_its_library_is_called_as_its_python_package_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Outputs and slopes, with an effect that has a state of its own."""
+    rig = rig_named(str(_written(tmp_path)))
+    found = {a.label: a for a in attachments(rig, [effects()["lugre-friction"]])}
+    a = Assembly(rig, (found["lugre-friction@hip"],))
+    p = a.values()
+    k, n = len(p), len(rig.states)
+    runs = []
+    for whole in (True, False):
+        if not whole:
+            monkeypatch.setattr(a.rig._stepper, "mj_step", 0)  # type: ignore[attr-defined]
+        assert bool(a.rig._stepper.mj_step) is whole  # type: ignore[attr-defined]
+        memory = a.program.memory(a.start(p), k + n, stepping=Stepping(2), period_s=PERIOD)
+        memory.S[:n, k : k + n] = np.eye(n)
+        y, by, bad = a.program.run(
+            memory,
+            COMMANDS,
+            p,
+            period_s=PERIOD,
+            stepping=Stepping(2),
+            columns=np.arange(k, dtype=np.int64),
+            weights=np.arange(1.0, 5.0),
+        )
+        assert bad < 0
+        runs.append((y, by, memory.x, memory.S))
+    # contacts part what rounding leaves between two ways of adding up slopes
+    for one, other in zip(*runs, strict=True):
+        assert np.abs(one - other).max() <= 1e-6 * np.abs(one).max()
+    assert np.array_equal(runs[0][0], runs[1][0])
 
 
 def test_parameters_are_those_of_the_file(tmp_path: Path) -> None:
@@ -168,6 +203,16 @@ def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: 
     )
     print(found)
     assert [c.effect for c in found.causes] == ["coulomb-friction@hip"]
+
+
+def test_impacts_inside_ask_for_no_finer_exchange() -> None:
+    """MuJoCo's own step takes care of them; a shorter one would be another simulation."""
+    gymnasium = pytest.importorskip("gymnasium", reason="its hopper falls to the floor")
+    assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+    a = Assembly(rig_named(str(assets / "hopper.xml")))
+    p, period = a.values(), 0.008
+    u = np.stack([aprbs(8.0, period, 0.15, (0.2, 0.8), seed=3 + i) for i in range(3)], axis=1)
+    assert choose_stepping(a, u, p, period, a.start(p)) == Stepping(1)
 
 
 def test_what_becomes_unstable_is_seen_and_not_begun_anew(

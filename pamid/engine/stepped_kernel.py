@@ -1,0 +1,135 @@
+"""The run of a stepped program whose simulator is a function of a library in C: one loop that is
+compiled, in place of calls from Python in every sample.
+
+What it does in an exchange is what `pamid.engine.stepped` says, with slopes by differences over
+copies; the copies are one structure of the library, set anew for each of them. numba takes its
+cache of this file's functions for stale by the stamp of this file alone: touch it where `sweep`
+changes what it is given.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pamid.engine.function_calls import call_pair, number_at, put_number
+from pamid.engine.integrator import BLOWN_UP, Inputs, Times, sweep
+from pamid.engine.numba_cache import njit
+
+
+class SteppedInC(NamedTuple):
+    """A simulator in C. Addresses and counts are int64.
+
+    step            function (model, data) that moves data on by a step of the model's own
+    data            what it moves
+    models          (1 + moved parameters,): plain, then each with one parameter moved
+    steps           of the model's own per exchange
+    state_at, force_at
+                    (states,), (forces,): where these numbers stand in data
+    cleared_at      (cleared,): numbers of data that every exchange begins with at zero
+    state_size, force_size
+                    (states,), (forces,) float64: typical magnitudes
+    moved_by, place
+                    (moved parameters,): by how much (float64), sensitivity column
+    """
+
+    step: int
+    data: int
+    models: Any
+    steps: int
+    state_at: Any
+    force_at: Any
+    cleared_at: Any
+    state_size: Any
+    force_size: Any
+    moved_by: Any
+    place: Any
+
+
+@njit(cache=True)
+def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
+    """States after an exchange from x under f, with the model at an address."""
+    for i in range(c.cleared_at.shape[0]):
+        put_number(c.cleared_at[i], 0.0)
+    for i in range(x.shape[0]):
+        put_number(c.state_at[i], x[i])
+    for i in range(f.shape[0]):
+        put_number(c.force_at[i], f[i])
+    for _ in range(c.steps):
+        call_pair(c.step, model, c.data)
+    for i in range(x.shape[0]):
+        after[i] = number_at(c.state_at[i])
+
+
+@njit(cache=True)
+def _exchange(c, x, f, by, S, difference, sensitive):  # type: ignore[no-untyped-def]
+    """Move x (states,) and, where asked for, their rows of S (all in place) over an exchange under
+    f (forces,), whose sensitivities are `by` (forces, columns)."""
+    nx, nf, wide = x.shape[0], f.shape[0], S.shape[1]
+    plain, moved = np.empty(nx), np.empty(nx)
+    _advance(c, c.models[0], x, f, plain)
+    if sensitive:
+        rows = np.zeros((nx, wide))
+        for i in range(nx + nf):
+            at, k = (x, i) if i < nx else (f, i - nx)
+            if i >= nx and not by[k].any():
+                continue  # nothing that is sought moves this force
+            size = c.state_size[k] if i < nx else c.force_size[k]
+            value = at[k]
+            step = difference * max(abs(value), size)
+            at[k] = value + step
+            _advance(c, c.models[0], x, f, moved)
+            at[k] = value
+            for j in range(nx):
+                slope = (moved[j] - plain[j]) / step
+                if slope == 0.0:
+                    continue
+                for m in range(wide):
+                    rows[j, m] += slope * (S[k, m] if i < nx else by[k, m])
+        for k in range(c.place.shape[0]):
+            _advance(c, c.models[1 + k], x, f, moved)
+            for j in range(nx):
+                rows[j, c.place[k]] += (moved[j] - plain[j]) / c.moved_by[k]
+        S[:nx] = rows
+    x[:] = plain
+
+
+@njit(cache=True)
+def stepped_sweep(equations, memory, inputs, times, results, c, difference, Y, JY):  # type: ignore[no-untyped-def]
+    """Run over the rows of u, filling Y (samples, seen) and, where sensitivities are asked for, JY
+    (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
+    what is seen. Memory is carried on in place; the simulator's states are the first in it. Returns
+    the first sample at which a state is no longer finite, or -1."""
+    nx, seen, sensitive = c.state_at.shape[0], Y.shape[1], inputs.sensitive
+    begin, join = times.begin, times.join
+    f = np.empty(c.force_at.shape[0])
+    x, S = memory.x, memory.S
+    for k in range(inputs.u.shape[0]):
+        here = Inputs(inputs.u[k : k + 1], inputs.p, inputs.column, inputs.sensitive)
+        for sub in range(times.substeps):
+            now = Times(
+                times.time_s + k * times.period_s,
+                times.period_s,
+                times.substeps,
+                times.implicit,
+                begin,
+                join,
+                sub,
+            )
+            sweep(equations, memory, here, now, results)
+            begin = False
+            join = False
+            if sub == 0:
+                Y[k] = results.Y[0, :seen]
+                if sensitive:
+                    JY[k] = results.JY[0, :seen]
+            f[:] = results.Y[0, seen:]
+            _exchange(c, x[:nx], f, results.JY[0, seen:], S, difference, sensitive)
+        for i in range(x.shape[0]):
+            if not abs(x[i]) < BLOWN_UP:
+                Y[k + 1 :] = np.nan
+                if sensitive:
+                    JY[k + 1 :] = np.nan
+                return k
+    return -1
