@@ -243,9 +243,8 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
 
 def _says_derivatives(file: Path) -> bool:
     """Of FMI 3.0: the attribute has another name there, which FMPy 0.3 passes over."""
-    with zipfile.ZipFile(file) as packed:
-        root = ElementTree.fromstring(packed.read("modelDescription.xml"))
-    found = root.find("ModelExchange")
+    with zipfile.ZipFile(file) as packed, packed.open("modelDescription.xml") as text:
+        found = ElementTree.parse(text).getroot().find("ModelExchange")
     said = "" if found is None else found.get("providesDirectionalDerivatives", "")
     return said in ("true", "1")
 
