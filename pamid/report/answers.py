@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import quoted
-from pamid.base.share_words import minutes_text
+from pamid.base.share_words import minutes_text, times_text
 from pamid.diagnosis import verdict_words
 from pamid.report import formatting
 from pamid.report.captions import (
@@ -148,7 +148,7 @@ def _regime(one: Regime) -> str:
     if one.share_of_time:
         text += (
             f" in {percent(one.share_of_time)} of the time, "
-            f"{short(one.share_of_gap / one.share_of_time, 2)} times"
+            f"{times_text(one.share_of_gap / one.share_of_time)} times"
         )
         text += " its share"
     return sentence(text)
@@ -357,7 +357,7 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
             text += (
                 "; what is left is no larger"
                 if times < 1.1
-                else f"; what is left is {short(times, 2)} times that"
+                else f"; what is left is {times_text(times)} times that"
             )
         texts.append(f"{text}.")
     if row.black_box is not None and best is not None:
@@ -455,8 +455,8 @@ def _expected(experiment: NextExperiment) -> str:
     texts = []
     if experiment.expected_separation is not None:
         texts.append(
-            "the nearest two of these models are expected to differ by "
-            f"{short(experiment.expected_separation, 2)} noise standard deviations rms"
+            "the nearest two of these models are expected to differ there by "
+            f"{times_text(experiment.expected_separation)} times the noise of the sensors"
         )
     if experiment.minutes is not None:
         takes = minutes_text(experiment.minutes).replace(" ", formatting.SPACE)

@@ -25,6 +25,8 @@ _PROPER = {
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
+_PREFIXED = ("m", "s", "V", "A")  # units that are told in thousandths or millionths
+_SMALL, _TINY = 1e-3, 1e-4
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
 INTERVAL = f"95{SPACE}% interval"
 
@@ -103,12 +105,15 @@ def short(value: float | None, digits: int = 3) -> str:
 
 
 def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
-    """ "0.52 deg"."""
-    return (
-        f"{short(value, digits)}{SPACE}{unit_text}"
-        if unit_text and value is not None
-        else short(value, digits)
-    )
+    """ "0.52 deg"; a length, time, voltage or current that is small in its thousandths or
+    millionths: "0.405 µm"."""
+    if value is None or not unit_text:
+        return short(value, digits)
+    if unit_text in _PREFIXED and 0.0 < abs(value) < _SMALL:
+        power = 2 if abs(value) < _TINY else 1
+        prefix = ("m", "µ")[power - 1]
+        return f"{short(value / _SMALL**power, digits)}{SPACE}{prefix}{unit_text}"
+    return f"{short(value, digits)}{SPACE}{unit_text}"
 
 
 def percent(share: float | None) -> str:

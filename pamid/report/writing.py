@@ -33,6 +33,7 @@ from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
 from pamid.report.recording_errors import held_out_errors
+from pamid.report.rig_figure import rig_drawing
 from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial_figures import trial_drawings
@@ -45,6 +46,7 @@ from pamid.schemas.score_file import RecordingError
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them
 FIGURE_NAMES = (
+    "rig",
     "ports",
     "regimes",
     "timeline",
@@ -167,6 +169,7 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
+        found += [rig_drawing(diagnosis)]
         found += [ranking_drawing(diagnosis), free_form_drawing(diagnosis), missing_drawing(run)]
         found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]

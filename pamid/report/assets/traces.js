@@ -306,6 +306,18 @@
   for (const one of document.querySelectorAll("button[data-place]"))
     one.addEventListener("click", () => go(Number(one.dataset.place)));
 
+  /** What has not come near yet, one plot after the other whenever the browser has time: captures are whole. */
+  const idle = () => new Promise((done) => "requestIdleCallback" in window ? requestIdleCallback(done) : setTimeout(done, 50));
+  async function drawRest() {
+    for (const panel of panels) {
+      await idle();
+      if (panel.chart) continue;
+      panel.state = [recording.number, ...view].join();
+      await fill(panel);
+    }
+    window.pamidDrawn = performance.now();
+  }
+
   // ---- begin: the first plot at once, the others when they come near ------------------------------------------------
   const seen = new IntersectionObserver((entries) => {
     for (const {target, isIntersecting} of entries) panels.find((one) => one.box === target).near = isIntersecting;
@@ -325,5 +337,6 @@
     performance.mark("pamid-ready");
     window.pamidReady = performance.now();
     window.pamid = {panels, show, go, all, get view() { return [...view]; }};
+    drawRest();
   });
 })();
