@@ -1,4 +1,4 @@
-"""Which port of a rig leads to which, read from its own equations: what a block diagram of it shows.
+"""Which port of a rig leads to which, read from its own equations: what a block diagram shows.
 
 Every port is cut, as in `isolability`. A port follows another where its value holds what leaves the
 other, or a state whose rate, through further states, does.

@@ -1,5 +1,5 @@
-"""Where the blocks of a rig's diagram stand: columns in the order in which a signal passes, from the
-command to the sensors, and the arrows between them.
+"""Where the blocks of a rig's diagram stand: columns in the order in which a signal passes, from
+the command to the sensors, and the arrows between them.
 
 Blocks are groups of ports, the names by which shares of the gap are told. Of the arrows those
 remain that say something new: what another way through blocks says as well is left out, and so is

@@ -129,12 +129,12 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
-    lines = [_grounds_line(one, len(shown) > 1) for one in shown]
-    lines += _look_alikes(diagnosis)
+    told = [_grounds_line(one, len(shown) > 1) for one in shown]
+    told += _look_alikes(diagnosis)
     return AnswerCard(
         "Which",
         sentence(lead).removesuffix("."),
-        tuple(filter(None, lines)),
+        tuple(filter(None, told)),
         "which",
     )
 

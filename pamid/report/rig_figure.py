@@ -53,7 +53,7 @@ def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
 
 
 def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
-    """ "Where it enters: joint 60 %, muscle 20 % of the gap; Coulomb friction acts at the joint"."""
+    """ "The rig one-dof and where the gap enters it: joint 60 %, muscle 20 %"."""
     name = formatting.clean(rig.name)
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return f"The rig {name}, from what is sent to it to what is measured"
@@ -88,7 +88,8 @@ def panels_html(diagnosis: DiagnosisFile) -> Markup:
         )
     hint = tag(
         "p",
-        "Choose a block to see what is known of it. ◆ marks an effect where it acts, ? what is left without a cause.",
+        "Choose a block to see what is known of it. ◆ marks an effect where it acts, ? what is "
+        "left without a cause.",
         class_="note no-print",
     )
     return tag("div", hint, found, class_="port-panels")
@@ -247,4 +248,5 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
 def _blended(share: float) -> str:
     """The tint on paper, opaque."""
     tint, paper = to_rgb(colour("with_cause")), to_rgb(colour("paper"))
-    return str(to_hex([share * a + (1.0 - share) * b for a, b in zip(tint, paper, strict=True)]))
+    red, green, blue = (share * a + (1.0 - share) * b for a, b in zip(tint, paper, strict=True))
+    return str(to_hex((red, green, blue)))

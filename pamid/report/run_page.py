@@ -32,6 +32,7 @@ from pamid.report.glance import cards_of, todo_of
 from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
 from pamid.report.recording_errors import held_out_errors, recording_errors_table
+from pamid.report.ranking import ranking_table
 from pamid.report.rig_figure import panels_html
 from pamid.report.style import Picture
 from pamid.report.tables import (
@@ -42,7 +43,6 @@ from pamid.report.tables import (
     parameter_table,
     parameters_of,
     provenance,
-    ranking_table,
     sensors_table,
     transfer_table,
 )
@@ -203,7 +203,7 @@ def _evidence(
             *_closed_loop(run),
             *_candidates(run),
             *_sensors(run),
-            *_parameters(run),
+            *_parameters(run, pictures),
             *_background(run, pictures),
             *_network(run, pictures),
             *provenance(run.steps, run.fit, level=3),
@@ -313,7 +313,7 @@ def _sensors(run: RunData) -> Iterator[Block]:
     )
 
 
-def _parameters(run: RunData) -> Iterator[Block]:
+def _parameters(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
     parameters, with_cause = parameters_of(run)
     if not parameters:
         return
@@ -323,6 +323,7 @@ def _parameters(run: RunData) -> Iterator[Block]:
         "Strain is the distance from the prior in prior standard deviations. Settled: the data "
         "fix it; weak: partly the prior; silent: the data say nothing about it."
     )
+    yield from figures(pictures, ["correlation"])
     yield from model_equations(run)
     if run.fit is not None and run.fit.tied:
         yield Heading("Known only in combination", 4)
