@@ -81,7 +81,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if found.verdict == "ambiguous":
         said += ": these recordings do not decide between them"
     if not rest.real:
-        return f"{said}; {_left_beside(rest)}."
+        return f"{said}; {left_beside(rest)}."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
 
 
@@ -147,7 +147,7 @@ def _tolerated(rest: Remainder | None) -> str:
     )
 
 
-def _left_beside(rest: Remainder) -> str:
+def left_beside(rest: Remainder) -> str:
     """What remains beside the causes and is not real: said with its size and chance where it is
     plainly more than noise, for then tolerances alone have to answer for it."""
     if rest.floors is None or rest.floors < DEFAULT.naive_near_floor:

@@ -205,7 +205,7 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
     text = (
         f"{first} is the only candidate that was refitted"
         if second is None
-        else f"{first} explains the recordings best; the runner-up is {effect_label(second.effect)}"
+        else f"{first} leads the ranking; the runner-up is {effect_label(second.effect)}"
     )
     return formatting.sentence(text).removesuffix(".")
 

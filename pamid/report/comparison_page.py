@@ -148,8 +148,7 @@ def _causes(one: ComparedRun) -> str:
     texts = []
     for cause in diagnosis.causes if diagnosis is not None else ():
         values = [
-            f"{channel_label(name)} {formatting.with_unit_text(found.value, channel_unit(name))}"
-            f"{formatting.interval_tail(formatting.span(found.low, found.high))}"
+            f"{channel_label(name)} {formatting.span(found.low, found.high, channel_unit(name))}"
             for name, found in cause.parameters.items()
         ]
         chance = (
@@ -209,7 +208,6 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
     body: list[list[str | TableCell]] = []
     for name in names:
         known = [each.get(name) for each in found]
-        apart = _apart([one for one in known if one is not None])
         unit = formatting.clean(channel_unit(name))
         body.append(
             [
@@ -221,7 +219,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
                     else formatting.DASH
                     for one in known
                 ),
-                TableCell("differs", "strong") if apart else "agrees",
+                _agreement([one for one in known if one is not None]),
             ]
         )
     if not body:
@@ -236,11 +234,14 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
     )
 
 
-def _apart(known: Sequence[Interval]) -> bool:
-    """Are there two intervals that do not overlap?"""
+def _agreement(known: Sequence[Interval]) -> TableCell:
+    """Do all intervals overlap?"""
+    if len(known) < 2:
+        return TableCell("in one run only")
     lows = [one.low for one in known if one.low is not None]
     highs = [one.high for one in known if one.high is not None]
-    return bool(lows and highs) and max(lows) > min(highs)
+    apart = bool(lows and highs) and max(lows) > min(highs)
+    return TableCell("differs", "strong") if apart else TableCell("agrees")
 
 
 # ---- what changed ----------------------------------------------------------------------------
@@ -251,7 +252,7 @@ def _facts(one: ComparedRun) -> dict[str, str]:
     step = one.run.steps[0]
     recordings = one.run.fit.recordings if one.run.fit is not None else ()
     options = {
-        f"option {formatting.clean(key)}": formatting.clean(str(value))
+        f"option {formatting.clean(key)}": _told(value)
         for key, value in step.options.items()
         if key != "rig"
     }
@@ -264,6 +265,13 @@ def _facts(one: ComparedRun) -> dict[str, str]:
         **options,
         "pamid": formatting.clean(step.versions.get("pamid", "")),
     }
+
+
+def _told(value: object) -> str:
+    """An option as people say it: a list by its members, nothing as a dash."""
+    if isinstance(value, list | tuple):
+        return ", ".join(formatting.clean(str(one)) for one in value)
+    return "" if value is None else formatting.clean(str(value))
 
 
 def _sum(recordings: Sequence[RecordingUsed]) -> str:

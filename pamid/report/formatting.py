@@ -109,11 +109,16 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
     millionths: "0.405 µm"."""
     if value is None or not unit_text:
         return short(value, digits)
-    if unit_text in _PREFIXED and 0.0 < abs(value) < _SMALL:
-        power = 2 if abs(value) < _TINY else 1
-        prefix = ("m", "µ")[power - 1]
-        return f"{short(value / _SMALL**power, digits)}{SPACE}{prefix}{unit_text}"
-    return f"{short(value, digits)}{SPACE}{unit_text}"
+    factor, unit_text = _told_in(unit_text, value)
+    return f"{short(factor * value, digits)}{SPACE}{unit_text}"
+
+
+def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
+    """What to multiply by, and the unit then: (1e6, "µm") for micrometres."""
+    largest = max(map(abs, values))
+    if unit_text not in _PREFIXED or not 0.0 < largest < _SMALL:
+        return 1.0, unit_text
+    return (1e6, f"µ{unit_text}") if largest < _TINY else (1e3, f"m{unit_text}")
 
 
 def percent(share: float | None) -> str:
@@ -125,9 +130,11 @@ def percent(share: float | None) -> str:
 
 def span(low: float | None, high: float | None, unit_text: str = "", digits: int = 3) -> str:
     """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open."""
-    tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None and high is None:
         return DASH
+    factor, unit_text = _told_in(unit_text, *(one for one in (low, high) if one is not None))
+    low, high = (None if one is None else factor * one for one in (low, high))
+    tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None:
         return f"below {short(high, digits)}{tail}"
     if high is None:

@@ -210,7 +210,7 @@ def _left_line(diagnosis: DiagnosisFile | None) -> list[str]:
     if diagnosis is None or rest is None or diagnosis.remark:
         return []
     if not rest.real:
-        return ["what is left is within noise and tolerances"]
+        return [set_figures(verdict_words.left_beside(rest))]
     size = set_figures(verdict_words.size_of(rest, beside=bool(diagnosis.causes)))
     at = f", at the {port_label(rest.port)}" if rest.port else ""
     return [f"left: {size}{at}"]

@@ -110,7 +110,12 @@ def answer_sections(
         _answer(
             "Where",
             where_answer(run),
-            (*drawn("rig"), *_panels(run, pictures), *drawn("ports", "regimes")),
+            (
+                *drawn("rig"),
+                *_panels(run, pictures),
+                *(() if "rig" in pictures else drawn("ports")),
+                *drawn("regimes"),
+            ),
             (*drawn("timeline"), *where),
             listed="regimes" not in pictures,
         ),
