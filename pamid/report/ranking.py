@@ -19,10 +19,9 @@ _CLOSE = 0.02  # shares that differ by less say nothing
 
 
 def ranking_table(diagnosis: DiagnosisFile) -> Table:
-    """Every candidate, best first, with what speaks against it."""
+    """Every candidate that was refitted, best first, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
     heads = ["effect", "family", "port", "P", "held-out error removed", formatting.INTERVAL]
-    heads += ["its parameters", "why it is not the answer"]
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[str | TableCell]] = []
     for one in diagnosis.ranking:
@@ -33,8 +32,6 @@ def ranking_table(diagnosis: DiagnosisFile) -> Table:
             number(one.probability, 2),
             percent(one.shrinkage),
             percent_span(one.low, one.high),
-            TableCell(_parameters(one), small=_bounds(one)),
-            why_not(one, diagnosis),
         ]
         for name in channels:
             held = one.held_out.get(name)
@@ -44,7 +41,20 @@ def ranking_table(diagnosis: DiagnosisFile) -> Table:
                 else f"{number(held.mae_before)} → {number(held.mae_after)}"
             )
         body.append(row)
-    return table(heads, body, (3, 4, 5, *range(8, 8 + len(channels))))
+    return table(heads, body, range(3, 6 + len(channels)))
+
+
+def rivals_table(diagnosis: DiagnosisFile) -> Table:
+    """Every candidate with the parameters it was given, and why it is not the answer."""
+    body: list[list[str | TableCell]] = [
+        [
+            TableCell(formatting.clean(one.effect), "code"),
+            TableCell(_parameters(one), small=_bounds(one)),
+            why_not(one, diagnosis),
+        ]
+        for one in diagnosis.ranking
+    ]
+    return table(["effect", "its parameters", "why it is not the answer"], body)
 
 
 def _parameters(one: Candidate) -> str:

@@ -33,6 +33,7 @@ from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
 from pamid.report.recording_errors import held_out_errors, recording_errors_table
 from pamid.report.ranking import ranking_table
+from pamid.report.ranking import ranking_table, rivals_table
 from pamid.report.rig_figure import panels_html
 from pamid.report.style import Picture
 from pamid.report.tables import (
@@ -286,7 +287,8 @@ def _candidates(run: RunData) -> Iterator[Block]:
             (grounds_table(statistics), notes("All on the held-out windows that choose.")),
         )
     yield Details(
-        f"All {len(diagnosis.ranking)} candidates that were refitted", (ranking_table(diagnosis),)
+        f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost",
+        (ranking_table(diagnosis), rivals_table(diagnosis)),
     )
     if diagnosis.notes:
         yield Heading("What to know before believing a figure", 3)

@@ -75,7 +75,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "within noise and tolerances.",
             "Coulomb friction at the joint port, with probability 0.91.",
             "Coulomb friction removes 86 % of the gap (95 % interval 80 to 90 %).",
-            "Angle: 79 % of the held-out error removed (95 % interval 69 to 84 %).",
+            "79 % (69 to 84 %)",
             "What is left Nothing that can be told from noise and ordinary tolerances.",
             "Left over: 14 % of the gap (95 % interval 10 to 20 %), 1.4 times the noise floor in "
             "the worst channel.",
