@@ -138,7 +138,7 @@ def _found(runs: Sequence[ComparedRun]) -> Table:
         "do next": _next,
     }
     return table(
-        _heads(runs, ""),
+        _heads(runs, "found"),
         [[what, *(said(one) or formatting.DASH for one in runs)] for what, said in told.items()],
     )
 
@@ -296,4 +296,4 @@ def _data(runs: Sequence[ComparedRun]) -> Table:
         ]
         for name in names
     ]
-    return table(_heads(runs, "", last="compared"), body)
+    return table(_heads(runs, "of the run", last="compared"), body)

@@ -22,7 +22,7 @@ from pamid.report.block_diagram import (
 )
 from pamid.report.formatting import percent
 from pamid.report.markup import paragraphs, tag
-from pamid.report.rig_texts import DOUBT, PIN, block_texts, port_evidence_texts
+from pamid.report.rig_texts import block_texts, port_evidence_texts
 from pamid.report.style import NARROW_IN, WIDE_IN, Drawing, colour
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.rig_map import RigMap
@@ -181,7 +181,7 @@ def _block(box: Box) -> Markup:
     }
     tint = tag("rect", class_="tint", fill_opacity=f"{_TINT * min(1.0, box.weight):.2f}", **place)
     frame = tag("rect", class_="frame named" if box.named else "frame", **place)
-    label = ", ".join(text.removeprefix(PIN).removeprefix(DOUBT) for text, _ in box.texts)
+    label = " ".join(text for text, _ in box.texts)  # what is read is what is seen
     return tag(
         "a",
         tag("rect", class_="ground", **place),
@@ -190,7 +190,7 @@ def _block(box: Box) -> Markup:
         lines,
         href=f"#{anchor(box.members[0])}",
         class_="block",
-        aria_label=f"{label}: show what is known of it",
+        aria_label=label,
     )
 
 
