@@ -26,9 +26,9 @@ STAGES = {
 }
 MOST_IN_COLUMN = 6
 MOST_LINKS = 14  # between all columns; more become one broad arrow per pair of columns
-LINE, PAD, HEAD, GAP_Y, GAP_X = 15.0, 8.0, 22.0, 12.0, 26.0
+LINE, PAD, HEAD_ROOM, GAP_Y, GAP_X = 15.0, 8.0, 22.0, 12.0, 26.0
 _EM, _EM_BOLD = 6.9, 7.6  # width of a letter in the diagram's units, upright and bold
-_WIDEST, _NARROWEST = 190.0, 92.0
+_MOST_WIDE, _LEAST_WIDE = 190.0, 92.0
 _FEW = 5  # columns that leave room for long arrows
 
 
@@ -173,20 +173,20 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
     columns, texts = gathered(columns_of(rig), texts)
     count = max(1, len(columns))
     gap = GAP_X if count > _FEW else 2.0 * GAP_X
-    each = min(_WIDEST, max(_NARROWEST, (wide - gap * (count - 1)) / count))
+    each = min(_MOST_WIDE, max(_LEAST_WIDE, (wide - gap * (count - 1)) / count))
     left = 0.5 * (wide - each * count - gap * (count - 1))
     stacks = {kind: [_box(g, texts[g], each) for g in groups] for kind, groups in columns.items()}
     tall = max((_stack_height(boxes) for boxes in stacks.values()), default=0.0)
     placed: dict[str, Box] = {}
     heads = []
     for k, (kind, boxes) in enumerate(stacks.items()):
-        x, y = left + k * (each + gap), HEAD + 0.5 * (tall - _stack_height(boxes))
+        x, y = left + k * (each + gap), HEAD_ROOM + 0.5 * (tall - _stack_height(boxes))
         heads.append((x + 0.5 * each, 12.0, STAGES[kind]))
         for box in boxes:
             placed[box.name] = _moved(box, x, y)
             y += box.tall + GAP_Y
-    links = list(_wide_links(rig, columns, placed, HEAD + 0.5 * tall))
-    bottom = max([HEAD + tall, *(one.below + 4.0 for one in links if one.below is not None)])
+    links = list(_wide_links(rig, columns, placed, HEAD_ROOM + 0.5 * tall))
+    bottom = max([HEAD_ROOM + tall, *(one.below + 4.0 for one in links if one.below is not None)])
     return Diagram(wide, bottom + 4.0, tuple(placed.values()), tuple(links), tuple(heads))
 
 

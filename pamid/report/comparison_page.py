@@ -29,7 +29,7 @@ from pamid.report.tables import parameters_of
 from pamid.schemas.estimates import Interval
 from pamid.schemas.fit_file import RecordingUsed
 
-MOST_RUNS = 6
+MOST_COMPARED = 6
 _SHA_DIGITS = 12
 
 
@@ -45,9 +45,9 @@ class ComparedRun:
 def compared_runs(folders: Sequence[Path]) -> tuple[ComparedRun, ...]:
     """Runs of `pamid fit` or `pamid diagnose`, read; UsageError for fewer than two or too many,
     FileError as of a report."""
-    if not 2 <= len(folders) <= MOST_RUNS:
+    if not 2 <= len(folders) <= MOST_COMPARED:
         raise UsageError(
-            f"--compare puts 2 to {MOST_RUNS} runs side by side; {len(folders)} were named.",
+            f"--compare puts 2 to {MOST_COMPARED} runs side by side; {len(folders)} were named.",
             "pamid report --compare RUN1 RUN2",
         )
     names = _names(folders)

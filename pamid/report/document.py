@@ -16,7 +16,7 @@ from markupsafe import Markup
 from pamid.report.style import Picture
 
 _LISTED = 3  # lowest level of the headings in the table of contents
-_WORDS = 6  # of a heading in its id
+_ID_WORDS = 6  # of a heading in its id
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Document:
 def place_of(heading: Heading) -> str:
     """The id of a heading: what it answers or says, in small letters and hyphens."""
     words = re.findall(r"[a-z0-9]+", (heading.question or heading.text).lower())
-    return "-".join(words[:_WORDS]) or "section"
+    return "-".join(words[:_ID_WORDS]) or "section"
 
 
 def _listed(blocks: Iterable[Block]) -> Iterator[Heading | Interactive]:

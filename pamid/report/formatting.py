@@ -26,7 +26,7 @@ _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
 _PREFIXED = ("m", "s", "V", "A")  # units that are told in thousandths or millionths
-_SMALL, _TINY = 1e-3, 1e-4
+_MILLI, _MICRO = 1e-3, 1e-4
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
 INTERVAL = f"95{SPACE}% interval"
 
@@ -116,9 +116,9 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
 def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
     """What to multiply by, and the unit then: (1e6, "µm") for micrometres."""
     largest = max(map(abs, values))
-    if unit_text not in _PREFIXED or not 0.0 < largest < _SMALL:
+    if unit_text not in _PREFIXED or not 0.0 < largest < _MILLI:
         return 1.0, unit_text
-    return (1e6, f"µ{unit_text}") if largest < _TINY else (1e3, f"m{unit_text}")
+    return (1e6, f"µ{unit_text}") if largest < _MICRO else (1e3, f"m{unit_text}")
 
 
 def percent(share: float | None) -> str:

@@ -65,7 +65,7 @@ def set_spaces(text: str) -> str:
 def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
     where = diagnosis.where
     if diagnosis.remark:
-        return AnswerCard("Where", "Not told", ("These recordings do not tell.",), "where", True)
+        return AnswerCard("Where", "Not told", ("Check the recordings first.",), "where", True)
     if diagnosis.verdict == "no-structural-gap":
         return AnswerCard("Where", "Nowhere", ("No gap is left to place.",), "where", True)
     if where is None or not (where.port or where.ports):
@@ -117,7 +117,10 @@ def _alike(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
-    if diagnosis.remark or diagnosis.verdict == "cannot-tell":
+    if diagnosis.remark:
+        lines = ("No effect is asked for before.",)
+        return AnswerCard("Which", "Not told", lines, "which", True)
+    if diagnosis.verdict == "cannot-tell":
         return AnswerCard("Which", "Not told", _best_guess(diagnosis), "which", True)
     if diagnosis.verdict == "no-structural-gap":
         lines = ("Retuned parameters and ordinary tolerances suffice.",)

@@ -27,7 +27,7 @@ from pamid.report.style import NARROW_IN, WIDE_IN, Drawing, colour
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.rig_map import RigMap
 
-_WIDE, _NARROW = 920.0, 340.0
+_DIAGRAM_WIDE, _DIAGRAM_NARROW = 920.0, 340.0
 _TINT = 0.5  # opacity of a block that holds the whole gap
 _BASE = 11.0  # from the top of a line to its letters' foot
 
@@ -37,7 +37,10 @@ def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
     if diagnosis is None or diagnosis.rig is None or not diagnosis.rig.ports:
         return None
     rig, texts = diagnosis.rig, block_texts(diagnosis, diagnosis.rig)
-    wide, narrow = wide_diagram(rig, texts, _WIDE), narrow_diagram(rig, texts, _NARROW)
+    wide, narrow = (
+        wide_diagram(rig, texts, _DIAGRAM_WIDE),
+        narrow_diagram(rig, texts, _DIAGRAM_NARROW),
+    )
 
     def draw(figure: Figure, is_narrow: bool) -> None:
         _drawn(figure, narrow if is_narrow else wide)
@@ -181,16 +184,14 @@ def _block(box: Box) -> Markup:
     }
     tint = tag("rect", class_="tint", fill_opacity=f"{_TINT * min(1.0, box.weight):.2f}", **place)
     frame = tag("rect", class_="frame named" if box.named else "frame", **place)
-    label = " ".join(text for text, _ in box.texts)  # what is read is what is seen
     return tag(
         "a",
         tag("rect", class_="ground", **place),
         tint,
         frame,
-        lines,
+        [(line, " ") for line in lines],  # what is read aloud is what is seen, word by word
         href=f"#{anchor(box.members[0])}",
         class_="block",
-        aria_label=label,
     )
 
 

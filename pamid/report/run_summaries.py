@@ -15,7 +15,7 @@ from pamid.schemas.run_file import Step
 from pamid.schemas.runs_file import RunSummary
 
 DEEPEST = 4  # folders below the one that is searched
-MOST_RUNS = 2000
+MOST_LISTED = 2000
 _RECORD = "run.json"
 _KINDS = {"trial.json": "trial", "paper.json": "paper", "arm-paper.json": "paper"}
 
@@ -34,6 +34,11 @@ def summary_of(folder: Path) -> RunSummary:
         rig=formatting.clean(run.rig if run is not None else first.rig),
         begun=formatting.clean(first.begun),
         outcome=formatting.clean(first.outcome or ""),
+        recordings=(),
+        verdict="",
+        sentence="",
+        causes=(),
+        mae={},
     )
     return told if run is None else _with_findings(told, run)
 
@@ -86,7 +91,19 @@ def _listed(folder: Path) -> RunSummary:
     try:
         return summary_of(folder)
     except PamidError as error:
-        return RunSummary(path=str(folder), kind="damaged", sentence=formatting.clean(str(error)))
+        return RunSummary(
+            path=str(folder),
+            kind="damaged",
+            command="",
+            rig="",
+            recordings=(),
+            begun="",
+            outcome="",
+            verdict="",
+            sentence=formatting.clean(str(error)),
+            causes=(),
+            mae={},
+        )
 
 
 def _run_folders(folder: Path) -> Iterator[Path]:
@@ -99,5 +116,5 @@ def _run_folders(folder: Path) -> Iterator[Path]:
             found += 1
             yield path
             below.clear()
-        if len(path.parts) - depth >= DEEPEST or found >= MOST_RUNS:
+        if len(path.parts) - depth >= DEEPEST or found >= MOST_LISTED:
             below.clear()

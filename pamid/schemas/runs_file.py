@@ -15,18 +15,15 @@ class RunSummary(Model):
 
     path: Text = Field(description="folder of the run")
     kind: Text = Field(description="diagnosis, fit, trial, paper, other or damaged")
-    command: Text = Field(default="", description="the command that made it, its name")
-    rig: Text = Field(default="", description=RIG)
-    recordings: ListOf[Text] = Field(default=(), description="names of what was recorded")
-    begun: Text = Field(default="", description="UTC, ISO 8601")
-    outcome: Text = Field(default="", description="how it ended; empty while it goes on")
-    verdict: Text = Field(default="", description="of a diagnosis, as in diagnosis.json")
-    sentence: Text = Field(default="", description="what was found, in words; what is damaged")
-    causes: ListOf[Text] = Field(
-        default=(), description="labels of the effects that the verdict names"
-    )
+    command: Text = Field(description="the command that made it, its name")
+    rig: Text = Field(description=RIG)
+    recordings: ListOf[Text] = Field(description="names of what was recorded")
+    begun: Text = Field(description="UTC, ISO 8601")
+    outcome: Text = Field(description="how it ended; empty while it goes on")
+    verdict: Text = Field(description="of a diagnosis, as in diagnosis.json")
+    sentence: Text = Field(description="what was found, in words; what is damaged")
+    causes: ListOf[Text] = Field(description="labels of the effects that the verdict names")
     mae: MapOf[Figures] = Field(
-        default={},
         description="held-out mean absolute error in the channel's unit: channel -> model",
     )
 

@@ -42,7 +42,8 @@ CONTRASTS = """(() => {
   const low = [];
   for (const one of document.querySelectorAll("main *, nav *")) {
     const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
-    if (!own || one.closest("svg, math, noscript, [aria-pressed=false]") || !one.offsetParent) continue;
+    if (!own || !one.offsetParent) continue;
+    if (one.closest("svg, math, noscript, [aria-pressed=false]")) continue;
     const [a, b] = [light(parts(getComputedStyle(one).color)), light(behind(one))];
     const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
     if (ratio < LIMIT) low.push([one.tagName, one.className, one.textContent.slice(0, 30), ratio]);
@@ -51,7 +52,8 @@ CONTRASTS = """(() => {
 })()""".replace("LIMIT", str(TEXT_CONTRAST))
 UNNAMED = """[...document.querySelectorAll("a[href], button, select, input, summary, [tabindex]")]
   .filter((one) => one.offsetParent || one.ownerSVGElement)
-  .filter((one) => !(one.getAttribute("aria-label") || one.closest("label") || one.textContent).toString().trim())
+  .filter((one) => !(one.getAttribute("aria-label") || one.closest("label")?.textContent ||
+    one.textContent).trim())
   .map((one) => one.outerHTML.slice(0, 120))"""
 SHOWN = "[...document.querySelectorAll('.port-panel.shown')].map(one => one.id)"
 
