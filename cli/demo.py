@@ -10,12 +10,20 @@ import click
 from . import frame
 from .hints import unused
 from .options import jobs_option, seed_option
-from .terminal import progress_line, quoted
+from .terminal import aside, progress_line, quoted
 
 PLACE = 190
 EXAMPLE = """
 pamid demo --output demo-run --seed 1
 """
+_BEGUN = (
+    "A virtual joint is recorded with a fault that is withheld; then it is fitted, diagnosed, a "
+    "network is trained and the page is written: about a minute."
+)
+_BEGUN_OTHER = (
+    "A virtual machine is recorded with a fault that is withheld; then it is fitted and diagnosed, "
+    "and the page is written."
+)
 
 
 @frame.command("demo", example=EXAMPLE)
@@ -64,6 +72,7 @@ def command(
         overwrite=overwrite,
         options={"jobs": jobs, **({"duration_s": duration} if rig == "one-dof" else {"rig": rig})},
     )
+    aside(_BEGUN if rig == "one-dof" else _BEGUN_OTHER)
     with progress_line("demo") as progress:
         found = run_demo(
             run,

@@ -49,6 +49,7 @@ PROBABILITY_MEANS = (
 )
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
+_SETTLED = 0.95  # share of a port beside which nothing is left to be told apart
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def _alike(where: Where) -> str:
         f"measuring {sensor_label(one.sensor)} as well would separate "
         f"{', and '.join(split_labels(one))}"
         for one in where.sensors
-        if one.splits
+        if one.splits and max((each.share for each in where.ports), default=0.0) < _SETTLED
     ][:1]
     return sentence("; ".join(texts))
 

@@ -300,7 +300,7 @@
     make("span", {className: "group"}, button("◀", "window before", () => step(-1)), "window",
       button("▶", "window after", () => step(1))),
     make("span", {className: "group"}, button("−", "show more time", () => zoom(2)),
-      button("+", "enlarge", () => zoom(0.5)), button("All", "show the whole recording", () => all())), told, clock);
+      button("+", "enlarge", () => zoom(0.5)), button("All", "All: show the whole recording", () => all())), told, clock);
   root.append(bar, make("div", {className: "kinds"}, ...toggles), ...panels.map((panel) => panel.box));
   hide();
   for (const one of document.querySelectorAll("button[data-place]"))
