@@ -12,7 +12,7 @@ PLACE = 110
 EXAMPLE = """
 pamid report run --output report.html
 pamid report run --pdf
-pamid report --compare run other-run
+pamid report --compare run fitted
 """
 _BESIDE = "-"  # --pdf without a file
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 PLACE = 115
 EXAMPLE = """
 pamid runs
-pamid runs experiments --json
+pamid runs . --json
 """
 
 

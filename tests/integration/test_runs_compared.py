@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,10 @@ def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture) ->
     ]
     assert run(["runs", str(tmp_path)]) == 0
     text = capsys.readouterr().out
-    assert "explains 86 % of the gap" in text and "Next: pamid report --compare" in text
+    assert "explains 86 % of the gap" in text
+    following = shlex.split(text.partition("Next: pamid ")[2])
+    assert following[:2] == ["report", "--compare"]
+    assert run([*following, "--output", str(tmp_path / "both.html")]) == 0
 
 
 def test_a_damaged_run_is_listed_with_what_is_wrong(tmp_path: Path, capsys: Capture) -> None:
