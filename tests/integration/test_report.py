@@ -486,7 +486,7 @@ def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFix
     told = json.loads(capsys.readouterr().out)
     assert told["schema"] == "pamid.report/1"
     assert Path(told["page"]) == folder / "report.html" and Path(told["page"]).is_file()
-    assert len(told["figures"]) == 9 and all(Path(path).is_file() for path in told["figures"])
+    assert len(told["figures"]) == 10 and all(Path(path).is_file() for path in told["figures"])
     assert told["mae"]["angle_deg"] == {
         "data_sheet": 1.29,
         "refitted": 0.52,
