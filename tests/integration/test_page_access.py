@@ -43,7 +43,7 @@ CONTRASTS = """(() => {
   for (const one of document.querySelectorAll("main *, nav *")) {
     const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
     if (!own || !one.offsetParent) continue;
-    if (one.closest("svg, math, noscript, [aria-pressed=false]")) continue;
+    if (one.closest("svg, math, noscript")) continue;
     const [a, b] = [light(parts(getComputedStyle(one).color)), light(behind(one))];
     const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
     if (ratio < LIMIT) low.push([one.tagName, one.className, one.textContent.slice(0, 30), ratio]);
