@@ -77,8 +77,9 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
 
 
 def set_figures(text: str) -> str:
-    """One line in which no number is parted from its sign."""
-    return formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
+    """One line in which no number is parted from its sign, nor from the P before it."""
+    kept = formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
+    return kept.replace("(P ", f"(P{formatting.SPACE}")
 
 
 def free_form_title(diagnosis: DiagnosisFile, one: FamilyForm) -> str:
@@ -223,7 +224,7 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
             f"{formatting.short(row.refitted)} to {with_unit_text(row.with_cause, unit_text)}"
         )
         if row.noise_floor is not None:
-            text += f"; the noise floor is {formatting.short(row.noise_floor)}"
+            text += f"; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"
         return formatting.sentence(text).removesuffix(".")
     if row.data_sheet is None:
         return (

@@ -239,7 +239,7 @@ def test_titles_follow_the_numbers(tmp_path: Path) -> None:
     titles = {one.name: flat(one.title) for one in drawings_of(run, errors_of(run))}
     assert titles["budget"] == (
         "Coulomb friction takes the held-out angle error from 0.52 to 0.26 deg; the noise floor "
-        "is 0.05"
+        "is 0.05 deg"
     )
     assert titles["ports"].startswith("81 % of the gap enters at the joint port")
     assert (
