@@ -60,6 +60,8 @@ def command(
     With --rig the same for a machine that is made of that rig as `pamid trial` makes them, without
     the network. What is withheld is drawn from all that fits its ports, and need not show.
     """
+    # before what takes seconds to load
+    aside(_BEGUN if rig == "one-dof" else _BEGUN_OTHER)
     from pamid.base.run_folder import Run
     from pamid.model.registry import code_files
     from pamid.replications.demonstration import run_demo
@@ -72,7 +74,6 @@ def command(
         overwrite=overwrite,
         options={"jobs": jobs, **({"duration_s": duration} if rig == "one-dof" else {"rig": rig})},
     )
-    aside(_BEGUN if rig == "one-dof" else _BEGUN_OTHER)
     with progress_line("demo") as progress:
         found = run_demo(
             run,
