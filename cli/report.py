@@ -47,7 +47,6 @@ def command(
     shrinks; then plots of all samples and the evidence. It needs no network, follows light and
     dark, and prints. Figures go to RUN/figures as PNG.
     """
-    from pamid.report.recording_errors import recording_errors_text
     from pamid.base.errors import UsageError
 
     if compare:
@@ -61,6 +60,7 @@ def command(
 
 def _page(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     """The page of one run."""
+    from pamid.report.recording_errors import recording_errors_text
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
     from pamid.schemas.command_files import WrittenReport

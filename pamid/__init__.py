@@ -35,7 +35,6 @@ if TYPE_CHECKING:
         ParameterTable,
     )
     from pamid.api.run_scores import ScoreResult, score
-    from pamid.api.runs import open_run
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError

@@ -31,9 +31,8 @@ from pamid.report.equation import cause_equations, model_equations, remainder_eq
 from pamid.report.glance import cards_of, todo_of
 from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
-from pamid.report.recording_errors import held_out_errors, recording_errors_table
-from pamid.report.ranking import ranking_table
 from pamid.report.ranking import ranking_table, rivals_table
+from pamid.report.recording_errors import held_out_errors, recording_errors_table
 from pamid.report.rig_figure import panels_html
 from pamid.report.style import Picture
 from pamid.report.tables import (
