@@ -10,12 +10,20 @@ import click
 from . import frame
 from .hints import unused
 from .options import jobs_option, seed_option
-from .terminal import progress_line, quoted
+from .terminal import aside, progress_line, quoted
 
 PLACE = 190
 EXAMPLE = """
 pamid demo --output demo-run --seed 1
 """
+_BEGUN = (
+    "A virtual joint is recorded with a fault that is withheld; then it is fitted, diagnosed, a "
+    "network is trained and the page is written: about a minute."
+)
+_BEGUN_OTHER = (
+    "A virtual machine is recorded with a fault that is withheld; then it is fitted and diagnosed, "
+    "and the page is written."
+)
 
 
 @frame.command("demo", example=EXAMPLE)
@@ -52,6 +60,8 @@ def command(
     With --rig the same for a machine that is made of that rig as `pamid trial` makes them, without
     the network. What is withheld is drawn from all that fits its ports, and need not show.
     """
+    # before what takes seconds to load
+    aside(_BEGUN if rig == "one-dof" else _BEGUN_OTHER)
     from pamid.base.run_folder import Run
     from pamid.model.registry import code_files
     from pamid.replications.demonstration import run_demo

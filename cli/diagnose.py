@@ -13,6 +13,7 @@ from .options import jobs_option, no_check_option, recording_options, run_output
 from .terminal import progress_line, quoted, warning
 
 PLACE = 80
+_SETTLED = 0.95
 EXAMPLE = """
 pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 """
@@ -120,7 +121,8 @@ def _where(where: dict[str, Any]) -> list[str]:
         f"of the time: {r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}"
         for r in where["regimes"][:2]
     ]
-    if where.get("sensors"):
+    # where one port holds nearly all of it, there is nothing left to split
+    if where.get("sensors") and max((p["share"] for p in where["ports"]), default=0.0) < _SETTLED:
         split = " or ".join(", ".join(g) for g in where["sensors"][0]["splits"][:2])
         lines.append(
             f"          a measurement of {where['sensors'][0]['sensor']} would split {split}"

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from . import names, settings_files
-from .table import COMMANDS, load_command
+from .table import ALIASES, COMMANDS, load_command
 from .terminal import aside, hang_up, printable, printable_json, say
 
 if TYPE_CHECKING:
@@ -258,6 +258,8 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args:
+            args = [ALIASES.get(args[0], args[0]), *args[1:]]
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             ctx.fail(f"There is no command {args[0]!r}. {names.suggest(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)

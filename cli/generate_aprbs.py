@@ -1,4 +1,4 @@
-"""`pamid generate-aprbs`: Make an excitation that covers amplitude and frequency."""
+"""`pamid generate-aprbs`: Make an excitation, of many kinds (`pamid excite` is the same)."""
 
 from __future__ import annotations
 
@@ -148,8 +148,8 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 def command(
     output: Path, form: str | None, figure: Path | None, overwrite: bool, **request: Any
 ) -> frame.Result:
-    """Make an amplitude-modulated pseudo-random step signal (APRBS) for a rig, or another signal or
-    experiment.
+    """Make what is sent to a rig to learn most from it: random steps (APRBS), chirps and other
+    signals, torque loops, valve pulses or a gravity test. `pamid excite` is the same command.
 
     \b
     aprbs         independent random steps on the reference of every joint, or on every command

@@ -12,16 +12,17 @@ PLACE = 110
 EXAMPLE = """
 pamid report run --output report.html
 pamid report run --pdf
+pamid report --compare run fitted
 """
 _BESIDE = "-"  # --pdf without a file
 
 
 @frame.command("report", example=EXAMPLE)
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN")
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Page to write. [default: RUN/report.html]",
+    help="Page to write. [default: RUN/report.html, or comparison.html]",
 )
 @click.option(
     "--pdf",
@@ -31,7 +32,14 @@ _BESIDE = "-"  # --pdf without a file
     help="Write it as a PDF as well; without FILE beside the page.",
     metavar="[FILE]",
 )
-def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
+@click.option(
+    "--compare",
+    is_flag=True,
+    help="Put two or more runs side by side: causes, parameters, errors, what changed in the data.",
+)
+def command(
+    runs: tuple[Path, ...], output: Path | None, pdf: str | None, compare: bool
+) -> frame.Result:
     """Turn the run folder RUN into one self-contained HTML page and figures; or that of a trial, or
     of a paper.
 
@@ -39,6 +47,19 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     shrinks; then plots of all samples and the evidence. It needs no network, follows light and
     dark, and prints. Figures go to RUN/figures as PNG.
     """
+    from pamid.base.errors import UsageError
+
+    if compare:
+        return _comparison(runs, output, pdf)
+    if len(runs) > 1:
+        raise UsageError(
+            f"One run makes a page; {len(runs)} were named.", "To put them side by side: --compare."
+        )
+    return _page(runs[0], output, pdf)
+
+
+def _page(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
+    """The page of one run."""
     from pamid.report.recording_errors import recording_errors_text
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
@@ -61,3 +82,24 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
         found = found.model_copy(update={"pdf": str(report.pdf)})
         written = f"\nPDF:  {report.pdf}"
     return frame.Result(found, f"{table}Page: {report.page}{written}")
+
+
+def _comparison(runs: tuple[Path, ...], output: Path | None, pdf: str | None) -> frame.Result:
+    """The page of several runs, side by side."""
+    from pamid.report.comparison_page import changes_of, compared_runs, comparison_sentence
+    from pamid.report.run_summaries import summary_of
+    from pamid.report.writing import write_comparison
+    from pamid.schemas.runs_file import WrittenComparison
+
+    found = compared_runs(runs)
+    page = Path("comparison.html") if output is None else output
+    paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
+    write_comparison(found, page, paper)
+    changed = changes_of(found)
+    told = WrittenComparison(
+        page=str(page), runs=tuple(map(summary_of, runs)), changed=tuple(changed)
+    )
+    lines = [comparison_sentence(found).replace("\u00a0", " ")]
+    lines += [f"Differs in: {', '.join(changed)}."] if changed else []
+    lines += ["", f"Page: {page}", *([f"PDF:  {paper}"] if paper is not None else [])]
+    return frame.Result(told, "\n".join(lines))

@@ -27,6 +27,9 @@ def _scanned(folder: Path) -> dict[str, str]:
 #: name -> one line of help
 COMMANDS: dict[str, str] = _scanned(Path(__file__).parent)
 
+#: second names of commands, for those who look for what they do
+ALIASES = {"excite": "generate-aprbs"}
+
 
 def load_command(name: str) -> click.Command:
     """A command by its name; imports its module."""

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import os
 
+    from pamid.api.carried_runs import open_run
     from pamid.api.checking import CheckResult, check
     from pamid.api.diagnosing import diagnose
     from pamid.api.exciting import pulse_excitation, release_excitation
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
         ParameterTable,
     )
     from pamid.api.run_scores import ScoreResult, score
-    from pamid.api.runs import open_run
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
@@ -95,7 +95,7 @@ _HOME = {
     "force_law_of": "pamid.correction.trained_force_law",
     "guess_mapping": "pamid.ingest.ingesting",
     "new_rig": "pamid.api.new_rigs",
-    "open_run": "pamid.api.runs",
+    "open_run": "pamid.api.carried_runs",
     "power": "pamid.api.planning",
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",

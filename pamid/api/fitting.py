@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from pamid.api.carried_runs import HowToRun, carry_out
 from pamid.api.given import (
     EffectLike,
     RecordingLike,
@@ -14,7 +15,6 @@ from pamid.api.given import (
     warn_in_python,
 )
 from pamid.api.results import FitResult, result_of
-from pamid.api.runs import HowToRun, carry_out
 from pamid.base.errors import UsageError
 from pamid.base.files import PathLike, write_atomically
 from pamid.base.json_file import write_json

@@ -8,6 +8,7 @@ from pamid.report.channel_errors import errors_of, headline, worst_window
 from pamid.report.evidence_figures import training_drawing
 from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing, window_drawing
 from pamid.report.load import RunData
+from pamid.report.rig_figure import rig_drawing
 from pamid.report.style import Drawing, figure_of
 
 PLOTTED_MODELS = ("data_sheet", "refitted", "cause", "network")
@@ -34,6 +35,10 @@ def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFig
 
 def errors_figure(run: RunData) -> NotebookFigure:
     return _shown(budget_drawing(errors_of(run), run.diagnosis), "held-out errors")
+
+
+def rig_map_figure(run: RunData) -> NotebookFigure:
+    return _shown(rig_drawing(run.diagnosis), "ports of its rig")
 
 
 def ports_figure(run: RunData) -> NotebookFigure:

@@ -312,6 +312,13 @@ class DiagnosisResult(FitResult):
         found: dict[str, Any] = read_json(self.folder / "diagnosis.json")
         return found
 
+    def plot_rig(self) -> NotebookFigure:
+        """The rig as a block diagram, tinted by the share of the gap; DataError for a run of an
+        earlier version, which does not hold its rig's ports."""
+        from pamid.api.plots import rig_map_figure
+
+        return rig_map_figure(self.data)
+
     def plot_ports(self) -> NotebookFigure:
         """The share of the gap that enters at every port; DataError where there is no gap."""
         from pamid.api.plots import ports_figure

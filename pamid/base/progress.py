@@ -4,6 +4,7 @@ line that updates itself, in a terminal and in a notebook."""
 from __future__ import annotations
 
 import contextlib
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -31,7 +32,9 @@ ShowProgress: TypeAlias = Progress | CountedProgress | Literal[False] | None
 
 _LIVE_S = 0.1
 _LOG_S = 15.0
+_FIRST_S = 3.0  # a log gets its first line sooner than the next ones
 _WIDTH = 100
+_COUNTED = re.compile(r"(.+?) (\d+)/(\d+)")  # "screening 15/33: coulomb-friction"
 
 
 @contextmanager
@@ -60,8 +63,9 @@ class ProgressLine:
     """`with ProgressLine("fitting", 12) as line: line.update(3, "coulomb-friction")`.
 
     On a terminal and in a notebook a line on stderr that updates itself and is wiped at the end;
-    log files and pipes get a line every 15 s where `in_logs`, else nothing. Quick work says
-    nothing.
+    log files and pipes get a line after 3 s, then every 15 s, where `in_logs`, else nothing. Quick
+    work says nothing. Stages that count (`screening 15/33: ...`) say how much of them is done, and
+    how long the rest of them takes if it goes as fast.
     """
 
     def __init__(
@@ -78,6 +82,7 @@ class ProgressLine:
         self._silent = self._stream is None or not (self._live or in_logs)
         self._begun = self._shown = time.monotonic()
         self._length = 0
+        self._stage = ("", 0, self._begun)  # its name, what was done, and when it was first told
 
     def __enter__(self) -> ProgressLine:
         return self
@@ -101,7 +106,9 @@ class ProgressLine:
         if self._silent:
             return
         now = time.monotonic()
-        if now - self._shown < (_LIVE_S if self._live else _LOG_S):
+        stage = self._counted(text, now)
+        wait = _LIVE_S if self._live else _LOG_S if self._length else _FIRST_S
+        if now - self._shown < wait:
             return
         self._shown = now
         count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
@@ -109,7 +116,7 @@ class ProgressLine:
         left = (
             f", at most {spent * (self._total - done) / done:.0f} s left"
             if self._total and done > 0
-            else ""
+            else stage
         )
         said = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
         plain = "".join(c if c.isprintable() else " " for c in said)
@@ -117,6 +124,20 @@ class ProgressLine:
         # blanks over the rest of the line before: notebooks do not know the terminal's codes
         self._write("\r" + line.ljust(self._length) if self._live else line + "\n")
         self._length = len(line)
+
+    def _counted(self, text: str, now: float) -> str:
+        """How much of a stage that counts is done, and what of it is left; else nothing."""
+        found = _COUNTED.match(text)
+        if found is None or int(found[3]) == 0:
+            return ""
+        name, done, total = found[1], int(found[2]), int(found[3])
+        if name != self._stage[0] or done < self._stage[1]:
+            self._stage = (name, done, now)
+        _, before, since = self._stage
+        said = f", {100 * done // total} % of this stage"
+        if done <= before or done >= total:
+            return said
+        return f"{said}, about {(now - since) * (total - done) / (done - before):.0f} s of it left"
 
     def _write(self, text: str) -> None:
         with contextlib.suppress(OSError):  # a closed or full stderr stops no work

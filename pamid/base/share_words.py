@@ -28,6 +28,23 @@ def chance_text(probability: float) -> str:
     return "below 0.01" if probability < 0.01 else f"{probability:.2f}"
 
 
+def times_text(ratio: float) -> str:
+    """How many times one is the other, in two digits and no power of ten: 1.36 -> "1.4", 7312 ->
+    "7300", 4.2e7 -> "42 million"."""
+    if not math.isfinite(ratio):
+        return "?"
+    for size, name in ((1e9, " thousand million"), (1e6, " million")):
+        if abs(ratio) >= 0.995 * size:
+            return f"{_two_digits(ratio / size)}{name}"
+    return _two_digits(ratio)
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):.10g}"
+
+
 def minutes_text(minutes: float) -> str:
-    """How long an experiment takes: 8.0 -> "8 min", 0.0017 -> "0.1 s"."""
-    return f"{minutes:.2g} min" if minutes >= 1.0 else f"{60.0 * minutes:.2g} s"
+    """How long an experiment takes: 8.0 -> "8 min", 0.0017 -> "0.1 s", 150 -> "2.5 h"."""
+    if minutes >= 120.0:
+        return f"{_two_digits(minutes / 60.0)} h"
+    return f"{_two_digits(minutes)} min" if minutes >= 1.0 else f"{_two_digits(60.0 * minutes)} s"

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
+from pamid.base.share_words import times_text
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -433,7 +434,7 @@ def _why(
     worst = int(np.argmax(separation))
     parts.append(
         "simulated on the fitted models, the nearest two differ most in "
-        f"{d.evidence.channels[worst]}, by {separation[worst]:.2g} times its noise"
+        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise"
     )
     if separation[worst] < d.settings.experiment_visible:
         parts.append("nothing on the menu sets them apart clearly")

@@ -26,6 +26,7 @@ from pamid.diagnosis.unknown import left_over
 from pamid.diagnosis.verdict_words import chance_figure, remark, sentence
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import Isolability, isolability
+from pamid.model.port_flow import rig_map
 from pamid.schemas import diagnosis_file as result
 from pamid.schemas import grounds
 
@@ -65,6 +66,7 @@ def diagnosis_file(
         if unknown and d.cause is None
         else None,
         notes=tuple(notes(d)),
+        rig=rig_map(d.evidence.rig, d.evidence.channels),
         **_judgement(d),
     )
     said = found.model_copy(update={"sentence": sentence(found)})

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pamid.base.share_words import chance_text, percent_text, percents_text
+from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.diagnosis.settings import DEFAULT
 from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder
 
@@ -39,7 +39,7 @@ def remark(d: Diagnosis) -> str:
     if units and (units["slips"] or not d.empty):
         channel, share = max(units["error_over_spread"].items(), key=lambda pair: pair[1])
         return (
-            f"The refitted model misses {channel} by {share:.2g} times what it moves. "
+            f"The refitted model misses {channel} by {times_text(share)} times what it moves. "
             f"{units['advice']}"
         )
     if not d.empty:
@@ -81,7 +81,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if found.verdict == "ambiguous":
         said += ": these recordings do not decide between them"
     if not rest.real:
-        return f"{said}; {_left_beside(rest)}."
+        return f"{said}; {left_beside(rest)}."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
 
 
@@ -113,7 +113,7 @@ def size_of(rest: Remainder, *, beside: bool) -> str:
             text += f" (95 % interval {percents_text(rest.low, rest.high)})"
         texts.append(text)
     if rest.floors is not None:
-        texts.append(f"{rest.floors:.2g} times the noise floor in the worst channel")
+        texts.append(f"{times_text(rest.floors)} times the noise floor in the worst channel")
     return ", ".join(texts)
 
 
@@ -142,18 +142,18 @@ def _tolerated(rest: Remainder | None) -> str:
     if rest is None or rest.floors is None or rest.floors < DEFAULT.naive_near_floor:
         return ""
     return (
-        f" What is left, {rest.floors:.2g} times the noise floor, machines leave as well on which "
-        "nothing is missing."
+        f" What is left, {times_text(rest.floors)} times the noise floor, machines leave as well "
+        "on which nothing is missing."
     )
 
 
-def _left_beside(rest: Remainder) -> str:
+def left_beside(rest: Remainder) -> str:
     """What remains beside the causes and is not real: said with its size and chance where it is
     plainly more than noise, for then tolerances alone have to answer for it."""
     if rest.floors is None or rest.floors < DEFAULT.naive_near_floor:
         return "what remains is within noise and tolerances"
     text = (
-        f"what remains, {rest.floors:.2g} times the noise floor, is not told from ordinary "
+        f"what remains, {times_text(rest.floors)} times the noise floor, is not told from ordinary "
         "tolerances"
     )
     if rest.probability is None:

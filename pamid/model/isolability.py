@@ -80,7 +80,7 @@ def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
                 f"rig {rig.name!r} has no output {name!r}",
                 nearest(name, rig.outputs) or f"outputs: {', '.join(rig.outputs)}",
             )
-    traced = trace(rig, lambda port, place: [("cut", _Cut(port, place))], {})
+    traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
     here = _View(rig, traced, outputs)
     return Isolability(
         here.groups,
@@ -143,7 +143,7 @@ class Structure:
         return len(self.part) - len({v for i in self.part for v in self.equations[i]})
 
 
-class _Cut(Effect):
+class Cut(Effect):
     """Puts an unknown in the place of whatever passes through a port."""
 
     def __init__(self, port: str, place: str) -> None:
@@ -153,12 +153,13 @@ class _Cut(Effect):
         return self.unknown
 
 
-def _unknowns(root: Expr) -> frozenset[Unknown]:
+def unknowns_of(root: Expr) -> frozenset[Unknown]:
+    """The states and cuts that an expression holds."""
     return frozenset(s for s in symbols([root]) if s[0] in ("state", "cut"))
 
 
 def _cuts(root: Expr) -> set[str]:
-    return {name for space, name in _unknowns(root) if space == "cut"}
+    return {name for space, name in unknowns_of(root) if space == "cut"}
 
 
 def _where(passage: Passage) -> str:
@@ -201,9 +202,12 @@ class _View:
         measurements."""
         return Structure(
             (
-                *(_unknowns(p.value) | {("cut", p.where)} for p in self.passages),
-                *(_unknowns(rate) | {("state", name)} for name, rate in self.traced.rates.items()),
-                *(_unknowns(self.traced.outputs[o]) for o in self.outputs),
+                *(unknowns_of(p.value) | {("cut", p.where)} for p in self.passages),
+                *(
+                    unknowns_of(rate) | {("state", name)}
+                    for name, rate in self.traced.rates.items()
+                ),
+                *(unknowns_of(self.traced.outputs[o]) for o in self.outputs),
                 *(frozenset({("cut", p.where)}) for p in self.passages if p.port in self.measured),
             )
         )

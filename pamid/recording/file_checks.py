@@ -29,7 +29,7 @@ UNIFORM_TO = 0.01  # stamps are uniform to 1 %
 TINY, HUGE = 1e-30, 1e30
 PERIOD_TO = 1e-3  # a stated sampling period may differ from the stamps by 0.1 %
 _INGEST = "`pamid ingest` repairs the time base of raw logs."
-_RESAVE = "Save it again as comma-separated values in UTF-8."
+_RESAVE = "`pamid ingest` reads raw logs; a table is saved again as comma-separated UTF-8."
 _WHERE = "Check the path; `pamid demo` makes recordings to try things on."
 _READABLE = "Check that you may read it (ls -l)."
 

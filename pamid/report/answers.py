@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import quoted
-from pamid.base.share_words import minutes_text
+from pamid.base.share_words import minutes_text, times_text
 from pamid.diagnosis import verdict_words
 from pamid.report import formatting
 from pamid.report.captions import (
@@ -49,6 +49,7 @@ PROBABILITY_MEANS = (
 )
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
+_SETTLED = 0.95  # share of a port beside which nothing is left to be told apart
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def _alike(where: Where) -> str:
         f"measuring {sensor_label(one.sensor)} as well would separate "
         f"{', and '.join(split_labels(one))}"
         for one in where.sensors
-        if one.splits
+        if one.splits and max((each.share for each in where.ports), default=0.0) < _SETTLED
     ][:1]
     return sentence("; ".join(texts))
 
@@ -148,7 +149,7 @@ def _regime(one: Regime) -> str:
     if one.share_of_time:
         text += (
             f" in {percent(one.share_of_time)} of the time, "
-            f"{short(one.share_of_gap / one.share_of_time, 2)} times"
+            f"{times_text(one.share_of_gap / one.share_of_time)} times"
         )
         text += " its share"
     return sentence(text)
@@ -219,7 +220,7 @@ def _sizes(diagnosis: DiagnosisFile) -> list[str]:
     texts = []
     for cause in diagnosis.causes:
         for name, one in cause.parameters.items():
-            interval = formatting.span(one.low, one.high)
+            interval = formatting.span(one.low, one.high, channel_unit(name))
             tail = formatting.interval_tail(interval)
             value = formatting.with_unit_text(one.value, channel_unit(name))
             texts.append(
@@ -357,7 +358,7 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
             text += (
                 "; what is left is no larger"
                 if times < 1.1
-                else f"; what is left is {short(times, 2)} times that"
+                else f"; what is left is {times_text(times)} times that"
             )
         texts.append(f"{text}.")
     if row.black_box is not None and best is not None:
@@ -455,8 +456,8 @@ def _expected(experiment: NextExperiment) -> str:
     texts = []
     if experiment.expected_separation is not None:
         texts.append(
-            "the nearest two of these models are expected to differ by "
-            f"{short(experiment.expected_separation, 2)} noise standard deviations rms"
+            "the nearest two of these models are expected to differ there by "
+            f"{times_text(experiment.expected_separation)} times the noise of the sensors"
         )
     if experiment.minutes is not None:
         takes = minutes_text(experiment.minutes).replace(" ", formatting.SPACE)

@@ -77,8 +77,9 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
 
 
 def set_figures(text: str) -> str:
-    """One line in which no number is parted from its sign."""
-    return formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
+    """One line in which no number is parted from its sign, nor from the P before it."""
+    kept = formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
+    return kept.replace("(P ", f"(P{formatting.SPACE}")
 
 
 def free_form_title(diagnosis: DiagnosisFile, one: FamilyForm) -> str:
@@ -116,8 +117,12 @@ def _fit_sentence(row: ChannelErrors | None) -> str:
     )
 
 
-def _removes(diagnosis: DiagnosisFile) -> str:
-    return "removes" if len(diagnosis.causes) == 1 else "together remove"
+def _changes(diagnosis: DiagnosisFile, row: ChannelErrors) -> str:
+    """What causes do to the error: one takes it down, several together take it down."""
+    grows = (row.with_cause or 0.0) > (row.refitted or 0.0)
+    one = len(diagnosis.causes) == 1
+    verb = ("raise" if grows else "take") + ("s" if one else "")
+    return verb if one else f"together {verb}"
 
 
 def ports_title(where: Where) -> str:
@@ -197,32 +202,29 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
             f"the best candidate, {effect_label(best.effect)}, removes {percent(best.shrinkage)} "
             f"of the held-out error{over_channels(diagnosis)}; {tail}"
         ).removesuffix(".")
-    if second is None or second.shrinkage is None:
-        text = (
-            f"{effect_label(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
-        )
-    else:
-        text = (
-            f"{effect_label(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
-            f"{over_channels(diagnosis)}, the runner-up {effect_label(second.effect)} "
-            f"{percent(second.shrinkage)}"
-        )
+    first = effect_label(best.effect)
+    text = (
+        f"{first} is the only candidate that was refitted"
+        if second is None
+        else f"{first} leads the ranking; the runner-up is {effect_label(second.effect)}"
+    )
     return formatting.sentence(text).removesuffix(".")
 
 
 def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | None) -> str:
-    """ "Coulomb friction removes 78 % of the held-out angle error"."""
+    """ "Coulomb friction takes the held-out angle error from 0.52 to 0.11 deg"."""
     row = headline(rows)
     if row is None or row.refitted is None:
         return "Held-out error of each model"
     what, unit_text = channel_label(row.channel), channel_unit(row.channel)
     known = row.with_cause is not None and row.refitted > 0
     if diagnosis is not None and _together(diagnosis) and known and row.with_cause is not None:
-        share = row.shrinkage if row.shrinkage is not None else 1.0 - row.with_cause / row.refitted
         text = (
-            f"{causes_label(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out "
-            f"{what} error"
+            f"{causes_label(diagnosis)} {_changes(diagnosis, row)} the held-out {what} error from "
+            f"{formatting.short(row.refitted)} to {with_unit_text(row.with_cause, unit_text)}"
         )
+        if row.noise_floor is not None:
+            text += f"; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"
         return formatting.sentence(text).removesuffix(".")
     if row.data_sheet is None:
         return (

@@ -6,13 +6,17 @@ Text in backticks is shown as code; every text may come from files, so whoever s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 from markupsafe import Markup
 
 from pamid.report.style import Picture
+
+_LISTED = 3  # lowest level of the headings in the table of contents
+_ID_WORDS = 6  # of a heading in its id
 
 
 @dataclass(frozen=True)
@@ -102,15 +106,18 @@ class Details:
 
 @dataclass(frozen=True)
 class Interactive:
-    """What only a page with scripts can show; not in the PDF."""
+    """What only a page with scripts can show; not in the PDF. title, place: of its own heading,
+    for the table of contents."""
 
     kind: ClassVar[str] = "interactive"
     markup: Markup
+    title: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True)
 class Section:
-    """style: "", or "answer" for the answers that lead a report."""
+    """style: "", "answer" for one of the answers that lead a report, "answers" for them all."""
 
     kind: ClassVar[str] = "section"
     blocks: tuple[Block, ...]
@@ -132,9 +139,21 @@ Block = (
 
 
 @dataclass(frozen=True)
+class AnswerCard:
+    """An answer at a glance, above the fold. lead: the answer; lines: what else stands there;
+    place: the heading that it leads to; quiet: nothing was found."""
+
+    question: str
+    lead: str
+    lines: tuple[str, ...] = ()
+    place: str = ""
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
 class Document:
-    """title: of the browser's tab and of the PDF's metadata; scripts, styles: of ours, that the
-    interactive blocks need."""
+    """title: of the browser's tab and of the PDF's metadata; cards: the answers side by side; todo:
+    one line, what to do next; scripts, styles: of ours, that the interactive blocks need."""
 
     title: str
     subtitle: str
@@ -143,6 +162,34 @@ class Document:
     blocks: tuple[Block, ...]
     scripts: tuple[str, ...] = ()
     styles: str = ""
+    cards: tuple[AnswerCard, ...] = ()
+    todo: str = ""
+
+    @property
+    def contents(self) -> tuple[tuple[int, str, str], ...]:
+        """(level, text, place) of every heading of level 2 and 3, in their order."""
+        return tuple(
+            (2, one.title, one.place)
+            if isinstance(one, Interactive)
+            else (one.level, one.question or one.text, place_of(one))
+            for one in _listed(self.blocks)
+        )
+
+
+def place_of(heading: Heading) -> str:
+    """The id of a heading: what it answers or says, in small letters and hyphens."""
+    words = re.findall(r"[a-z0-9]+", (heading.question or heading.text).lower())
+    return "-".join(words[:_ID_WORDS]) or "section"
+
+
+def _listed(blocks: Iterable[Block]) -> Iterator[Heading | Interactive]:
+    for block in blocks:
+        if isinstance(block, Section):
+            yield from _listed(block.blocks)
+        elif (isinstance(block, Heading) and block.level <= _LISTED) or (
+            isinstance(block, Interactive) and block.title
+        ):
+            yield block
 
 
 def table(

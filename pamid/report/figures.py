@@ -136,7 +136,8 @@ def missing_drawing(run: RunData) -> Drawing | None:
     if term is None or run.missing is None:
         return None
     stems = {split_column(name)[0]: name for name in run.missing}
-    told = term.variables or sorted((s for s in stems if s in term.formula), key=term.formula.index)
+    named = (s for s in stems if s not in NO_SIGNALS and s in term.formula)
+    told = term.variables or sorted(named, key=term.formula.index)
     found = [
         *(v for v in told if v in stems),
         *(s for s in stems if s not in NO_SIGNALS),

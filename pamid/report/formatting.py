@@ -25,6 +25,8 @@ _PROPER = {
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
+_PREFIXED = ("m", "s", "V", "A")  # units that are told in thousandths or millionths
+_MILLI, _MICRO = 1e-3, 1e-4
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
 INTERVAL = f"95{SPACE}% interval"
 
@@ -103,12 +105,20 @@ def short(value: float | None, digits: int = 3) -> str:
 
 
 def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
-    """ "0.52 deg"."""
-    return (
-        f"{short(value, digits)}{SPACE}{unit_text}"
-        if unit_text and value is not None
-        else short(value, digits)
-    )
+    """ "0.52 deg"; a length, time, voltage or current that is small in its thousandths or
+    millionths: "0.405 µm"."""
+    if value is None or not unit_text:
+        return short(value, digits)
+    factor, unit_text = _told_in(unit_text, value)
+    return f"{short(factor * value, digits)}{SPACE}{unit_text}"
+
+
+def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
+    """What to multiply by, and the unit then: (1e6, "µm") for micrometres."""
+    largest = max(map(abs, values))
+    if unit_text not in _PREFIXED or not 0.0 < largest < _MILLI:
+        return 1.0, unit_text
+    return (1e6, f"µ{unit_text}") if largest < _MICRO else (1e3, f"m{unit_text}")
 
 
 def percent(share: float | None) -> str:
@@ -120,9 +130,11 @@ def percent(share: float | None) -> str:
 
 def span(low: float | None, high: float | None, unit_text: str = "", digits: int = 3) -> str:
     """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open."""
-    tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None and high is None:
         return DASH
+    factor, unit_text = _told_in(unit_text, *(one for one in (low, high) if one is not None))
+    low, high = (None if one is None else factor * one for one in (low, high))
+    tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None:
         return f"below {short(high, digits)}{tail}"
     if high is None:

@@ -76,7 +76,7 @@ def load_run(folder: Path) -> RunData:
     """Read a run folder; FileError if it is none, holds no result, or one of its files is
     damaged."""
     Run.open(folder)
-    fit = read_result(folder / "fit.json", FitFile)
+    fit = read_result(folder / "fit.json", FitFile, also=("posterior",))
     diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None and diagnosis is None:
         hint = "`pamid fit` or `pamid diagnose` with --output writes one."

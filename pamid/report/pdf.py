@@ -133,11 +133,16 @@ class Pages(FPDF):
     def lay_out(self, document: Document) -> bool:
         """Set the document; False if the answers that lead it need more than the first page."""
         self.opening(document)
-        answers = [
-            one for one in document.blocks if isinstance(one, Section) and one.style == "answer"
+        blocks = [
+            inner
+            for one in document.blocks
+            for inner in (
+                one.blocks if isinstance(one, Section) and one.style == "answers" else (one,)
+            )
         ]
-        if document.blocks[:1] != tuple(answers[:1]):  # the report of a trial or a paper
-            self.add_all(document.blocks)
+        answers = [one for one in blocks if isinstance(one, Section) and one.style == "answer"]
+        if blocks[:1] != answers[:1]:  # the report of a trial or a paper
+            self.add_all(blocks)
             return True
         for one in answers:
             self.add_all(block for block in one.blocks if not _is_shown(block))
@@ -152,7 +157,7 @@ class Pages(FPDF):
                     shown[0],
                 )
                 self.add_all(shown)
-        self.add_all(one for one in document.blocks if one not in answers)
+        self.add_all(one for one in blocks if one not in answers)
         return fits
 
     def opening(self, document: Document) -> None:
@@ -160,6 +165,8 @@ class Pages(FPDF):
         self.text_block(document.subtitle, SUBTITLE)
         self.text_block(document.headline, HEADLINE)
         self.add(document.preface)
+        if document.todo:
+            self.text_block(f"Do this next: {document.todo}", PARAGRAPHS[""])
 
     def add_all(self, blocks: Iterable[Block]) -> None:
         """Blocks one below the other; a heading never stands alone at the foot of a page."""

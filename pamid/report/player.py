@@ -42,8 +42,9 @@ def player_html(run: RunData) -> Markup:
     several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
     when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
     note = (
-        f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are not "
-        "enlarged. At the marks on the time axis the models were set to the measured state again."
+        f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are "
+        "drawn as they are unless they are enlarged ten times below. "
+        "At the marks on the time axis the models were set to the measured state again."
     )
     return tag(
         "figure",

@@ -28,9 +28,12 @@ from pamid.report.document import (
     notes,
 )
 from pamid.report.equation import cause_equations, model_equations, remainder_equations
+from pamid.report.glance import cards_of, todo_of
 from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
+from pamid.report.ranking import ranking_table, rivals_table
 from pamid.report.recording_errors import held_out_errors, recording_errors_table
+from pamid.report.rig_figure import panels_html
 from pamid.report.style import Picture
 from pamid.report.tables import (
     combinations_table,
@@ -40,7 +43,6 @@ from pamid.report.tables import (
     parameter_table,
     parameters_of,
     provenance,
-    ranking_table,
     sensors_table,
     transfer_table,
 )
@@ -54,19 +56,24 @@ def run_document(
     """The report of a run with the pictures that were drawn of it."""
     verdict = verdict_sentence(run, rows)
     rig, player, traces = formatting.clean(run.rig), player_html(run), traces_of(run, rows)
-    samples = [Interactive(traces.section)] if traces.section else []
+    samples = [Interactive(traces.section, "All samples", "samples")] if traces.section else []
     return Document(
         title=f"{rig}: {verdict}" if rig else verdict,
         subtitle=_subtitle(run),
         headline=verdict,
         preface=_warnings(run),
+        cards=cards_of(run, rows),
+        todo=todo_of(run),
         blocks=(
-            *answer_sections(
-                run,
-                rows,
-                pictures,
-                where=[Interactive(traces.buttons("where"))],
-                how_far=[Interactive(traces.buttons("how far")), Interactive(player)],
+            Section(
+                answer_sections(
+                    run,
+                    rows,
+                    pictures,
+                    where=[Interactive(traces.buttons("where"))],
+                    how_far=[Interactive(traces.buttons("how far")), Interactive(player)],
+                ),
+                "answers",
             ),
             *samples,
             _evidence(run, rows, pictures),
@@ -101,7 +108,16 @@ def answer_sections(
 
     return (
         _answer(
-            "Where", where_answer(run), drawn("ports", "regimes"), (*drawn("timeline"), *where)
+            "Where",
+            where_answer(run),
+            (
+                *drawn("rig"),
+                *_panels(run, pictures),
+                *(() if "rig" in pictures else drawn("ports")),
+                *drawn("regimes"),
+            ),
+            (*drawn("timeline"), *where),
+            listed="regimes" not in pictures,
         ),
         _answer(
             "Which",
@@ -110,7 +126,11 @@ def answer_sections(
             (*drawn(*(n for n in order if n not in above)), *cause_equations(run)),
         ),
         _answer(
-            "How far", how_far_answer(run, rows), drawn("budget"), (*drawn("window"), *how_far)
+            "How far",
+            how_far_answer(run, rows),
+            drawn("budget"),
+            (*drawn("window"), *how_far),
+            listed="budget" not in pictures,
         ),
         *(
             (
@@ -129,12 +149,25 @@ def answer_sections(
 
 
 def _answer(
-    question: str, answer: Answer, above: Sequence[Block] = (), below: Sequence[Block] = ()
+    question: str,
+    answer: Answer,
+    above: Sequence[Block] = (),
+    below: Sequence[Block] = (),
+    *,
+    listed: bool = True,
 ) -> Section:
-    """Lead sentence, pictures, list, sentences, what stands below them."""
-    points = [Bullets(answer.points)] if answer.points else []
+    """Lead sentence, pictures, list, sentences, what stands below them; listed: no picture shows
+    what the list says."""
+    points = [Bullets(answer.points)] if answer.points and listed else []
     heading = Heading(answer.lead, question=question)
     return Section((heading, *above, *points, Paragraphs(answer.details), *below), "answer")
+
+
+def _panels(run: RunData, pictures: dict[str, Picture]) -> tuple[Block, ...]:
+    """What the blocks of the rig's diagram lead to."""
+    if "rig" not in pictures or run.diagnosis is None:
+        return ()
+    return (Interactive(panels_html(run.diagnosis)),)
 
 
 def _subtitle(run: RunData) -> str:
@@ -175,7 +208,7 @@ def _evidence(
             *_closed_loop(run),
             *_candidates(run),
             *_sensors(run),
-            *_parameters(run),
+            *_parameters(run, pictures),
             *_background(run, pictures),
             *_network(run, pictures),
             *provenance(run.steps, run.fit, level=3),
@@ -248,10 +281,13 @@ def _candidates(run: RunData) -> Iterator[Block]:
         return
     yield Heading("What the verdict rests on", 3)
     if diagnosis.grounds is not None and (statistics := diagnosis.grounds.numbers()):
-        yield grounds_table(statistics)
-        yield notes("All on the held-out windows that choose.")
+        yield Details(
+            "For developers: the figures behind the verdict",
+            (grounds_table(statistics), notes("All on the held-out windows that choose.")),
+        )
     yield Details(
-        f"All {len(diagnosis.ranking)} candidates that were refitted", (ranking_table(diagnosis),)
+        f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost",
+        (ranking_table(diagnosis), rivals_table(diagnosis)),
     )
     if diagnosis.notes:
         yield Heading("What to know before believing a figure", 3)
@@ -283,7 +319,7 @@ def _sensors(run: RunData) -> Iterator[Block]:
     )
 
 
-def _parameters(run: RunData) -> Iterator[Block]:
+def _parameters(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
     parameters, with_cause = parameters_of(run)
     if not parameters:
         return
@@ -293,6 +329,7 @@ def _parameters(run: RunData) -> Iterator[Block]:
         "Strain is the distance from the prior in prior standard deviations. Settled: the data "
         "fix it; weak: partly the prior; silent: the data say nothing about it."
     )
+    yield from figures(pictures, ["correlation"])
     yield from model_equations(run)
     if run.fit is not None and run.fit.tied:
         yield Heading("Known only in combination", 4)

@@ -86,19 +86,21 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 @dataclass(frozen=True)
 class Drawing:
     """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states
-    a finding."""
+    a finding; own: SVG for pages, wide and narrow, in place of what is drawn, with links in it."""
 
     name: str
     title: str
     draw: Callable[[Figure, bool], None]
     height: float
     narrow_height: float
+    own: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
 class Picture:
     """A drawing carried out. wide, narrow: SVG for pages, in their colours; svg: the wide one as
-    it stands, for the PDF; png: with its title, for papers and slides."""
+    it stands, for the PDF; png: with its title, for papers and slides; linked: whether parts of the
+    SVG can be chosen."""
 
     name: str
     title: str
@@ -106,18 +108,21 @@ class Picture:
     wide: str
     narrow: str
     png: bytes
+    linked: bool = False
 
 
 def render(drawing: Drawing) -> Picture:
     """Carry out a drawing; the same drawing gives the same bytes."""
-    wide, narrow = _svg(drawing, narrow=False), _svg(drawing, narrow=True)
+    wide = _svg(drawing, narrow=False)
+    shown = drawing.own or (_for_page(wide), _for_page(_svg(drawing, narrow=True)))
     return Picture(
         name=drawing.name,
         title=drawing.title,
         svg=_METADATA.sub("", wide),
-        wide=_for_page(wide),
-        narrow=_for_page(narrow),
+        wide=shown[0],
+        narrow=shown[1],
         png=_png(drawing),
+        linked=drawing.own is not None,
     )
 
 

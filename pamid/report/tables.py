@@ -13,13 +13,12 @@ from pamid.report.formatting import (
     channel_label,
     channel_unit,
     count,
-    effect_label,
     number,
     percent,
     percent_span,
 )
 from pamid.report.load import RunData
-from pamid.schemas.diagnosis_file import DiagnosisFile, Estimate, Transfer, Where
+from pamid.schemas.diagnosis_file import Estimate, Transfer, Where
 from pamid.schemas.fit_file import Combination, FitFile, FitParameter, LoopError
 from pamid.schemas.run_file import Step
 
@@ -226,39 +225,6 @@ def _remark(one: FitParameter, strained: bool) -> str:
     return ", ".join(remarks) or formatting.DASH
 
 
-def ranking_table(diagnosis: DiagnosisFile) -> Table:
-    """Every candidate that was refitted, with its errors per channel."""
-    channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
-    heads = ["effect", "family", "port", "P", "held-out error removed", formatting.INTERVAL]
-    heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
-        "remark"
-    ]
-    body: list[list[str | TableCell]] = []
-    for one in diagnosis.ranking:
-        row: list[str | TableCell] = [
-            TableCell(formatting.clean(one.effect), "code"),
-            effect_label(one.family),
-            formatting.port_label(one.port),
-        ]
-        row += [number(one.probability, 2), percent(one.shrinkage), percent_span(one.low, one.high)]
-        for name in channels:
-            held = one.held_out.get(name)
-            row.append(
-                formatting.DASH
-                if held is None or held.mae_after is None
-                else f"{number(held.mae_before)} → {number(held.mae_after)}"
-            )
-        body.append(
-            [
-                *row,
-                ""
-                if one.converged
-                else f"not converged: {formatting.clean(one.why) or 'no reason given'}",
-            ]
-        )
-    return table(heads, body, range(3, 6 + len(channels)))
-
-
 def recordings_table(fit: FitFile) -> Table:
     """What was recorded and which part it played."""
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
@@ -397,12 +363,17 @@ def sensors_table(where: Where) -> Table:
     return table(["one more sensor", "takes apart"], body)
 
 
+def _figure(value: float) -> str:
+    """A count without decimals."""
+    return count(value) if float(value).is_integer() else number(value)
+
+
 def grounds_table(grounds: dict[str, float]) -> Table:
     """The figures that the verdict rests on, and what each one means."""
     body = [
         [
             formatting.port_label(name),
-            percent(value) if name in SHARES else number(value),
+            percent(value) if name in SHARES else _figure(value),
             GROUNDS.get(name, formatting.DASH),
         ]
         for name, value in grounds.items()

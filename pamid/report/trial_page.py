@@ -91,7 +91,7 @@ def _targets(trial: Trial) -> tuple[Block, ...]:
         if one.reached is not None:
             outcome = "reached" if one.reached else TableCell("missed", "strong")
         body.append([*(text.replace(" .. ", " to ") for text in one.texts), outcome])
-    return (table([*TABLE_HEAD, ""], body, (1, 2, 3, 4)),)
+    return (table([*TABLE_HEAD, "outcome"], body, (1, 2, 3, 4)),)
 
 
 def _confusion(trial: Trial) -> tuple[Block, ...]:

@@ -11,7 +11,7 @@ from importlib import resources
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from pamid.report.document import Document
+from pamid.report.document import Document, place_of
 from pamid.report.markup import printable, prose
 from pamid.report.style import COLOURS
 
@@ -49,6 +49,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters["prose"] = prose
+    environment.globals["place_of"] = place_of
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
     return environment
 

@@ -3,7 +3,7 @@ PDF."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,8 @@ from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
+from pamid.report.comparison_page import ComparedRun, comparison_document
+from pamid.report.correlation_figure import correlation_drawing
 from pamid.report.document import Document
 from pamid.report.evidence_figures import (
     pulls_drawing,
@@ -33,6 +35,7 @@ from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
 from pamid.report.recording_errors import held_out_errors
+from pamid.report.rig_figure import rig_drawing
 from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial_figures import trial_drawings
@@ -45,6 +48,7 @@ from pamid.schemas.score_file import RecordingError
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them
 FIGURE_NAMES = (
+    "rig",
     "ports",
     "regimes",
     "timeline",
@@ -55,6 +59,7 @@ FIGURE_NAMES = (
     "window",
     "window-network",
     "background",
+    "correlation",
     "training",
     "targets",
     "reliability",
@@ -101,12 +106,7 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     """
     page = run_folder / "report.html" if output is None else output
     content = content_of(run_folder)
-    _require_own(page, lambda found: found.startswith(MARK.encode()))
-    if pdf is not None:
-        _require_own(
-            pdf,
-            lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found,
-        )
+    _require_ours(page, pdf)
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document)
@@ -167,9 +167,11 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
+        found += [rig_drawing(diagnosis)]
         found += [ranking_drawing(diagnosis), free_form_drawing(diagnosis), missing_drawing(run)]
         found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
+    found.append(correlation_drawing(run.fit))
     if run.residual is not None and row is not None:
         found += [
             *([timeline_drawing(run, row.channel)] if gap else []),
@@ -190,6 +192,26 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
     if residual.of(channel, "network") is not None:
         found.append(window_drawing(run, residual, channel, window, ("refitted", "network")))
     return found
+
+
+def write_comparison(runs: Sequence[ComparedRun], page: Path, pdf: Path | None = None) -> None:
+    """The page of several runs, and the same on paper; FileError if one of them exists and is no
+    report."""
+    _require_ours(page, pdf)
+    document = comparison_document(runs)
+    html = html_of(document).encode(errors="replace")
+    for one in filter(None, (page, pdf)):
+        make_folder(one.parent)
+    write_together({**({pdf: pdf_of(document)} if pdf is not None else {}), page: html})
+
+
+def _require_ours(page: Path, pdf: Path | None) -> None:
+    _require_own(page, lambda found: found.startswith(MARK.encode()))
+    if pdf is not None:
+        _require_own(
+            pdf,
+            lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found,
+        )
 
 
 def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:

@@ -34,6 +34,7 @@ from pamid.schemas.model import (
     Written,
     expected,
 )
+from pamid.schemas.rig_map import RigMap
 
 Verdict = Literal[
     "explained",
@@ -394,6 +395,7 @@ class DiagnosisFile(Model):
     background: MapOf[Pull] = Field({}, description="by name")
     unknown: Unknown | None = Field(None, description="of an effect without a name")
     units: UnitsInDoubt | None = Field(None, description="null where they are not in doubt")
+    rig: Sometimes[RigMap] = Field(default=None, description="its ports and which leads to which")
     further: ListOf[Further] = Field((), description="in the order in which they were tried")
     grounds: Grounds | None = Field(None, description="what the verdict rests on")
     confidence: Confidence | None = Field(None, description="of the verdict")

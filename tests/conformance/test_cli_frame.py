@@ -232,7 +232,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
 
 
 def test_progress_on_a_terminal_and_in_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0, 5.0, 16.0, 17.0, 40.0])
+    clock = iter([0.0, 2.0, 16.0, 17.0, 40.0])
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
     log = StringIO()
     with ProgressLine("fitting", 4, in_logs=True, stream=log) as progress:

@@ -268,6 +268,7 @@ def reads_a_run(name: str, *commands: tuple[str, ...]) -> None:
 
 
 reads_a_run("report", ("run",))
+reads_a_run("runs", ("run",))
 reads_a_run("export", ("run", "--to", "c", "--output", "out"))
 reads_a_run("animate", ("run", "--output", "out/x.gif"))
 reads_a_run(

@@ -306,6 +306,7 @@ def test_an_opened_diagnosis_shows_the_same(found: pamid.DiagnosisResult, tmp_pa
     assert opened._repr_html_() == found._repr_html_()
     for figure in (
         opened.plot_worst_window(),
+        opened.plot_rig(),
         opened.plot_ports(),
         opened.plot_ranking(),
         opened.plot_errors(),

@@ -82,6 +82,7 @@ WRITE_TOGETHER = {
     "export": ["run", "--rig", RIG, "--to", "c", "--output", "c", "--overwrite"],
     "export ": ["run", "--rig", RIG, "--to", "matlab", "--output", "new/model.m"],
     "report": ["run"],
+    "report ": ["--compare", "run", "run/../run", "--output", "both.html"],
 }
 WRITE_IN_TURN = {
     "fit": ["rec.csv", "--rig", RIG, "--output", "other/run"],

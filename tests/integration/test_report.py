@@ -75,7 +75,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "within noise and tolerances.",
             "Coulomb friction at the joint port, with probability 0.91.",
             "Coulomb friction removes 86 % of the gap (95 % interval 80 to 90 %).",
-            "Angle: 79 % of the held-out error removed (95 % interval 69 to 84 %).",
+            "79 % (69 to 84 %)",
             "What is left Nothing that can be told from noise and ordinary tolerances.",
             "Left over: 14 % of the gap (95 % interval 10 to 20 %), 1.4 times the noise floor in "
             "the worst channel.",
@@ -131,10 +131,9 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
 
 def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, Outline]) -> None:
     _, folder, page = reported
-    assert not {"link", "iframe", "object", "embed", "base", "form", "img", "a"} & set(
-        page.elements
-    )
+    assert not {"link", "iframe", "object", "embed", "base", "form", "img"} & set(page.elements)
     for name, value in page.attributes:
+        assert name != "href" or value.startswith("#"), "what is linked stands on the page"
         assert not name.startswith("on")
         assert name.startswith("xmlns") or "//" not in value, (name, value)
     source = (folder / "report.html").read_text(encoding="utf-8")
@@ -147,6 +146,7 @@ def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> N
     verdict, folder, page = reported
     names = sorted(path.stem for path in (folder / "figures").iterdir())
     every = {
+        "rig",
         "ports",
         "regimes",
         "timeline",
@@ -167,13 +167,16 @@ def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> N
     shown = [
         value for name, value in page.attributes if name == "id" and value.startswith("figure-")
     ]
-    assert sorted(shown) == [f"figure-{name}" for name in names]
+    # the diagram says what the bars of the ports say
+    assert sorted(shown) == [f"figure-{name}" for name in names if name != "ports"]
 
 
 def test_every_axis_names_its_unit(reported: tuple[str, Path, Outline]) -> None:
     _, folder, _ = reported
     run = load_run(folder)
     for drawing in drawings_of(run, errors_of(run)):
+        if drawing.name == "rig":  # blocks, no axes
+            continue
         figure = Figure(layout="constrained")
         drawing.draw(figure, False)
         assert len(drawing.title) > 20
@@ -234,7 +237,10 @@ def test_titles_follow_the_numbers(tmp_path: Path) -> None:
     }
     run = load_run(make_run(tmp_path / "RUN", diagnosis=diagnosis))
     titles = {one.name: flat(one.title) for one in drawings_of(run, errors_of(run))}
-    assert titles["budget"] == "Coulomb friction removes 50 % of the held-out angle error"
+    assert titles["budget"] == (
+        "Coulomb friction takes the held-out angle error from 0.52 to 0.26 deg; the noise floor "
+        "is 0.05 deg"
+    )
     assert titles["ports"].startswith("81 % of the gap enters at the joint port")
     assert (
         titles["regimes"]
@@ -480,7 +486,7 @@ def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFix
     told = json.loads(capsys.readouterr().out)
     assert told["schema"] == "pamid.report/1"
     assert Path(told["page"]) == folder / "report.html" and Path(told["page"]).is_file()
-    assert len(told["figures"]) == 9 and all(Path(path).is_file() for path in told["figures"])
+    assert len(told["figures"]) == 10 and all(Path(path).is_file() for path in told["figures"])
     assert told["mae"]["angle_deg"] == {
         "data_sheet": 1.29,
         "refitted": 0.52,

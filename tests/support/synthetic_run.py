@@ -198,9 +198,30 @@ def remainder(verdict: str) -> dict[str, Any] | None:
     return left | changed.get(verdict, {})
 
 
+def rig_map_json() -> dict[str, Any]:
+    """Five ports in a row, the last one read; the sensor group has two of them."""
+    row = [
+        ("valve", "valve", "flow", ["pressure"]),
+        ("pressure", "pressure", "rate", ["muscle", "gauge"]),
+        ("muscle", "muscle", "actuator-force", ["joint"]),
+        ("joint", "joint", "motion", ["encoder"]),
+        ("encoder", "sensor", "reading", []),
+        ("gauge", "sensor", "reading", []),
+    ]
+    return {
+        "name": "one-dof",
+        "inputs": ["command"],
+        "outputs": list(CHANNELS),
+        "ports": [
+            {"port": port, "group": group, "kind": kind, "unit": "", "leads_to": leads}
+            for port, group, kind, leads in row
+        ],
+    }
+
+
 def diagnosis_json(verdict: str) -> dict[str, Any]:
     """Without a contradiction; the sentence is the one that pamid makes of it."""
-    found = _diagnosis_json(verdict)
+    found = _diagnosis_json(verdict) | {"rig": rig_map_json()}
     return found | {"sentence": sentence(read(DiagnosisFile, found))}
 
 

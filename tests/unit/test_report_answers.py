@@ -37,8 +37,8 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "a later figure 1.50",
         "A probability is how often, among virtual machines with figures like these, an effect of "
         "that family was really there; that anything is missing at all: above 0.99.",
-        "The nearest two of these models are expected to differ by 4.2 noise standard deviations "
-        "rms; it takes about 8 min at the rig.",
+        "The nearest two of these models are expected to differ there by 4.2 times the "
+        "noise of the sensors; it takes about 8 min at the rig.",
         "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in "
         "the run folder",
         "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",

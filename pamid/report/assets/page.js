@@ -25,6 +25,42 @@
   const kept = store((one) => one.getItem("pamid-colours"));
   paint(MODES.includes(kept) ? kept : "");
 
+  // ---- the rig's diagram: a block that is chosen or has the focus shows what is known of it ------------------------
+  const panels = [...document.querySelectorAll(".port-panel")], blocks = [...document.querySelectorAll(".rig-map .block")];
+  function choose(id) {
+    for (const panel of panels) panel.classList.toggle("shown", panel.id === id);
+    for (const block of blocks) block.classList.toggle("chosen", block.getAttribute("href") === "#" + id);
+  }
+  for (const block of blocks) {
+    const id = block.getAttribute("href").slice(1);
+    block.addEventListener("focus", () => choose(id));
+    block.addEventListener("click", (event) => { event.preventDefault(); choose(id); });
+  }
+  const first = panels.find((panel) => panel.classList.contains("shown"));
+  if (first) choose(first.id);
+  document.querySelectorAll(".port-panels").forEach((one) => one.setAttribute("aria-live", "polite"));
+
+  // ---- contents: where the reader is ---------------------------------------------------------------------------------
+  const listed = new Map([...document.querySelectorAll(".contents a")].map((link) =>
+    [document.getElementById(decodeURIComponent(link.hash.slice(1))), link]));
+  listed.delete(null);
+  function mark() {
+    let here = null;
+    for (const heading of listed.keys()) if (heading.getBoundingClientRect().top < 0.3 * innerHeight) here = heading;
+    for (const [heading, link] of listed) link.classList.toggle("here", heading === here);
+  }
+  let asked = 0;
+  if (listed.size) addEventListener("scroll", () => { asked ||= requestAnimationFrame(() => { asked = 0; mark(); }); },
+    {passive: true});
+
+  // ---- print: what is folded is opened -----------------------------------------------------------------------------
+  let opened = [];
+  addEventListener("beforeprint", () => {
+    opened = [...document.querySelectorAll("details:not([open])")];
+    for (const one of opened) one.open = true;
+  });
+  addEventListener("afterprint", () => { for (const one of opened) one.open = false; });
+
   // ---- tables as text --------------------------------------------------------------------------------------------
   const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
   const power = (text) => [...text].map((one) => one === "⁻" ? "-" : SUPERSCRIPTS.indexOf(one)).join("");

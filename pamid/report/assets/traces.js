@@ -300,11 +300,23 @@
     make("span", {className: "group"}, button("◀", "window before", () => step(-1)), "window",
       button("▶", "window after", () => step(1))),
     make("span", {className: "group"}, button("−", "show more time", () => zoom(2)),
-      button("+", "enlarge", () => zoom(0.5)), button("All", "show the whole recording", () => all())), told, clock);
+      button("+", "enlarge", () => zoom(0.5)), button("All", "All: show the whole recording", () => all())), told, clock);
   root.append(bar, make("div", {className: "kinds"}, ...toggles), ...panels.map((panel) => panel.box));
   hide();
   for (const one of document.querySelectorAll("button[data-place]"))
     one.addEventListener("click", () => go(Number(one.dataset.place)));
+
+  /** What has not come near yet, one plot after the other whenever the browser has time: captures are whole. */
+  const idle = () => new Promise((done) => "requestIdleCallback" in window ? requestIdleCallback(done) : setTimeout(done, 50));
+  async function drawRest() {
+    for (const panel of panels) {
+      await idle();
+      if (panel.chart) continue;
+      panel.state = [recording.number, ...view].join();
+      await fill(panel);
+    }
+    window.pamidDrawn = performance.now();
+  }
 
   // ---- begin: the first plot at once, the others when they come near ------------------------------------------------
   const seen = new IntersectionObserver((entries) => {
@@ -325,5 +337,6 @@
     performance.mark("pamid-ready");
     window.pamidReady = performance.now();
     window.pamid = {panels, show, go, all, get view() { return [...view]; }};
+    drawRest();
   });
 })();

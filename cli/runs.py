@@ -1,0 +1,54 @@
+"""`pamid runs`: List the runs below a folder and what they found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from . import frame
+from .terminal import quoted
+
+if TYPE_CHECKING:
+    from pamid.schemas.runs_file import RunSummary
+
+PLACE = 115
+EXAMPLE = """
+pamid runs
+pamid runs . --json
+"""
+
+
+@frame.command("runs", example=EXAMPLE)
+@click.argument(
+    "folder", default=".", type=click.Path(path_type=Path), metavar="[FOLDER]", required=False
+)
+def command(folder: Path) -> frame.Result:
+    """List every run in FOLDER and below it [default: here]: what was run on which recordings, and
+    what was found.
+
+    A run that is damaged is listed with what is wrong with it; nothing in a run is executed.
+    """
+    from pamid.report.run_summaries import runs_below
+    from pamid.schemas.runs_file import RunList
+
+    found = runs_below(folder)
+    lines = [line for one in found for line in _lines(one)] or [f"No run lies in {folder}."]
+    diagnosed = [one for one in found if one.kind in ("diagnosis", "fit")]
+    if len(diagnosed) > 1:
+        pair = " ".join(quoted(one.path) for one in diagnosed[:2])
+        lines.append(f"Next: pamid report --compare {pair}")
+    elif diagnosed:
+        lines.append(f"Next: pamid report {quoted(diagnosed[0].path)}")
+    return frame.Result(RunList(folder=str(folder), runs=tuple(found)), "\n".join(lines))
+
+
+def _lines(one: RunSummary) -> list[str]:
+    """Where, what and when; below it what was found."""
+    when = one.begun.replace("T", " ")[:16]
+    about = [one.command or one.kind, one.rig, ", ".join(one.recordings[:3]), when]
+    about += [one.outcome if one.outcome not in ("", "done") else ""]
+    about += ["did not end" if one.begun and not one.outcome else ""]
+    lines = [f"{one.path}  ({'; '.join(filter(None, about))})"]
+    return [*lines, f"    {one.sentence.replace(chr(160), ' ')}"] if one.sentence else lines

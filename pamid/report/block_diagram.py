@@ -1,0 +1,289 @@
+"""Where the blocks of a rig's diagram stand: columns in the order in which a signal passes, from
+the command to the sensors, and the arrows between them.
+
+Blocks are groups of ports, the names by which shares of the gap are told. Of the arrows those
+remain that say something new: what another way through blocks says as well is left out, and so is
+what a later block feeds back, unless nothing else leads to the earlier one.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from pamid.schemas.rig_map import RigMap
+
+#: kinds of ports in the order in which a signal passes, and what stands above their column
+STAGES = {
+    "command": "command",
+    "flow": "flow",
+    "rate": "store",
+    "actuator-force": "drive",
+    "motion": "motion",
+    "transmission": "transmission",
+    "reading": "sensor",
+}
+MOST_IN_COLUMN = 6
+MOST_LINKS = 14  # between all columns; more become one broad arrow per pair of columns
+LINE, PAD, HEAD_ROOM, GAP_Y, GAP_X = 15.0, 8.0, 22.0, 12.0, 26.0
+_EM, _EM_BOLD = 6.9, 7.6  # width of a letter in the diagram's units, upright and bold
+_MOST_WIDE, _LEAST_WIDE = 190.0, 92.0
+_FEW = 5  # columns that leave room for long arrows
+
+
+@dataclass(frozen=True)
+class BlockText:
+    """What stands in a block. lines: (text, style), style "" or "pin"; weight: share of the gap
+    that tints it; members: the groups in it, several where they stand together."""
+
+    title: str
+    lines: tuple[tuple[str, str], ...]
+    weight: float = 0.0
+    members: tuple[str, ...] = ()
+    named: bool = False
+
+
+@dataclass(frozen=True)
+class Box:
+    """A block in its place; x, y: upper left corner; texts: (text, style) line by line, style
+    "title", "" or "pin"."""
+
+    name: str
+    x: float
+    y: float
+    wide: float
+    tall: float
+    texts: tuple[tuple[str, str], ...]
+    weight: float
+    named: bool
+    members: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Link:
+    """An arrow between two points; both: with a head at either end; broad: stands for many; below:
+    the height at which it passes below what stands between."""
+
+    begin: tuple[float, float]
+    end: tuple[float, float]
+    both: bool = False
+    broad: bool = False
+    below: float | None = None
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """heads: (x of the middle, y, text) above columns."""
+
+    wide: float
+    tall: float
+    boxes: tuple[Box, ...]
+    links: tuple[Link, ...]
+    heads: tuple[tuple[float, float, str], ...] = field(default=())
+
+
+def columns_of(rig: RigMap) -> dict[str, list[str]]:
+    """Kind -> groups of ports that stand in its column, in the rig's order; a group of several
+    kinds stands where its last one does, except that what reads stands with the sensors only if
+    all of it reads."""
+    order = list(STAGES)
+    kinds: dict[str, list[str]] = {}
+    for one in rig.ports:
+        kinds.setdefault(one.group or one.port, []).append(one.kind)
+    found: dict[str, list[str]] = {kind: [] for kind in order}
+    for group, own in kinds.items():
+        known = [kind for kind in own if kind in order]
+        acting = [kind for kind in known if kind != "reading"]
+        if known:
+            found[max(acting or known, key=order.index)].append(group)
+    return {kind: groups for kind, groups in found.items() if groups}
+
+
+def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str, bool]]:
+    """(from, to, both ways) between groups."""
+    group = {one.port: one.group or one.port for one in rig.ports}
+    stage = {name: k for k, groups in enumerate(columns.values()) for name in groups}
+    every = {
+        (group[one.port], group[other])
+        for one in rig.ports
+        for other in one.leads_to
+        if other in group and group[one.port] != group[other]
+    }
+    every = {(a, b) for a, b in every if a in stage and b in stage}
+    forward = {(a, b) for a, b in every if stage[a] < stage[b]}
+    kept = {(a, b) for a, b in forward if not _leads(a, b, forward - {(a, b)})}
+    reached = {b for _, b in forward}
+    back = {
+        (a, b) for a, b in every if stage[a] > stage[b] > 0 and (b not in reached or (b, a) in kept)
+    }
+    rank = {name: k for k, name in enumerate(stage)}
+    forward_shown = {_stepped(a, b, back, reached, stage) for a, b in kept}
+    found = [(a, b, (b, a) in back) for a, b in forward_shown]
+    found += [(a, b, False) for a, b in back if (b, a) not in forward_shown | kept]
+    return sorted(found, key=lambda one: (rank[one[0]], rank[one[1]]))
+
+
+def _stepped(
+    a: str, b: str, back: set[tuple[str, str]], reached: set[str], stage: dict[str, int]
+) -> tuple[str, str]:
+    """A force that reaches a moving part through what stands behind it (a muscle, its chain, the
+    joint) is drawn to the part, which is joined to what stands behind it by an arrow of its own."""
+    for begin, end in sorted(back):
+        if begin == b and end not in reached and stage[a] < stage[end] < stage[b]:
+            return a, end
+    return a, b
+
+
+def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
+    seen, waiting = {begin}, [begin]
+    while waiting:
+        here = waiting.pop()
+        for a, b in links:
+            if a == here and b not in seen:
+                if b == end:
+                    return True
+                seen.add(b)
+                waiting.append(b)
+    return False
+
+
+def gathered(
+    columns: dict[str, list[str]], texts: dict[str, BlockText]
+) -> tuple[dict[str, list[str]], dict[str, BlockText]]:
+    """Columns of more than `MOST_IN_COLUMN` blocks, with those in which nothing is taken
+    together."""
+    texts, found = dict(texts), {}
+    for kind, groups in columns.items():
+        quiet = [g for g in groups if texts[g].weight < 0.005 and not texts[g].named]
+        if len(groups) <= MOST_IN_COLUMN or len(quiet) < 3:
+            found[kind] = groups
+            continue
+        name = f"{kind} others"
+        share = sum(texts[g].weight for g in quiet)
+        texts[name] = BlockText(
+            f"{len(quiet)} others", texts[quiet[0]].lines[:1], share, tuple(quiet)
+        )
+        found[kind] = [g for g in groups if g not in quiet] + [name]
+    return found, texts
+
+
+def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
+    """Columns side by side."""
+    columns, texts = gathered(columns_of(rig), texts)
+    count = max(1, len(columns))
+    gap = GAP_X if count > _FEW else 2.0 * GAP_X
+    each = min(_MOST_WIDE, max(_LEAST_WIDE, (wide - gap * (count - 1)) / count))
+    left = 0.5 * (wide - each * count - gap * (count - 1))
+    stacks = {kind: [_box(g, texts[g], each) for g in groups] for kind, groups in columns.items()}
+    tall = max((_stack_height(boxes) for boxes in stacks.values()), default=0.0)
+    placed: dict[str, Box] = {}
+    heads = []
+    for k, (kind, boxes) in enumerate(stacks.items()):
+        x, y = left + k * (each + gap), HEAD_ROOM + 0.5 * (tall - _stack_height(boxes))
+        heads.append((x + 0.5 * each, 12.0, STAGES[kind]))
+        for box in boxes:
+            placed[box.name] = _moved(box, x, y)
+            y += box.tall + GAP_Y
+    links = list(_wide_links(rig, columns, placed, HEAD_ROOM + 0.5 * tall))
+    bottom = max([HEAD_ROOM + tall, *(one.below + 4.0 for one in links if one.below is not None)])
+    return Diagram(wide, bottom + 4.0, tuple(placed.values()), tuple(links), tuple(heads))
+
+
+def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
+    """Columns below each other, two blocks beside each other, one arrow between them."""
+    columns, texts = gathered(columns_of(rig), texts)
+    placed: list[Box] = []
+    links: list[Link] = []
+    y = 0.0
+    for k, groups in enumerate(columns.values()):
+        if k:
+            links.append(Link((0.5 * wide, y + 2.0), (0.5 * wide, y + GAP_X - 3.0)))
+            y += GAP_X
+        each = wide if len(groups) == 1 else 0.5 * (wide - GAP_Y)
+        for start in range(0, len(groups), 2):
+            row = [_box(g, texts[g], each) for g in groups[start : start + 2]]
+            high = max(box.tall for box in row)
+            placed += [_moved(box, j * (each + GAP_Y), y, tall=high) for j, box in enumerate(row)]
+            y += high + GAP_Y
+        y -= GAP_Y
+    return Diagram(wide, y + 2.0, tuple(placed), tuple(links))
+
+
+def _stack_height(boxes: Sequence[Box]) -> float:
+    return sum(box.tall for box in boxes) + GAP_Y * max(0, len(boxes) - 1)
+
+
+def _box(name: str, text: BlockText, wide: float) -> Box:
+    lines = [(one, "title") for one in _wrapped(text.title, wide, _EM_BOLD)]
+    for words, style in text.lines:
+        lines += [
+            (one, style) for one in _wrapped(words, wide, _EM_BOLD if style == "pin" else _EM)
+        ]
+    tall = 2.0 * PAD + LINE * len(lines)
+    return Box(
+        name, 0.0, 0.0, wide, tall, tuple(lines), text.weight, text.named, text.members or (name,)
+    )
+
+
+def _wrapped(words: str, wide: float, letter: float) -> list[str]:
+    most = max(6, int((wide - 2.0 * PAD) / letter))
+    return textwrap.wrap(words, most, break_on_hyphens=True) or [""]
+
+
+def _moved(box: Box, x: float, y: float, tall: float | None = None) -> Box:
+    return Box(
+        box.name,
+        x,
+        y,
+        box.wide,
+        box.tall if tall is None else tall,
+        box.texts,
+        box.weight,
+        box.named,
+        box.members,
+    )
+
+
+def _wide_links(
+    rig: RigMap, columns: dict[str, list[str]], placed: dict[str, Box], middle: float
+) -> Iterable[Link]:
+    holder = {member: box.name for box in placed.values() for member in box.members}
+    found: dict[tuple[str, str], bool] = {}
+    for a, b, both in links_of(rig, columns_of(rig)):
+        ends = holder[a], holder[b]
+        if ends[0] != ends[1]:
+            found[ends] = found.get(ends, False) or both
+    if len(found) > MOST_LINKS:
+        return _broad(list(columns.values()), placed, middle)
+    boxes = list(placed.values())
+    return [_link(placed[a], placed[b], both, boxes) for (a, b), both in found.items()]
+
+
+def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> list[Link]:
+    return [
+        Link(
+            (placed[here[0]].x + placed[here[0]].wide + 3.0, middle),
+            (placed[there[0]].x - 3.0, middle),
+            broad=True,
+        )
+        for here, there in zip(columns, columns[1:], strict=False)
+    ]
+
+
+def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
+    begin_y, end_y = a.y + 0.5 * a.tall, b.y + 0.5 * b.tall
+    left, right = (a, b) if a.x < b.x else (b, a)
+    between = [one for one in boxes if left.x + left.wide < one.x and one.x + one.wide < right.x]
+    low, high = min(begin_y, end_y) - PAD, max(begin_y, end_y) + PAD
+    if any(one.y < high and one.y + one.tall > low for one in between):
+        below = max(one.y + one.tall for one in (*between, a, b)) + GAP_Y
+        return Link(
+            (a.x + 0.6 * a.wide, a.y + a.tall + 1.0),
+            (b.x + 0.4 * b.wide, b.y + b.tall + 2.0),
+            both,
+            below=below,
+        )
+    if a is left:
+        return Link((a.x + a.wide + 1.0, begin_y), (b.x - 2.0, end_y), both)
+    return Link((a.x - 1.0, begin_y), (b.x + b.wide + 2.0, end_y), both)

@@ -1,0 +1,299 @@
+"""Runs side by side: what each found, their parameters, their errors, and what changed in the data
+and in how they were run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pamid.base.errors import UsageError
+from pamid.report import formatting
+from pamid.report.captions import causes_label, verdict_sentence
+from pamid.report.channel_errors import ChannelErrors, errors_of
+from pamid.report.document import (
+    AnswerCard,
+    Block,
+    Document,
+    Heading,
+    Paragraphs,
+    Section,
+    Table,
+    TableCell,
+    notes,
+    table,
+)
+from pamid.report.formatting import channel_label, channel_unit, number, percent
+from pamid.report.load import RunData, load_run
+from pamid.report.tables import parameters_of
+from pamid.schemas.estimates import Interval
+from pamid.schemas.fit_file import RecordingUsed
+
+MOST_COMPARED = 6
+_SHA_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """A run beside others: name, what it holds, its errors."""
+
+    name: str
+    run: RunData
+    rows: tuple[ChannelErrors, ...]
+
+
+def compared_runs(folders: Sequence[Path]) -> tuple[ComparedRun, ...]:
+    """Runs of `pamid fit` or `pamid diagnose`, read; UsageError for fewer than two or too many,
+    FileError as of a report."""
+    if not 2 <= len(folders) <= MOST_COMPARED:
+        raise UsageError(
+            f"--compare puts 2 to {MOST_COMPARED} runs side by side; {len(folders)} were named.",
+            "pamid report --compare RUN1 RUN2",
+        )
+    names = _names(folders)
+    return tuple(
+        ComparedRun(name, run, errors_of(run))
+        for name, run in zip(names, map(load_run, folders), strict=True)
+    )
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """The last part of each path, as many as it takes to tell them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(one[-count:]) for one in parts]
+        if len(set(names)) == len(names):
+            return list(map(formatting.clean, names))
+    return [f"{formatting.clean(one[-1])} ({k})" for k, one in enumerate(parts, start=1)]
+
+
+def comparison_document(runs: Sequence[ComparedRun]) -> Document:
+    """The page of several runs."""
+    headline = comparison_sentence(runs)
+    changed = changes_of(runs)
+    differs = (
+        f"What differs in the data: {formatting.join(changed)}."
+        if changed
+        else "The same data, run in the same way."
+    )
+    sections: list[tuple[str, tuple[Block, ...]]] = [
+        ("What was found", (_found(runs),)),
+        ("Errors", _errors(runs)),
+        ("Parameters", _parameters(runs)),
+        ("What changed", (_data(runs), notes(differs))),
+    ]
+    return Document(
+        title=headline,
+        subtitle=f"{len(runs)} runs side by side",
+        headline=headline,
+        preface=Paragraphs((differs,)),
+        cards=tuple(_card(one) for one in runs),
+        blocks=tuple(Section((Heading(title), *below)) for title, below in sections if below),
+    )
+
+
+def comparison_sentence(runs: Sequence[ComparedRun]) -> str:
+    """Whether the runs agree on the cause: "Both runs name Coulomb friction at the joint port"."""
+    told = [_answer(one) for one in runs]
+    if len(set(told)) == 1:
+        every = "Both runs" if len(runs) == 2 else f"All {len(runs)} runs"
+        return formatting.sentence(f"{every} say: {told[0]}")
+    each = "; ".join(f"{one.name} says {said}" for one, said in zip(runs, told, strict=True))
+    return formatting.sentence(f"the runs differ: {each}")
+
+
+def _answer(one: ComparedRun) -> str:
+    diagnosis = one.run.diagnosis
+    if diagnosis is None:
+        return "fitted, not diagnosed"
+    if diagnosis.causes:
+        return causes_label(diagnosis)
+    return {
+        "unknown-effect": "an effect outside the catalogue",
+        "no-structural-gap": "no structural gap",
+        "cannot-tell": "not told",
+    }.get(diagnosis.verdict, diagnosis.verdict)
+
+
+def _card(one: ComparedRun) -> AnswerCard:
+    lines = [formatting.clean(verdict_sentence(one.run, one.rows))]
+    quiet = one.run.diagnosis is None or not one.run.diagnosis.causes
+    lead = formatting.sentence(_answer(one)).removesuffix(".")
+    return AnswerCard(one.name, lead, tuple(lines), "what-was-found", quiet)
+
+
+# ---- tables: a column per run ----------------------------------------------------------------
+
+
+def _heads(runs: Sequence[ComparedRun], *first: str, last: str = "") -> list[str]:
+    return [*first, *(one.name for one in runs), *([last] if last else [])]
+
+
+def _found(runs: Sequence[ComparedRun]) -> Table:
+    told: dict[str, Callable[[ComparedRun], str]] = {
+        "verdict": lambda one: one.run.diagnosis.verdict if one.run.diagnosis else "fit only",
+        "causes": _causes,
+        "port": _port,
+        "share of the gap left": _left,
+        "do next": _next,
+    }
+    return table(
+        _heads(runs, "found"),
+        [[what, *(said(one) or formatting.DASH for one in runs)] for what, said in told.items()],
+    )
+
+
+def _causes(one: ComparedRun) -> str:
+    diagnosis = one.run.diagnosis
+    texts = []
+    for cause in diagnosis.causes if diagnosis is not None else ():
+        values = [
+            f"{channel_label(name)} {formatting.span(found.low, found.high, channel_unit(name))}"
+            for name, found in cause.parameters.items()
+        ]
+        chance = (
+            f", P {formatting.chance(cause.probability)}" if cause.probability is not None else ""
+        )
+        texts.append(f"{formatting.effect_label(cause.effect)}{chance}: {', '.join(values)}")
+    return "; ".join(texts)
+
+
+def _port(one: ComparedRun) -> str:
+    where = one.run.diagnosis.where if one.run.diagnosis is not None else None
+    return formatting.port_label(where.port) if where is not None else ""
+
+
+def _left(one: ComparedRun) -> str:
+    rest = one.run.diagnosis.remainder if one.run.diagnosis is not None else None
+    if rest is None:
+        return ""
+    real = "" if rest.real else ", within noise and tolerances"
+    return f"{percent(rest.share)}{real}"
+
+
+def _next(one: ComparedRun) -> str:
+    asked = one.run.diagnosis.next_experiment if one.run.diagnosis is not None else None
+    return formatting.effect_label(asked.name) if asked is not None else ""
+
+
+def _errors(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
+    channels = list(dict.fromkeys(row.channel for one in runs for row in one.rows))
+    fields = {
+        "data_sheet": "data sheet",
+        "refitted": "refitted",
+        "with_cause": "with cause",
+        "noise_floor": "noise floor",
+    }
+    body = []
+    for channel in channels:
+        known = [
+            next((row.known() for row in one.rows if row.channel == channel), {}) for one in runs
+        ]
+        for field, name in fields.items():
+            if any(field in each for each in known):
+                cells = [number(each.get(field)) for each in known]
+                label = f"{channel_label(channel)} [{channel_unit(channel) or '-'}]"
+                body.append([label, name, *cells])
+    if not body:
+        return ()
+    return (
+        table(_heads(runs, "held-out error of", "model"), body, range(2, 2 + len(runs))),
+        notes("Mean absolute error; each run on its own held-out windows."),
+    )
+
+
+def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
+    found = [dict(parameters_of(one.run)[0]) for one in runs]
+    names = list(dict.fromkeys(name for each in found for name in each))
+    body: list[list[str | TableCell]] = []
+    for name in names:
+        known = [each.get(name) for each in found]
+        unit = formatting.clean(channel_unit(name))
+        body.append(
+            [
+                TableCell(formatting.clean(name), "code"),
+                unit or "-",
+                *(
+                    TableCell(number(one.value), small=formatting.span(one.low, one.high))
+                    if one is not None
+                    else formatting.DASH
+                    for one in known
+                ),
+                _agreement([one for one in known if one is not None]),
+            ]
+        )
+    if not body:
+        return ()
+    heads = _heads(runs, "parameter", "unit", last="beyond its intervals")
+    return (
+        table(heads, body, range(2, 2 + len(runs))),
+        notes(
+            "Refitted values with 95 % intervals below them; a parameter differs where two of "
+            "them do not overlap."
+        ),
+    )
+
+
+def _agreement(known: Sequence[Interval]) -> TableCell:
+    """Do all intervals overlap?"""
+    if len(known) < 2:
+        return TableCell("in one run only")
+    lows = [one.low for one in known if one.low is not None]
+    highs = [one.high for one in known if one.high is not None]
+    apart = bool(lows and highs) and max(lows) > min(highs)
+    return TableCell("differs", "strong") if apart else TableCell("agrees")
+
+
+# ---- what changed ----------------------------------------------------------------------------
+
+
+def _facts(one: ComparedRun) -> dict[str, str]:
+    """What a run was made of, by what it is called."""
+    step = one.run.steps[0]
+    recordings = one.run.fit.recordings if one.run.fit is not None else ()
+    options = {
+        f"option {formatting.clean(key)}": _told(value)
+        for key, value in step.options.items()
+        if key != "rig"
+    }
+    return {
+        "rig": formatting.clean(one.run.rig),
+        "recordings": ", ".join(formatting.clean(each.name) for each in recordings),
+        "content (sha256)": ", ".join(each.sha256[:_SHA_DIGITS] for each in recordings),
+        "samples": _sum(recordings),
+        "seed": formatting.count(step.seed),
+        **options,
+        "pamid": formatting.clean(step.versions.get("pamid", "")),
+    }
+
+
+def _told(value: object) -> str:
+    """An option as people say it: a list by its members, nothing as a dash."""
+    if isinstance(value, list | tuple):
+        return ", ".join(formatting.clean(str(one)) for one in value)
+    return "" if value is None else formatting.clean(str(value))
+
+
+def _sum(recordings: Sequence[RecordingUsed]) -> str:
+    return formatting.count(sum(each.samples or 0 for each in recordings))
+
+
+def changes_of(runs: Sequence[ComparedRun]) -> list[str]:
+    """The facts in which the runs differ, by what they are called."""
+    facts = [_facts(one) for one in runs]
+    names = list(dict.fromkeys(name for each in facts for name in each))
+    return [name for name in names if len({each.get(name, "") for each in facts}) > 1]
+
+
+def _data(runs: Sequence[ComparedRun]) -> Table:
+    facts, changed = [_facts(one) for one in runs], changes_of(runs)
+    names = list(dict.fromkeys(name for each in facts for name in each))
+    body: list[list[str | TableCell]] = [
+        [
+            name,
+            *(each.get(name) or formatting.DASH for each in facts),
+            TableCell("differs", "strong") if name in changed else "same",
+        ]
+        for name in names
+    ]
+    return table(_heads(runs, "of the run", last="compared"), body)

@@ -1,0 +1,107 @@
+"""Which fitted parameters cannot be told apart: their correlations as a heat map."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from pamid.report import formatting
+from pamid.report.reading import FloatArray
+from pamid.report.style import Drawing, colour, label
+from pamid.schemas.fit_file import FitFile, Posterior
+
+_MOST, _WRITTEN, _STRONG = 14, 0.3, 0.9
+_BACKGROUND = "background."
+
+
+def correlation_drawing(fit: FitFile | None) -> Drawing | None:
+    """Cells: the correlation of two fitted parameters [-], written where it is 0.3 or more; None
+    where fewer than two were fitted. Background terms are left out, and of many parameters those
+    stay that are correlated most."""
+    posterior = fit.posterior if fit is not None else None
+    if posterior is None:
+        return None
+    names, found = _correlations(posterior)
+    if len(names) < 2:
+        return None
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        count = len(names)
+        for row in range(count):
+            for column in range(row + 1):
+                _cell(axes.add_patch, row, column, float(found[row, column]))
+                written = row != column and abs(found[row, column]) >= _WRITTEN
+                if written:
+                    axes.text(
+                        column,
+                        row,
+                        f"{found[row, column]:.2f}".replace("-", formatting.MINUS),
+                        ha="center",
+                        va="center",
+                        fontsize=6.0 if narrow or count > 9 else 8.0,
+                        color=colour("ink"),
+                    )
+        shown = [label(formatting.port_label(one), 22) for one in names]
+        axes.set_yticks(range(count), shown)
+        axes.set_xticks(range(count), shown, rotation=40, ha="right", rotation_mode="anchor")
+        axes.set_xlim(-0.5, count - 0.5)
+        axes.set_ylim(count - 0.5, -0.5)
+        axes.tick_params(length=0, labelsize=7.5 if narrow else 8.5)
+        for side in ("left", "bottom"):
+            axes.spines[side].set_visible(False)
+
+    tall = 1.2 + 0.3 * len(names)
+    return Drawing("correlation", correlation_title(names, found), draw, tall, tall + 0.3)
+
+
+def _cell(add, row: int, column: int, value: float) -> None:  # type: ignore[no-untyped-def]
+    add(
+        Rectangle(
+            (column - 0.47, row - 0.47),
+            0.94,
+            0.94,
+            facecolor=colour("with_cause" if value > 0.0 else "refitted"),
+            alpha=0.0 if row == column else 0.75 * abs(value),
+            linewidth=0.0,
+        )
+    )
+
+
+def correlation_title(names: list[str], found: FloatArray) -> str:
+    """ "mass and gain go together (correlation 0.98): the data fix them only in combination"."""
+    apart = np.abs(np.tril(found, -1))
+    row, column = np.unravel_index(int(np.argmax(apart)), apart.shape)
+    value = f"{found[row, column]:.2f}".replace("-", formatting.MINUS)
+    pair = f"{formatting.port_label(names[row])} and {formatting.port_label(names[column])}"
+    if apart.max() >= _STRONG:
+        return f"{pair} are hard to tell apart: correlation {value}"
+    return f"No two parameters are tied: the largest correlation is {value}, of {pair}"
+
+
+def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
+    """Names of the rig's own parameters and their correlations (n, n); empty where the covariance
+    does not fit its names."""
+    size = len(posterior.keys)
+    if [len(row) for row in posterior.covariance] != list(range(1, size + 1)):
+        return [], np.zeros((0, 0))
+    lower = np.zeros((size, size))
+    for k, row in enumerate(posterior.covariance):
+        lower[k, : k + 1] = row
+    whole = lower + np.tril(lower, -1).T
+    spread = np.sqrt(np.maximum(np.diag(whole), 0.0))
+    own = [
+        k
+        for k, name in enumerate(posterior.keys)
+        if not name.startswith(_BACKGROUND) and spread[k] > 0.0
+    ]
+    if len(own) < 2:
+        return [], np.zeros((0, 0))
+    found = (whole / np.where(spread > 0.0, spread, 1.0)).T / np.where(spread > 0.0, spread, 1.0)
+    found = np.clip(found[np.ix_(own, own)], -1.0, 1.0)
+    if len(own) > _MOST:
+        strength = np.sort(np.abs(found - np.eye(len(own))), axis=1)[:, -1]
+        kept = sorted(np.argsort(-strength, kind="stable")[:_MOST].tolist())
+        own, found = [own[k] for k in kept], found[np.ix_(kept, kept)]
+    return [posterior.keys[k] for k in own], found

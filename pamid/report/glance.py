@@ -1,0 +1,219 @@
+"""The three answers at a glance: a card each, and one line that says what to do next."""
+
+from __future__ import annotations
+
+from pamid.base.share_words import minutes_text
+from pamid.diagnosis import verdict_words
+from pamid.diagnosis.verdict_words import chance_figure
+from pamid.report import formatting
+from pamid.report.captions import SPELLING, regime_label, set_figures
+from pamid.report.channel_errors import ChannelErrors, headline
+from pamid.report.document import AnswerCard
+from pamid.report.formatting import (
+    channel_label,
+    channel_unit,
+    effect_label,
+    percent,
+    port_label,
+    sentence,
+    short,
+)
+from pamid.report.load import RunData
+from pamid.report.rig_texts import first_parameter
+from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
+
+_MOST_PORTS, _MOST_CAUSES, _NOTHING = 3, 3, 0.005
+
+
+def cards_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> tuple[AnswerCard, ...]:
+    """Where, which, how far; of a run that was not diagnosed how far refitting leads."""
+    if run.diagnosis is None:
+        return (_how_far_card(None, rows),) if rows else ()
+    return (
+        _where_card(run.diagnosis),
+        _which_card(run.diagnosis),
+        _how_far_card(run.diagnosis, rows),
+    )
+
+
+def todo_of(run: RunData) -> str:
+    """One line: what to do next."""
+    diagnosis = run.diagnosis
+    if diagnosis is None:
+        return "Ask for the cause: `pamid diagnose` on the same recordings."
+    if diagnosis.remark:
+        return "Check the recordings and their units first; no verdict means anything before."
+    experiment = diagnosis.next_experiment
+    if experiment is None:
+        return "Nothing more needs to be measured for this answer."
+    text = f"measure {effect_label(experiment.name)}"
+    if experiment.minutes is not None:
+        text += f" ({set_spaces(minutes_text(experiment.minutes))} at the rig)"
+    if experiment.separates:
+        text += f"; it separates {formatting.join(map(effect_label, experiment.separates))}"
+    return sentence(text)
+
+
+def set_spaces(text: str) -> str:
+    """A figure and its unit stay on one line."""
+    return text.replace(" ", formatting.SPACE)
+
+
+# ---- where ---------------------------------------------------------------------------------------
+
+
+def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
+    where = diagnosis.where
+    if diagnosis.remark:
+        return AnswerCard("Where", "Not told", ("Check the recordings first.",), "where", True)
+    if diagnosis.verdict == "no-structural-gap":
+        return AnswerCard("Where", "Nowhere", ("No gap is left to place.",), "where", True)
+    if where is None or not (where.port or where.ports):
+        return AnswerCard("Where", "Not told", ("The diagnosis names no port.",), "where", True)
+    shares = {one.port: one.share for one in where.ports}
+    named = _named_ports(diagnosis) or [max(shares, key=lambda one: shares[one])]
+    lead = formatting.join(_with_share(one, shares) for one in named)
+    others = [
+        _with_share(port, shares)
+        for port, share in sorted(shares.items(), key=lambda one: -one[1])
+        if port not in named and share >= _NOTHING
+    ][:_MOST_PORTS]
+    lines = [f"of the gap enters here{f'; {formatting.join(others)}' if others else ''}"]
+    alike = _alike(diagnosis)
+    if alike:
+        lines.append(f"not told from {formatting.join(map(port_label, alike), 'or')} yet")
+    if where.regimes and where.regimes[0].share_of_gap is not None:
+        best = where.regimes[0]
+        lines.append(
+            f"{percent(best.share_of_gap)} of it in {percent(best.share_of_time)} of the time: "
+            f"{regime_label(best)}"
+        )
+    return AnswerCard("Where", lead, tuple(lines), "where")
+
+
+def _named_ports(diagnosis: DiagnosisFile) -> list[str]:
+    if diagnosis.causes:
+        return [port for port in dict.fromkeys(one.port for one in diagnosis.causes) if port]
+    return [diagnosis.where.port] if diagnosis.where is not None and diagnosis.where.port else []
+
+
+def _with_share(port: str, shares: dict[str, float]) -> str:
+    name = port_label(port)
+    return f"{name} {percent(shares[port])}" if port in shares else name
+
+
+def _alike(diagnosis: DiagnosisFile) -> list[str]:
+    """What these sensors cannot tell from the named port, where no cause's form tells it."""
+    where = diagnosis.where
+    if where is None or (diagnosis.causes and diagnosis.verdict != "ambiguous"):
+        return []
+    return sorted(
+        {port for group in where.indistinguishable if where.port in group for port in group}
+        - {where.port}
+    )
+
+
+# ---- which ---------------------------------------------------------------------------------------
+
+
+def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
+    if diagnosis.remark:
+        lines = ("No effect is asked for before.",)
+        return AnswerCard("Which", "Not told", lines, "which", True)
+    if diagnosis.verdict == "cannot-tell":
+        return AnswerCard("Which", "Not told", _best_guess(diagnosis), "which", True)
+    if diagnosis.verdict == "no-structural-gap":
+        lines = ("Retuned parameters and ordinary tolerances suffice.",)
+        return AnswerCard("Which", "No effect", lines, "which", True)
+    if diagnosis.verdict == "unknown-effect" or not diagnosis.causes:
+        families = verdict_words.free_families(diagnosis, SPELLING)
+        lines = (sentence(families),) if families else ("No effect of the catalogue explains it.",)
+        return AnswerCard("Which", "None of the catalogue", lines, "which")
+    last = "or" if diagnosis.verdict == "ambiguous" else "and"
+    shown = diagnosis.causes[:_MOST_CAUSES]
+    lead = formatting.join(map(_with_value, shown), last)
+    told = [_grounds_line(one, len(shown) > 1) for one in shown]
+    told += _look_alikes(diagnosis)
+    return AnswerCard(
+        "Which",
+        sentence(lead).removesuffix("."),
+        tuple(filter(None, told)),
+        "which",
+    )
+
+
+def _best_guess(diagnosis: DiagnosisFile) -> tuple[str, ...]:
+    best = max(diagnosis.members, key=lambda one: one.probability or 0.0, default=None)
+    if best is None or best.probability is None:
+        return ("These recordings do not suffice.",)
+    return (f"{effect_label(best.effect)} may be missing (P {chance_figure(best.probability)}).",)
+
+
+def _with_value(cause: Cause) -> str:
+    name = effect_label(cause.effect)
+    found = first_parameter(cause)
+    if found is None:
+        return name
+    value = formatting.with_unit_text(found[1].value, channel_unit(found[0]))
+    return f"{name} {set_spaces(value)}"
+
+
+def _grounds_line(cause: Cause, several: bool) -> str:
+    parts = []
+    if cause.probability is not None:
+        parts.append(f"P {chance_figure(cause.probability)}")
+    if cause.removes is not None:
+        parts.append(f"removes {percent(cause.removes.share)} of the gap")
+    found = first_parameter(cause)
+    if found is not None and None not in (found[1].low, found[1].high):
+        span = formatting.span(found[1].low, found[1].high, channel_unit(found[0]))
+        parts.append(f"{channel_label(found[0])} {span}")
+    text = ", ".join(parts)
+    return f"{effect_label(cause.effect)}: {text}" if several and text else text
+
+
+def _look_alikes(diagnosis: DiagnosisFile) -> list[str]:
+    named = {one.effect for one in diagnosis.causes}
+    alike = {
+        other for group in diagnosis.look_alikes if named & set(group) for other in group
+    } - named
+    if not alike or diagnosis.verdict == "ambiguous":
+        return []
+    return [f"looks like it: {formatting.join(map(effect_label, sorted(alike)), 'or')}"]
+
+
+# ---- how far -------------------------------------------------------------------------------------
+
+
+def _how_far_card(diagnosis: DiagnosisFile | None, rows: tuple[ChannelErrors, ...]) -> AnswerCard:
+    row = headline(rows)
+    if row is None:
+        return AnswerCard("How far", "Not scored", (), "how-far", True)
+    unit_text, what = channel_unit(row.channel), channel_label(row.channel)
+    steps = [one for one in (row.refitted, row.with_cause) if one is not None]
+    if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
+        steps = [row.data_sheet, row.refitted]
+    lead = " → ".join(short(one) for one in steps) + (
+        f"{formatting.SPACE}{unit_text}" if unit_text else ""
+    )
+    names = "refitted → with the cause" if row.with_cause is not None else "data sheet → refitted"
+    lines = [f"held-out {what} error, {names}"]
+    known = []
+    if row.with_cause is not None and row.data_sheet is not None:
+        known.append(f"data sheet {formatting.with_unit_text(row.data_sheet, unit_text)}")
+    if row.noise_floor is not None:
+        known.append(f"noise floor {formatting.with_unit_text(row.noise_floor, unit_text)}")
+    lines += [", ".join(known)] if known else []
+    lines += _left_line(diagnosis)
+    return AnswerCard("How far", lead, tuple(lines), "how-far")
+
+
+def _left_line(diagnosis: DiagnosisFile | None) -> list[str]:
+    rest = diagnosis.remainder if diagnosis is not None else None
+    if diagnosis is None or rest is None or diagnosis.remark:
+        return []
+    if not rest.real:
+        return [set_figures(verdict_words.left_beside(rest))]
+    size = set_figures(verdict_words.size_of(rest, beside=bool(diagnosis.causes)))
+    at = f", at the {port_label(rest.port)}" if rest.port else ""
+    return [f"left: {size}{at}"]

@@ -1,0 +1,100 @@
+"""Every candidate that was refitted: its errors, its own parameters, and why it is not the
+answer."""
+
+from __future__ import annotations
+
+from pamid.report import formatting
+from pamid.report.document import Table, TableCell, table
+from pamid.report.formatting import (
+    channel_label,
+    channel_unit,
+    effect_label,
+    number,
+    percent,
+    percent_span,
+)
+from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile
+
+_CLOSE = 0.02  # shares that differ by less say nothing
+
+
+def ranking_table(diagnosis: DiagnosisFile) -> Table:
+    """Every candidate that was refitted, best first, with its errors per channel."""
+    channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
+    heads = ["effect", "family", "port", "P", "held-out error removed", formatting.INTERVAL]
+    heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
+    body: list[list[str | TableCell]] = []
+    for one in diagnosis.ranking:
+        row: list[str | TableCell] = [
+            TableCell(formatting.clean(one.effect), "code"),
+            effect_label(one.family),
+            formatting.port_label(one.port),
+            number(one.probability, 2),
+            percent(one.shrinkage),
+            percent_span(one.low, one.high),
+        ]
+        for name in channels:
+            held = one.held_out.get(name)
+            row.append(
+                formatting.DASH
+                if held is None or held.mae_after is None
+                else f"{number(held.mae_before)} → {number(held.mae_after)}"
+            )
+        body.append(row)
+    return table(heads, body, range(3, 6 + len(channels)))
+
+
+def rivals_table(diagnosis: DiagnosisFile) -> Table:
+    """Every candidate with the parameters it was given, and why it is not the answer."""
+    body: list[list[str | TableCell]] = [
+        [
+            TableCell(formatting.clean(one.effect), "code"),
+            TableCell(_parameters(one), small=_bounds(one)),
+            why_not(one, diagnosis),
+        ]
+        for one in diagnosis.ranking
+    ]
+    return table(["effect", "its parameters", "why it is not the answer"], body)
+
+
+def _parameters(one: Candidate) -> str:
+    texts = [
+        f"{channel_label(name)} {formatting.with_unit_text(found.value, channel_unit(name))}"
+        for name, found in one.parameters.items()
+    ]
+    return "; ".join(texts) or formatting.DASH
+
+
+def _bounds(one: Candidate) -> str:
+    return f"at its bound: {', '.join(map(channel_label, one.at_bound))}" if one.at_bound else ""
+
+
+def why_not(one: Candidate, diagnosis: DiagnosisFile) -> str:
+    """What a candidate lost by, from its own figures; what the verdict names says so."""
+    named = {cause.effect for cause in diagnosis.causes}
+    if one.effect in named:
+        return "is named"
+    if not one.converged:
+        return f"its fit did not converge: {formatting.clean(one.why) or 'no reason given'}"
+    if one.shrinkage is None:
+        return formatting.clean(one.why) or "was not refitted"
+    reasons = [
+        f"looks like {effect_label(other)} on these recordings"
+        for group in diagnosis.look_alikes
+        if one.effect in group
+        for other in group
+        if other in named
+    ][:1]
+    if one.low is not None and one.low <= 0.0:
+        reasons.append("its gain is not sure: the interval reaches 0")
+    best = next((each for each in diagnosis.ranking if each.effect in named), None)
+    if best is not None and (best.shrinkage or 0.0) - one.shrinkage > _CLOSE:
+        reasons.append(
+            f"removes {percent(one.shrinkage)} where {effect_label(best.effect)} removes "
+            f"{percent(best.shrinkage)}"
+        )
+    if one.at_bound:
+        reasons.append("needs a value at its bound")
+    if not reasons and one.probability is not None:
+        reasons.append(f"is there with probability {formatting.chance(one.probability)}")
+    return "; ".join(reasons) or formatting.DASH

@@ -1,0 +1,150 @@
+"""What the blocks of a rig's diagram say, and what stands below it for each of them: share of the
+gap, the effects that act there, what was tried, what cannot be told apart."""
+
+from __future__ import annotations
+
+from pamid.diagnosis.verdict_words import chance_figure
+from pamid.model.effect import KINDS
+from pamid.report import formatting
+from pamid.report.block_diagram import BlockText
+from pamid.report.captions import sensor_label
+from pamid.report.formatting import channel_label, channel_unit, effect_label, percent, sentence
+from pamid.schemas.diagnosis_file import Cause, CauseParameter, DiagnosisFile
+from pamid.schemas.rig_map import RigMap
+
+PIN, DOUBT = "◆ ", "? "
+_MOST_TRIED = 4
+
+
+def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
+    """Group of ports -> what its block says."""
+    shares = _shares(diagnosis)
+    unseen = set(diagnosis.where.unseen) if diagnosis.where is not None else set()
+    found = {}
+    for group in dict.fromkeys(one.group or one.port for one in rig.ports):
+        share = shares.get(group)
+        lines = [(one, "") for one in _share_lines(share, group in unseen, bool(shares))]
+        pins = _pins(diagnosis, group)
+        lines += [(one, "pin") for one in pins]
+        found[group] = BlockText(
+            formatting.port_label(group),
+            tuple(lines),
+            max(0.0, share or 0.0),
+            named=bool(pins),
+        )
+    return found
+
+
+def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
+    """Shares of the gap by group; none where there is no gap to be shared out."""
+    if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
+        return {}
+    return {one.port: one.share for one in diagnosis.where.ports}
+
+
+def _share_lines(share: float | None, unseen: bool, gap: bool) -> list[str]:
+    if not gap:
+        return []
+    if unseen and not share:
+        return ["not seen"]
+    return [f"{percent(share)} of gap" if share is not None else "no share told"]
+
+
+def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
+    """What acts at this group: causes with their first value and chance, and what is left."""
+    texts = []
+    either = "either " if diagnosis.verdict == "ambiguous" else ""
+    for cause in diagnosis.causes:
+        if cause.port == group:
+            texts.append(f"{PIN}{either}{effect_label(cause.effect.partition('@')[0])}")
+            texts += [one for one in (_first_value(cause), _chance(cause)) if one]
+    rest = diagnosis.remainder
+    if rest is not None and rest.real and rest.port == group and not diagnosis.remark:
+        left = f"{percent(rest.share)} left" if diagnosis.causes else "gap"
+        texts.append(f"{DOUBT}{left}, unexplained")
+    return texts
+
+
+def _first_value(cause: Cause) -> str:
+    found = first_parameter(cause)
+    if found is None:
+        return ""
+    name, one = found
+    return formatting.with_unit_text(one.value, channel_unit(name))
+
+
+def first_parameter(cause: Cause) -> tuple[str, CauseParameter] | None:
+    """The parameter that says most of an effect: the first that is not 0."""
+    every = list(cause.parameters.items())
+    return next((one for one in every if one[1].value), every[0] if every else None)
+
+
+def _chance(cause: Cause) -> str:
+    return "" if cause.probability is None else f"P {chance_figure(cause.probability)}"
+
+
+def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> list[str]:
+    """Sentences about a group of ports."""
+    own = [one for one in rig.ports if (one.group or one.port) == group]
+    named = [
+        f"{formatting.port_label(one.port)}"
+        + (f" [{formatting.unit_label(one.unit)}]" if formatting.unit_label(one.unit) else "")
+        for one in own
+    ]
+    kinds = dict.fromkeys(KINDS.get(one.kind, one.kind) for one in own)
+    texts = [f"What passes here: {'; '.join(kinds)} ({formatting.join(named)})."]
+    texts += _alike(diagnosis, group)
+    for cause in diagnosis.causes:
+        if cause.port == group:
+            texts.append(_cause_text(cause))
+    rest = diagnosis.remainder
+    if rest is not None and rest.real and rest.port == group and rest.formula:
+        texts.append(f"What is left here looks like {formatting.clean(rest.formula)}.")
+    return [*texts, _tried(diagnosis, group)]
+
+
+def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
+    where = diagnosis.where
+    if where is None:
+        return []
+    texts = []
+    others = {o for g in where.indistinguishable if group in g for o in g} - {group}
+    if others:
+        order = [one.port for one in where.ports]
+        named = sorted(others, key=lambda one: order.index(one) if one in order else len(order))
+        ports = formatting.join(map(formatting.port_label, named), "or")
+        texts.append(f"For an effect of unknown form these sensors cannot tell it from {ports}.")
+    split = next((one.sensor for one in where.sensors if any(group in g for g in one.splits)), None)
+    if split is not None:
+        texts.append(f"Measuring {sensor_label(split)} as well would separate them.")
+    if group in where.unseen:
+        texts.append("These sensors say nothing of what happens here.")
+    return texts
+
+
+def _cause_text(cause: Cause) -> str:
+    values = [
+        f"{channel_label(name)} {formatting.with_unit_text(one.value, channel_unit(name))}"
+        f"{formatting.interval_tail(formatting.span(one.low, one.high, channel_unit(name)))}"
+        for name, one in cause.parameters.items()
+    ]
+    text = f"{effect_label(cause.effect)} acts here"
+    if cause.probability is not None:
+        text += f", with probability {formatting.chance(cause.probability)}"
+    if cause.removes is not None:
+        text += f": it removes {percent(cause.removes.share)} of the gap"
+    return sentence(text + (f"; {formatting.join(values)}" if values else ""))
+
+
+def _tried(diagnosis: DiagnosisFile, group: str) -> str:
+    tried = [one for one in diagnosis.ranking if one.port == group and one.shrinkage is not None]
+    if not tried:
+        return "No candidate that acts here was worth a refit."
+    shown = [
+        f"{effect_label(one.effect)} ({percent(one.shrinkage)})" for one in tried[:_MOST_TRIED]
+    ]
+    more = f" and {len(tried) - len(shown)} more" if len(tried) > len(shown) else ""
+    return (
+        "Refitted here, with the share of the held-out error over all channels that each removes: "
+        f"{', '.join(shown)}{more}."
+    )

@@ -1,0 +1,29 @@
+"""The rig as a chain of places: which ports it has, and which leads to which."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pamid.schemas.estimates import UNIT
+from pamid.schemas.model import ListOf, Model, Text
+
+
+class MappedPort(Model):
+    """A port of the rig, its places as one."""
+
+    port: Text
+    group: Text = Field("", description="the name that the gap's shares are told by")
+    kind: Text = Field("", description="motion, actuator-force, flow ...: what passes there")
+    unit: Text = Field("", description=UNIT)
+    leads_to: ListOf[Text] = Field(
+        (), description="ports that are reached from here with no other port between"
+    )
+
+
+class RigMap(Model):
+    """What a drawing of the rig needs; nothing of it decides a figure."""
+
+    name: Text
+    inputs: ListOf[Text] = Field((), description="columns that are sent to it")
+    outputs: ListOf[Text] = Field((), description="columns that were measured")
+    ports: ListOf[MappedPort] = Field((), description="in the rig's own order")

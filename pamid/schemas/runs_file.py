@@ -1,0 +1,53 @@
+"""What pamid runs and pamid report --compare print: runs with what each of them found."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import RIG
+from pamid.schemas.model import Figures, ListOf, MapOf, Model, Text
+
+
+class RunSummary(Model):
+    """A run folder at a glance."""
+
+    path: Text = Field(description="folder of the run")
+    kind: Text = Field(description="diagnosis, fit, trial, paper, other or damaged")
+    command: Text = Field(description="the command that made it, its name")
+    rig: Text = Field(description=RIG)
+    recordings: ListOf[Text] = Field(description="names of what was recorded")
+    begun: Text = Field(description="UTC, ISO 8601")
+    outcome: Text = Field(description="how it ended; empty while it goes on")
+    verdict: Text = Field(description="of a diagnosis, as in diagnosis.json")
+    sentence: Text = Field(description="what was found, in words; what is damaged")
+    causes: ListOf[Text] = Field(description="labels of the effects that the verdict names")
+    mae: MapOf[Figures] = Field(
+        description="held-out mean absolute error in the channel's unit: channel -> model",
+    )
+
+
+class RunList(Model):
+    """The runs below a folder."""
+
+    model_config = ConfigDict(title="pamid runs: the runs below a folder and what they found")
+
+    schema_: Literal["pamid.runs/1"] = Field(default="pamid.runs/1", alias="schema")
+    folder: Text = Field(description="where it was looked")
+    runs: ListOf[RunSummary] = Field(default=(), description="by path")
+
+
+class WrittenComparison(Model):
+    """A page that puts runs side by side."""
+
+    model_config = ConfigDict(title="pamid report --compare: runs side by side")
+
+    schema_: Literal["pamid.comparison/1"] = Field(default="pamid.comparison/1", alias="schema")
+    page: Text = Field(description="path of the page")
+    runs: ListOf[RunSummary] = Field(
+        default=(), description="in the order in which they were given"
+    )
+    changed: ListOf[Text] = Field(
+        default=(), description="what differs in the data and how it was run"
+    )

@@ -1,0 +1,85 @@
+"""What a new user sees first: the demo says what it begins with, long work says how much of a stage
+is done, and an excitation is found under the name of what it does."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pamid_cli import frame
+
+from pamid.base.errors import DataError
+from pamid.base.progress import ProgressLine
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class Clock:
+    """Time as the test tells it."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    found = Clock()
+    monkeypatch.setattr("pamid.base.progress.time", found)
+    return found
+
+
+def test_a_stage_that_counts_says_how_much_is_done_and_left(clock: Clock) -> None:
+    stream = Terminal()
+    with ProgressLine("diagnose", stream=stream) as line:
+        clock.now = 110.0
+        line.say("screening 5/25: leak")
+        assert stream.getvalue().endswith("screening 5/25: leak (10 s, 20 % of this stage)")
+        clock.now = 120.0
+        line.say("screening 15/25: gravity")
+        told = "(20 s, 60 % of this stage, about 10 s of it left)"
+        assert stream.getvalue().rstrip().endswith(told)
+        clock.now = 130.0
+        line.say("refitting 1/8: leak")  # another stage: nothing is known of its pace
+        assert stream.getvalue().rstrip().endswith("refitting 1/8: leak (30 s, 12 % of this stage)")
+        clock.now = 140.0
+        line.say("noise floor")
+        assert stream.getvalue().rstrip().endswith("noise floor (40 s)")
+
+
+def test_a_log_gets_its_first_line_soon(clock: Clock) -> None:
+    stream = io.StringIO()
+    with ProgressLine("demo", in_logs=True, stream=stream) as line:
+        for second in range(1, 20):
+            clock.now = 100.0 + second
+            line.say("fitting")
+    assert stream.getvalue().splitlines() == ["demo: fitting (3 s)", "demo: fitting (18 s)"]
+
+
+def test_the_demo_says_what_it_begins_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said: list[str] = []
+
+    def before_all_work(*_: Any, **__: Any) -> Any:
+        said.append(capsys.readouterr().err)
+        raise DataError("Enough.", "")
+
+    monkeypatch.setattr("pamid.replications.demonstration.run_demo", before_all_work)
+    frame.run(["demo", "--output", str(tmp_path / "run")])
+    assert "a fault that is withheld" in said[0] and "about a minute" in said[0]
+
+
+def test_an_excitation_is_found_by_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
+    told = []
+    for name in ("excite", "generate-aprbs"):
+        assert frame.run([name, "--help"]) == 0
+        told.append(capsys.readouterr().out)
+    assert told[0] == told[1] and "`pamid excite` is the same command" in told[0]

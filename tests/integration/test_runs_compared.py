@@ -1,0 +1,116 @@
+"""`pamid runs` and `pamid report --compare`: runs at a glance and side by side."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pamid_cli.frame import run
+from report_pages import flat, outline_of
+from synthetic_run import make_run, make_trial
+
+Capture = pytest.CaptureFixture[str]
+
+
+def told(capsys: Capture, *words: str) -> dict[str, Any]:
+    assert run([*words, "--json"]) == 0
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture) -> None:
+    make_run(tmp_path / "a" / "first")
+    make_run(tmp_path / "second", "no-structural-gap")
+    make_run(tmp_path / "fitted", without=("diagnosis.json",))
+    make_trial(tmp_path / "trial")
+    (tmp_path / "empty").mkdir()
+    found = told(capsys, "runs", str(tmp_path))
+    rows = {Path(one["path"]).name: one for one in found["runs"]}
+    assert list(rows) == ["first", "fitted", "second", "trial"]
+    assert rows["first"]["verdict"] == "explained"
+    assert rows["first"]["causes"] == ["coulomb-friction"]
+    assert rows["first"]["mae"]["angle_deg"]["refitted"] == 0.52
+    assert rows["first"]["command"] == "diagnose" and rows["first"]["recordings"] == ["rec"]
+    assert [rows[name]["kind"] for name in ("fitted", "second", "trial")] == [
+        "fit",
+        "diagnosis",
+        "trial",
+    ]
+    assert run(["runs", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "explains 86 % of the gap" in text
+    following = shlex.split(text.partition("Next: pamid ")[2])
+    assert following[:2] == ["report", "--compare"]
+    assert run([*following, "--output", str(tmp_path / "both.html")]) == 0
+
+
+def test_a_damaged_run_is_listed_with_what_is_wrong(tmp_path: Path, capsys: Capture) -> None:
+    folder = make_run(tmp_path / "RUN")
+    (folder / "diagnosis.json").write_text('{"schema": "pamid.diagnosis/2"', encoding="utf-8")
+    (one,) = told(capsys, "runs", str(tmp_path))["runs"]
+    assert one["kind"] == "damaged" and "diagnosis.json" in one["sentence"]
+
+
+def test_a_run_that_is_none_and_a_folder_that_is_not_there(tmp_path: Path, capsys: Capture) -> None:
+    assert told(capsys, "runs", str(tmp_path))["runs"] == []
+    assert run(["runs", str(tmp_path / "nowhere")]) == 3
+    assert "is no folder" in capsys.readouterr().err
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    """Two runs of other recordings; one parameter moved beyond its intervals, one cause other."""
+    first = make_run(tmp_path / "monday" / "RUN")
+    second = tmp_path / "friday" / "RUN"
+    shutil.copytree(first, second)
+    fit = json.loads((second / "fit.json").read_text(encoding="utf-8"))
+    fit["recordings"][0] |= {"name": "later", "sha256": "cd" * 32}
+    moved = fit["parameters"]["damping_m2_s"]
+    fit["parameters"]["damping_m2_s"] = moved | {
+        key: 2.0 * moved[key] for key in ("value", "low", "high")
+    }
+    (second / "fit.json").write_text(json.dumps(fit), encoding="utf-8")
+    found = json.loads((second / "diagnosis.json").read_text(encoding="utf-8"))
+    found["causes"][0]["effect"] = "stribeck-friction"
+    (second / "diagnosis.json").write_text(json.dumps(found), encoding="utf-8")
+    return first, second
+
+
+def test_runs_side_by_side(pair: tuple[Path, Path], tmp_path: Path, capsys: Capture) -> None:
+    page = tmp_path / "both.html"
+    words = ("report", "--compare", *map(str, pair), "--output", str(page))
+    found = told(capsys, *words)
+    assert found["changed"] == ["recordings", "content (sha256)"]
+    assert [one["causes"] for one in found["runs"]] == [["coulomb-friction"], ["stribeck-friction"]]
+    text = flat(outline_of(page).text)
+    assert "The runs differ: monday/RUN says Coulomb friction; friday/RUN says Stribeck" in text
+    rows = text.split("damping_m2_s")[1].split("sonic_conductance")[0]
+    assert "differs" in rows and "0.00213" in rows and "0.00426" in rows
+    assert "agrees" in text.split("dead_volume_m3")[1][:120]
+    again = page.read_bytes()
+    assert run([*words, "--pdf"]) == 0 and page.read_bytes() == again
+    assert page.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_agreement_is_said_and_nothing_differs(tmp_path: Path, capsys: Capture) -> None:
+    first, second = make_run(tmp_path / "a"), make_run(tmp_path / "b")
+    page = tmp_path / "both.html"
+    found = told(capsys, "report", "--compare", str(first), str(second), "--output", str(page))
+    assert found["changed"] == []
+    assert "Both runs say: Coulomb friction." in flat(outline_of(page).text)
+
+
+def test_one_run_is_no_comparison_and_two_are_no_page(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: Capture
+) -> None:
+    assert run(["report", "--compare", str(pair[0])]) == 2
+    assert "2 to" in capsys.readouterr().err
+    assert run(["report", *map(str, pair)]) == 2
+    assert "--compare" in capsys.readouterr().err
+    somebody = tmp_path / "mine.html"
+    somebody.write_text("mine", encoding="utf-8")
+    words = ["report", "--compare", *map(str, pair), "--output", str(somebody)]
+    assert run(words) == 3 and somebody.read_text(encoding="utf-8") == "mine"

@@ -1,0 +1,149 @@
+"""The rig as a block diagram: which port leads to which, where the blocks stand, what they say."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import pytest
+from synthetic_run import diagnosis_json
+
+from pamid.model.port_flow import rig_map
+from pamid.model.registry import rig_named
+from pamid.report.block_diagram import (
+    MOST_IN_COLUMN,
+    BlockText,
+    Box,
+    columns_of,
+    links_of,
+    narrow_diagram,
+    wide_diagram,
+)
+from pamid.report.rig_figure import anchor, panels_html, rig_drawing
+from pamid.report.rig_texts import block_texts
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.model import read
+from pamid.schemas.rig_map import RigMap
+
+
+def map_of(name: str) -> RigMap:
+    rig = rig_named(name)
+    return rig_map(rig, rig.outputs)
+
+
+def plain_texts(rig: RigMap) -> dict[str, BlockText]:
+    groups = dict.fromkeys(one.group or one.port for one in rig.ports)
+    return {group: BlockText(group, (("0 % of gap", ""),)) for group in groups}
+
+
+def test_the_equations_say_what_leads_to_what() -> None:
+    rig = map_of("one-dof")
+    leads = {one.port: set(one.leads_to) for one in rig.ports}
+    assert leads["command"] == {"valve"}
+    assert leads["valve"] == {"pressure"}
+    assert {"muscle", "pressure_sensor"} <= leads["relief"]
+    assert leads["angle_sensor"] == set()
+    assert "angle_sensor" in leads["arm"] and "angle_sensor" not in leads["joint"]
+
+
+def test_a_row_of_blocks_from_the_command_to_the_sensor() -> None:
+    rig = map_of("one-dof")
+    columns = columns_of(rig)
+    assert [group for groups in columns.values() for group in groups] == [
+        "command",
+        "valve",
+        "pressure",
+        "muscle",
+        "joint",
+        "structure",
+        "sensor",
+    ]
+    drawn = {(a, b) for a, b, _ in links_of(rig, columns)}
+    assert {("command", "valve"), ("muscle", "joint"), ("joint", "structure")} <= drawn
+    assert ("command", "pressure") not in drawn  # the valve stands between
+    assert ("muscle", "structure") not in drawn and ("structure", "muscle") not in drawn
+
+
+def overlap(a: Box, b: Box) -> bool:
+    return a.x < b.x + b.wide and b.x < a.x + a.wide and a.y < b.y + b.tall and b.y < a.y + a.tall
+
+
+@pytest.mark.parametrize("name", ["one-dof", "two-link", "dc-motor", "two-masses", "damper-bench"])
+def test_blocks_never_overlap_and_stay_inside(name: str) -> None:
+    rig = map_of(name)
+    for diagram in (
+        wide_diagram(rig, plain_texts(rig), 920.0),
+        narrow_diagram(rig, plain_texts(rig), 340.0),
+    ):
+        for a, b in itertools.combinations(diagram.boxes, 2):
+            assert not overlap(a, b), (a.name, b.name)
+        for box in diagram.boxes:
+            assert box.x >= -0.1 and box.x + box.wide <= diagram.wide + 0.1
+            assert box.y >= -0.1 and box.y + box.tall <= diagram.tall + 0.1
+        shown = {member for box in diagram.boxes for member in box.members}
+        assert shown == {one.group or one.port for one in rig.ports}
+
+
+def test_a_long_column_is_taken_together_but_for_what_matters() -> None:
+    ports = [
+        {"port": f"joint_{k}", "group": "", "kind": "motion", "unit": "N m", "leads_to": []}
+        for k in range(60)
+    ]
+    rig = read(RigMap, {"name": "r", "inputs": [], "outputs": [], "ports": ports})
+    texts = plain_texts(rig)
+    texts["joint_7"] = BlockText("joint_7", (("40 % of gap", ""),), 0.4, named=True)
+    boxes = wide_diagram(rig, texts, 920.0).boxes
+    assert [box.name for box in boxes] == ["joint_7", "motion others"]
+    assert boxes[1].texts[0][0] == "59 others" and len(boxes[1].members) == 59
+    assert len(boxes) <= MOST_IN_COLUMN
+
+
+def diagnosis_of(verdict: str) -> DiagnosisFile:
+    return read(DiagnosisFile, diagnosis_json(verdict))
+
+
+def test_effects_are_pinned_where_they_act_and_tints_are_shares() -> None:
+    found = diagnosis_of("partly-explained")
+    assert found.rig is not None and found.where is not None
+    texts = block_texts(found, found.rig)
+    shares = {one.port: one.share for one in found.where.ports}
+    assert texts["joint"].weight == shares["joint"]
+    pins = [text for text, style in texts["joint"].lines if style == "pin"]
+    assert pins[0] == "◆ Coulomb friction"
+    assert any(text.startswith("? ") for text, _ in texts["muscle"].lines)
+    assert not texts["valve"].named
+
+
+def test_nothing_is_tinted_where_there_is_no_gap() -> None:
+    found = diagnosis_of("no-structural-gap")
+    assert found.rig is not None
+    texts = block_texts(found, found.rig)
+    assert all(one.weight == 0.0 and not one.lines for one in texts.values())
+
+
+def test_every_block_leads_to_a_panel_that_is_there() -> None:
+    found = diagnosis_of("explained")
+    drawing, panels = rig_drawing(found), str(panels_html(found))
+    assert drawing is not None and drawing.own is not None
+    for svg in drawing.own:
+        targets = re.findall(r'href="#([^"]+)"', svg)
+        assert len(targets) == 5
+        assert all(f'id="{one}"' in panels for one in targets)
+    assert panels.count("port-panel shown") == 1
+    assert f'class="port-panel shown" id="{anchor("joint")}"' in panels
+
+
+def test_a_run_of_an_earlier_version_has_no_diagram() -> None:
+    content = diagnosis_json("explained")
+    del content["rig"]
+    found = read(DiagnosisFile, content)
+    assert rig_drawing(found) is None and str(panels_html(found)) == ""
+
+
+def test_names_from_a_file_are_text() -> None:
+    content = diagnosis_json("explained")
+    content["rig"]["ports"][3] |= {"group": "<script>alert(1)</script>"}
+    found = read(DiagnosisFile, content)
+    drawing = rig_drawing(found)
+    assert drawing is not None and drawing.own is not None
+    assert "<script" not in "".join(drawing.own) + str(panels_html(found))
