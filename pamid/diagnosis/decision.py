@@ -49,9 +49,9 @@ class Weighed:
     """An effect of the best model, or one tied with it, as the verdict sees it.
 
     probability: that its family is really there; removes: share of the gap, beside the others;
-    at_bound: parameters at a bound that physics did not set; here: share of the gap that enters at
-    its port or at one that the sensors cannot tell from it, or the evidence there over the largest
-    at any port, whichever is more
+    at_bound: parameters at a bound that physics did not set; vanished: its amounts, where all of
+    them ended at nothing; here: share of the gap that enters at its port or at one that the sensors
+    cannot tell from it, or the evidence there over the largest at any port, whichever is more
     """
 
     effect: str
@@ -60,6 +60,7 @@ class Weighed:
     removes: Share
     at_bound: tuple[str, ...]
     here: float
+    vanished: tuple[str, ...] = ()
 
     def objections(self, settings: Settings = DEFAULT) -> list[str]:
         """Why it must not be named whatever its probability; empty where nothing speaks against
@@ -69,6 +70,8 @@ class Weighed:
             found.append("the interval of what it removes goes through zero")
         if self.removes.share < settings.least_shrinkage:
             found.append("it removes next to nothing")
+        if self.vanished:
+            found.append(f"{', '.join(self.vanished)} ended at nothing")
         if self.at_bound:
             found.append(f"{', '.join(self.at_bound)} ended at a bound")
         # what removes most of the gap is there, whatever a slowly varying value at its port, as

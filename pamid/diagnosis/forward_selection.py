@@ -234,10 +234,11 @@ def _weighed(
 
 
 def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
-    """The model less the first earlier effect whose removal costs less than `worth` of the gap; the
-    model itself where every one is needed."""
+    """The model less the first effect whose removal costs less than `worth` of the gap; the model
+    itself where every one is needed. The newest is asked, too: where the model below it had ended
+    in a local minimum, what it gained may have been the way out alone."""
     worth = search.settings.worth * search.excess(search.budget.baseline)
-    for a in best.attached[:-1]:
+    for a in best.attached:
         smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
         lost = search.excess(smaller) - search.excess(best)
         if smaller.finite and lost < worth:

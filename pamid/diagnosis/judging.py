@@ -19,7 +19,7 @@ from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
-from pamid.diagnosis.ranges import at_bounds
+from pamid.diagnosis.ranges import at_bounds, vanished
 from pamid.diagnosis.search import Round, Search, indistinguishable_from_first, ranked
 from pamid.diagnosis.signature import Signature, alone, cause_probability, signature
 from pamid.diagnosis.verdict_grounds import VerdictStatistics, verdict_statistics
@@ -263,6 +263,7 @@ def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> 
         at_bounds(model, search.settings, m.effect.label),
         # shares are worked out for the leading ports alone: evidence tells of the others
         max(m.signature.at_port, sum(shares[group] for group in together)),
+        vanished(model, m.effect.label),
     )
 
 
@@ -272,9 +273,12 @@ def _alone_or_refitted(
     attached: tuple[Attachment, ...],
     source: CandidateModel,
 ) -> CandidateModel:
-    """The model with these effects: of the ranking where it is there, else refitted."""
-    own = next((c for c in ranking if c.attached == attached), None)
-    return own or refitted_with(search, attached, source)
+    """The model with these effects, refitted from where the source is; that of the ranking where it
+    is there and leaves less. Alone it may have ended in a local minimum, and what led out of it
+    would be taken for the other effect's doing."""
+    models = [c for c in ranking if c.attached == attached]
+    models.append(refitted_with(search, attached, source))
+    return min((c for c in models if c.finite), key=search.excess, default=models[0])
 
 
 def _of_families(models: Sequence[CandidateModel], best: CandidateModel) -> list[CandidateModel]:

@@ -143,6 +143,30 @@ def test_one_of_two_that_do_as_well_is_left_to_the_line(monkeypatch: pytest.Monk
     assert not weighed(monkeypatch, gain=1.19, other=1.1).taken
 
 
+def test_the_newest_is_dropped_where_it_only_led_out_of_a_minimum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first alone had ended in a local minimum, the second brought it out of it and came to
+    nothing."""
+    first, second = model("first", "friction", 0.9), model("second", "hysteresis", 0.1)
+    both = SimpleNamespace(attached=(*first.attached, *second.attached), absolutes=0.1, finite=True)
+    left = {"first": 0.1, "second": 0.8}
+
+    def refitted(search: Any, attached: tuple[Any, ...], *found: Any) -> Any:
+        alone = attached[0].label
+        return SimpleNamespace(attached=attached, label=alone, absolutes=left[alone], finite=True)
+
+    monkeypatch.setattr(forward_selection, "refitted_with", refitted)
+    search: Any = SimpleNamespace(
+        settings=DEFAULT,
+        excess=lambda m: m.absolutes,
+        budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
+    )
+    assert forward_selection._backward_check(search, both).label == "first"  # type: ignore[arg-type]
+    left["first"] = 0.9
+    assert forward_selection._backward_check(search, both) is both  # type: ignore[arg-type]
+
+
 def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where any second effect will do, and the first is dropped for it again and again, the search
     would never end."""

@@ -281,6 +281,22 @@ def test_what_a_trajectory_may_jump_by() -> None:
     assert joints(Settings(latent_window_jump=1e2))[1] == pytest.approx(1e2 * opening)
 
 
+def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing() -> None:
+    def given(owner: str, name: str, null: float | None) -> Any:
+        return SimpleNamespace(owner=owner, name=name, null=null)
+
+    parameters = [given("", "mass", None), given("slip", "forth", 0.0), given("slip", "back", 0.0)]
+    parameters.append(given("slip", "reach", None))
+    assembly = SimpleNamespace(parameters=parameters)
+
+    def gone(*values: float) -> tuple[str, ...]:
+        model: Any = SimpleNamespace(assembly=assembly, fit=SimpleNamespace(p=np.array(values)))
+        return ranges.vanished(model, "slip")
+
+    assert gone(0.0, 0.0, 0.0, 1.0) == ("forth", "back")
+    assert gone(0.0, 1e-9, 0.0, 1.0) == () == gone(1.0, 1.0, 1.0, 0.0)
+
+
 def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     bound = SimpleNamespace(owner="play", sized=True, log=True, low=0.1, high=1.0, name="gap")
     ended = SimpleNamespace(bound=bound, at_bound="high")
