@@ -398,6 +398,27 @@ def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[DataSplit]) -
     run(*report)
 
 
+def test_after_scoring_and_listing_runs(cart: Path, here: Path, run: Run) -> None:
+    run("fit", str(cart), "--rig", "cart.py", "--output", "run")
+    (one,) = lines_of(run("runs"))
+    run(*one)
+    other = record_cart(here, seconds=6.0)
+    (report,) = lines_of(run("score", "run", str(other), "--rig", "cart.py"))
+    run(*report)
+    run("fit", str(other), "--rig", "cart.py", "--output", "other")
+    (compare,) = lines_of(run("runs"))
+    assert compare[:2] == ["report", "--compare"]
+    run(*compare)
+
+
+def test_after_a_forecast(here: Path, run: Run) -> None:
+    sent = ["--rig", "cart.py", "--column", "force_n", "--amplitude", "3", "--duration", "6"]
+    run("generate-aprbs", *sent, "--output", "sent.csv")
+    effects = ["--effect", "coulomb-friction"]
+    (simulate,) = lines_of(run("power", "--rig", "cart.py", "--excitation", "sent.csv", *effects))
+    run(*free(simulate))
+
+
 def test_after_a_fit_with_a_recording_held_out(
     cart: Path, here: Path, run: Run, taken: list[DataSplit]
 ) -> None:
@@ -531,7 +552,7 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
     printing = {
         path.stem
         for path in (ROOT / "cli").glob("*.py")
-        if re.search(r'"Next: |f"Next: ', path.read_text())
+        if re.search(r'["n]Next: ', path.read_text())
     }
     assert printing == {
         "demo",
@@ -541,6 +562,9 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
         "generate_aprbs",
         "ingest",
         "new_rig",
+        "power",
+        "runs",
+        "score",
         "simulate",
         "train_residual",
     }
