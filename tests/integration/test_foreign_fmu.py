@@ -332,7 +332,6 @@ def test_what_the_fmu_lacks_is_named(tmp_path: Path) -> None:
     columns = {"force_n": u[:, 0], "position_m": found[:, 0], "speed_m_per_s": found[:, 1]}
     write_recording(tmp_path / "log.csv", PERIOD * np.arange(len(u)), columns)
     run = pamid.diagnose(tmp_path / "log.csv", rig=path, jobs=1, progress=False)
-    assert [c.effect for c in run.causes] == ["coulomb-friction"]
-    assert run.causes[0].port == "at_force_n"
-    level = run.causes[0].parameters["force_n"]
-    assert level.low <= planted <= level.high
+    # regular below 2 mm/s it is nobody's formula: which member of the family fits is open
+    assert [(c.family, c.port) for c in run.causes] == [("friction", "at_force_n")]
+    assert run.causes[0].parameters["force_n"].value == pytest.approx(planted, rel=0.05)
