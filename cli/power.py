@@ -99,5 +99,5 @@ def command(
     if figure is not None:
         write_atomically(figure, found.picture())
         text += f"\n\nFigure: {figure}"
-    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig)}"
+    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig or found.rig)}"
     return frame.Result(found.to_dict(), f"{text}\nNext: {follow} --output rec.csv")

@@ -278,18 +278,7 @@ class MechanismEquations:
     def rates(self) -> dict[str, Number]:
         """Of every state."""
         tree, applied = self.tree(), self.applied()
-        passed: list[Expr | None] = []
-        for j, force in enumerate(applied):
-            free = force - tree.holding[j]
-            reaching = self.port(
-                self.rig.port_of("joint", j, "transmission"),
-                free,
-                position=self.q[j],
-                velocity=self.qd[j],
-                inertia=tree.mass_matrix[j, j],
-                free_fall=tree.free_fall(j),
-            )
-            passed.append(None if reaching is free else reaching)
+        passed = self.carried(tree, applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
         qdd = accelerations(tree, applied, passed, rubbing)
         found: dict[str, Number] = {}
@@ -300,6 +289,40 @@ class MechanismEquations:
             if actuator.state:
                 found[actuator.state] = self.activation_rate(i)
         return found
+
+    def carried(self, tree: Tree, applied: list[Expr]) -> list[Expr | None]:
+        """What reaches the joints where an effect lets what one of them carries move against its
+        motor, by a twist t: with M' the inertias without that motor's,
+
+            sum_k M_ik q_k'' = force_i - c_i - M'_ij t''
+
+        None where nothing does. All other joints give way (1 / (M^-1)_jj is what joint j feels of
+        them), so that the effect sees one inertia behind one motor. Exact for one such joint.
+        """
+        every: list[Expr | None] = [None] * tree.n
+        rigid = accelerations(tree, applied, every, [None] * tree.n)
+        passed = list(every)
+        for j, force in enumerate(applied):
+            inertia = tree.felt_inertia(j)
+            outboard = maximum(inertia - tree.armature[j], 1e-12)
+            moving = inertia * rigid[j]
+            reaching = self.port(
+                self.rig.port_of("joint", j, "transmission"),
+                moving,
+                position=self.q[j],
+                velocity=self.qd[j],
+                inertia=inertia,
+                free_fall=(moving - force) / outboard,
+            )
+            if reaching is moving:
+                continue
+            twisting = (moving - reaching) / outboard
+            for i in range(tree.n):
+                link = tree.link_inertia(i, j)
+                if link is not None:
+                    before = passed[i] if passed[i] is not None else applied[i] - tree.holding[i]
+                    passed[i] = before - link * twisting
+        return passed
 
     # ---- readings --------------------------------------------------------------------------------
 

@@ -43,7 +43,6 @@ from pamid.symbolic.vocabulary import (
     cos,
     expression,
     held,
-    maximum,
     sin,
     tangent,
 )
@@ -337,11 +336,20 @@ class Tree:
         pairs = zip(self.bias, self.holding_change, strict=True)
         return [tangent(value, change) for value, change in pairs]
 
-    def free_fall(self, j: int) -> Expr:
-        """Acceleration of what a joint carries, let go by its motor: its weight and what other
-        joints' velocities make of it, over the inertia without the motor's."""
-        carried = self.mass_matrix[j, j] - self.armature[j]
-        return -self.holding[j] / maximum(carried, 1e-12)
+    def felt_inertia(self, j: int) -> Expr:
+        """What a joint feels of its motor and of all it carries while the other joints give way:
+        1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1."""
+        column = self.unit(self.factored(), j)
+        still = [held(u) for u in column]
+        change = ZERO
+        for (i, k), m in self.mass_matrix.items():
+            change = change - (1.0 if i == k else 2.0) * still[i] * still[k] * m
+        return 1.0 / tangent(column[j], change)
+
+    def link_inertia(self, i: int, j: int) -> Expr | None:
+        """M_ij without the motors; None where neither joint carries the other."""
+        found = self.mass_matrix.get((i, j), self.mass_matrix.get((j, i)))
+        return found - self.armature[i] if found is not None and i == j else found
 
 
 # ---- numbers -------------------------------------------------------------------------------------

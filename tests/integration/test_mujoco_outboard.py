@@ -95,3 +95,77 @@ def test_a_link_behind_a_gap_lies_on_one_side_of_it(tmp_path: Path) -> None:
 def test_without_an_outboard_part_nothing_changes(tmp_path: Path) -> None:
     found = in_pamid(tmp_path, "two-mass", share=0.0, frequency_hz=5.0, damping=0.05)
     assert np.array_equal(found, in_pamid(tmp_path))
+
+
+# ---- two joints ----------------------------------------------------------------------------------
+
+ARM = """<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.0005" integrator="RK4"/>
+  <worldbody><body>
+    <joint name="shoulder" axis="0 1 0" damping="0.2" armature="0.04"/>
+    {shoulder}
+    <inertial pos="0 0 -0.25" mass="1.6" diaginertia="0.033 0.033 0.001"/>
+    <body pos="0 0 -0.5">
+      <joint name="elbow" axis="0 1 0" damping="0.05" armature="0.015"/>
+      {elbow}
+      <inertial pos="0 0 -0.2" mass="0.8" diaginertia="0.01 0.01 0.001"/>
+    </body>
+  </body></worldbody>
+  <actuator><motor name="lift" joint="shoulder"/><motor name="bend" joint="elbow"/></actuator>
+  <sensor>
+    <jointpos name="shoulder_angle" joint="shoulder"/><jointpos name="elbow_angle" joint="elbow"/>
+    <jointvel name="shoulder_speed" joint="shoulder"/><jointvel name="elbow_speed" joint="elbow"/>
+  </sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(("joint", "stiffness"), [("shoulder", 200.0), ("elbow", 15.0)])
+def test_what_is_behind_a_spring_takes_the_other_joint_along(
+    joint: str, stiffness: float, tmp_path: Path
+) -> None:
+    """Accelerations of both joints and of the twist, in a pose, under way and twisted a little."""
+    joints, motor = ("shoulder", "elbow"), {"shoulder": 0.04, "elbow": 0.015}[joint]
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(shoulder="", elbow=""))
+    damping = 0.01 * stiffness
+    spring = f'<joint name="link" axis="0 1 0" stiffness="{stiffness}" damping="{damping}"/>'
+    model = mujoco.MjModel.from_xml_string(
+        ARM.format(**{"shoulder": "", "elbow": "", joint: spring})
+    )
+    data, rigid = mujoco.MjData(model), mujoco.MjModel.from_xml_path(str(path))
+    pose, twist = {"shoulder": (0.3, 0.7), "elbow": (0.5, -1.1)}, (1e-4, 0.02)
+    for name, (angle, speed) in (pose | {"link": twist}).items():
+        data.joint(name).qpos[0], data.joint(name).qvel[0] = angle, speed
+    data.ctrl[:] = torques = np.array([2.0, -0.4])
+    mujoco.mj_forward(model, data)
+    truth = [float(data.joint(name).qacc[0]) for name in (*joints, "link")]
+
+    still, felt = mujoco.MjData(rigid), np.zeros((2, 2))
+    still.qpos[:] = [pose[name][0] for name in joints]
+    mujoco.mj_forward(rigid, still)
+    mujoco.mj_fullM(rigid, still, felt)
+    whole = 1.0 / np.linalg.inv(felt)[joints.index(joint), joints.index(joint)]
+    carried = whole - motor
+    values = {
+        "share": carried / whole,
+        "frequency_hz": math.sqrt(stiffness / carried) / (2.0 * math.pi),
+        "damping": damping / (2.0 * math.sqrt(stiffness * carried)),
+    }
+    rig = CompiledMechanism(read_mechanism(path))
+    at = f"{joint}_transmission"
+    (effect,) = (a for a in attachments(rig, [effects()["two-mass"]]) if a.ports == (at,))
+    a = Assembly(rig, (effect,), sizes={("", "timescale"): 1.0})
+    p = a.values()
+    for k, b in enumerate(a.parameters):
+        p[k] = values[b.name] if b.owner else p[k]
+    start = np.array([pose[n][k] for k in (0, 1) for n in joints] + list(twist))
+    memory = a.program.memory(start, stepping=Stepping(1), period_s=(h := 1e-6))
+    y, _, bad = a.program.run(
+        memory, np.array([torques, torques]), p, period_s=h, stepping=Stepping(1)
+    )
+    assert bad < 0
+    found = (y[1, 2:4] - y[0, 2:4]) / h
+    # gravity and bend are those of q, not of q + twist
+    np.testing.assert_allclose(found, truth[:2], rtol=0.01)
