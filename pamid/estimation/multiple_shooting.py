@@ -93,6 +93,8 @@ class _Normal:
     fine: bool
 
 
+# where a model runs away, sums of its sensitivities may overflow: that is looked for at the end
+@np.errstate(over="ignore", invalid="ignore")
 def _evaluate(
     fitted: MultipleShooting, s: Array, starts: tuple[Array, ...], derivatives: bool
 ) -> _Normal:
