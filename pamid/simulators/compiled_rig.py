@@ -299,9 +299,8 @@ class MechanismEquations:
         None where nothing does. All other joints give way (1 / (M^-1)_jj is what joint j feels of
         them), so that the effect sees one inertia behind one motor. Exact for one such joint.
         """
-        every: list[Expr | None] = [None] * tree.n
-        rigid = accelerations(tree, applied, every, [None] * tree.n)
-        passed = list(every)
+        passed: list[Expr | None] = [None] * tree.n
+        rigid = accelerations(tree, applied, passed, [None] * tree.n)
         for j, force in enumerate(applied):
             inertia = tree.felt_inertia(j)
             outboard = maximum(inertia - tree.armature[j], 1e-12)

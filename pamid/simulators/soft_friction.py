@@ -46,7 +46,7 @@ class Rubbed:
 
 def rub(tree: Tree, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]) -> Rubbed:
     """Accelerations under what reaches each joint and friction; see above."""
-    none, factors = [ZERO] * tree.n, tree.factored()
+    none, factors = [ZERO] * tree.n, tree.factors
     value = tree.solve(factors, reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
     if not where_:

@@ -249,6 +249,11 @@ class Tree:
                 m[k, i] = a
         return m, inverse
 
+    @cached_property
+    def factors(self) -> Factors:
+        """Of M by itself."""
+        return self.factored()
+
     def solve(self, factors: Factors, force: Sequence[Expr]) -> list[Expr]:
         """M^-1 force"""
         low, inverse = factors
@@ -339,7 +344,7 @@ class Tree:
     def felt_inertia(self, j: int) -> Expr:
         """What a joint feels of its motor and of all it carries while the other joints give way:
         1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1."""
-        column = self.unit(self.factored(), j)
+        column = self.unit(self.factors, j)
         still = [held(u) for u in column]
         change = ZERO
         for (i, k), m in self.mass_matrix.items():

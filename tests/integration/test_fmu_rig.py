@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from foreign_fmus import changed
 from numpy.typing import NDArray
 from pendulums import WrittenPendulum
 
@@ -167,17 +167,6 @@ def test_what_a_binary_refuses_is_passed_on(fmu: Path) -> None:
         _run(Assembly(rig))
 
 
-def _changed(fmu: Path, folder: Path, change: Any) -> Path:
-    """A copy whose entries are what `change(name, data)` makes of them; None leaves one out."""
-    path = folder / "changed.fmu"
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(path, "w") as new:
-        for name in old.namelist():
-            data = change(name, old.read(name))
-            if data is not None:
-                new.writestr(data[0], data[1])
-    return path
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -198,7 +187,7 @@ def _changed(fmu: Path, folder: Path, change: Any) -> Path:
 )
 def test_an_fmu_that_cannot_go_says_why(fmu: Path, tmp_path: Path, change: Any, words: str) -> None:
     with pytest.raises(PamidError, match=words):
-        rig_named(str(_changed(fmu, tmp_path, change)))
+        rig_named(str(changed(fmu, tmp_path, change)))
 
 
 def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ derivatives told or by differences, and everything that may go wrong with a bina
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign_fmus import TRUE, compiler, slider
+from foreign_fmus import TRUE, changed, compiler, slider
 from numpy.typing import NDArray
 
 import pamid
@@ -265,17 +264,6 @@ def test_what_goes_wrong_inside_is_a_sentence(
         assert process.child.poll() is not None  # the process is gone
 
 
-def _changed(fmu: Path, change: Any) -> Path:
-    """A copy whose entries are what `change(name, data)` makes of them; None leaves one out."""
-    path = fmu.with_name("changed.fmu")
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(path, "w") as new:
-        for name in old.namelist():
-            found = change(name, old.read(name))
-            if found is not None:
-                new.writestr(*found)
-    return path
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -309,7 +297,7 @@ def _changed(fmu: Path, change: Any) -> Path:
     ],
 )
 def test_a_file_that_cannot_go_says_why(tmp_path: Path, change: Any, words: str) -> None:
-    path = _changed(slider(tmp_path, 2), change)
+    path = changed(slider(tmp_path, 2), tmp_path, change)
     with pytest.raises(PamidError, match=words):
         _run(FmuRig(read_fmu(path)))
 

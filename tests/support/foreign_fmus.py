@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[1] / "fmus"
@@ -131,3 +132,17 @@ def _variable(
     if version == 2:
         return f"<ScalarVariable {about}><Real{inside}/></ScalarVariable>"
     return f"<Float64 {about}{inside}/>"
+
+
+def changed(
+    fmu: Path, folder: Path, change: Callable[[str, bytes], tuple[str, bytes] | None]
+) -> Path:
+    """A copy in this folder whose entries are what `change(name, data)` makes of them; None leaves
+    one out."""
+    path = folder / "changed.fmu"
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(path, "w") as new:
+        for name in old.namelist():
+            found = change(name, old.read(name))
+            if found is not None:
+                new.writestr(*found)
+    return path
