@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from .options import parse_known
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -66,7 +68,7 @@ def within(
     from pamid.api.exciting import within_limits
     from pamid.base.errors import FileError, UsageError
 
-    speeds = _speeds(request["speed_limit"])
+    speeds = parse_known(request["speed_limit"], "Write elbow=2.")
     found = None
     if request["limits"]:
         columns = {column: one.samples for column, one in sent.items()}
@@ -82,18 +84,3 @@ def within(
             "--speed-limit belongs to a MuJoCo or URDF model that is kept within its limits."
         )
     return LimitedSignals(found)
-
-
-def _speeds(texts: tuple[str, ...]) -> dict[str, float]:
-    from pamid.base.errors import UsageError
-
-    found = {}
-    for text in texts:
-        joint, _, number = text.rpartition("=")
-        try:
-            found[joint.strip()] = float(number)
-        except ValueError:
-            raise UsageError(
-                f"--speed-limit {text!r} is no speed of a joint.", "Write elbow=2."
-            ) from None
-    return found

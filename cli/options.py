@@ -9,8 +9,10 @@ from typing import Any
 import click
 
 
-def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
-    """("inertia_kg_m2=0.0896", ...) as a table."""
+def parse_known(
+    pairs: tuple[str, ...], hint: str = "For example inertia_kg_m2=0.0896."
+) -> dict[str, float]:
+    """("inertia_kg_m2=0.0896", ...) as a table; hint: how one is written."""
     from pamid.base.errors import UsageError
 
     table = {}
@@ -21,9 +23,7 @@ def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
         except ValueError:
             sign = ""
         if not sign:
-            raise UsageError(
-                f"{pair!r} is not NAME=VALUE with a number.", "For example inertia_kg_m2=0.0896."
-            )
+            raise UsageError(f"{pair!r} is not NAME=VALUE with a number.", hint)
     return table
 
 

@@ -81,14 +81,13 @@ def _guessed(bound: Bound, end: str) -> bool:
     return bound.high > 0.0 if end == "high" else bound.low != 0.0
 
 
-def vanished(model: CandidateModel, label: str = "") -> tuple[str, ...]:
-    """The amounts of one of the model's effects (default: the last), by their names outside, where
-    all of them ended at nothing: the model is the one without it. Empty where any did not."""
-    own = label or model.attached[-1].label
+def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
+    """The amounts of one of the model's effects, by their names outside, where all of them ended at
+    nothing: the model is the one without it. Empty where any did not."""
     amounts = [
         (bound, float(value))
         for bound, value in zip(model.assembly.parameters, model.fit.p, strict=True)
-        if bound.owner == own and bound.null is not None
+        if bound.owner == label and bound.null is not None
     ]
     # a fit puts what is pressed against its bound exactly there
     gone = all(value == bound.null for bound, value in amounts)
