@@ -1,13 +1,14 @@
 """Several effects: proposed from two sides, decided by one rule, with a backward check.
 
-Beside the model M_(k-1) found so far two kinds of models with k effects of different families are
-refitted, all parameters jointly: M_(k-1) with the effects that a screening on top of it puts first
-where its ports still have latent evidence (forward selection), and the best subsets of k effects
-among all that were screened on top of the baseline (`effect_subsets`), with or without those of
-M_(k-1): chosen alone, the first had to account for what the second explains, too. Of all of them
-the one with the lowest bootstrapped held-out log loss is taken, or none (`_weighed`). Then an
-earlier effect whose removal costs less than the share `worth` of the gap is dropped, and the first
-is replaced by one of its rivals where the pair fits better.
+Beside the model M_(k-1) found so far two kinds of models with k effects are refitted, all their
+parameters jointly: M_(k-1) with the effects that a screening on top of it puts first where its
+ports still have latent evidence (forward selection; of a family that it has already only at a place
+that the recordings tell apart), and the best subsets of k effects of different families among all
+that were screened on top of the baseline (`effect_subsets`), with or without those of M_(k-1):
+chosen alone, the first had to account for what the second explains, too. Of all of them the one
+with the lowest bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier
+effect whose removal costs less than the share `worth` of the gap is dropped, and the first is
+replaced by one of its rivals where the pair fits better.
 
 Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
 Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
@@ -84,11 +85,13 @@ class ForwardStep:
 @dataclass(frozen=True, eq=False)
 class ForwardSelection:
     """The model with every effect that was added; after: the latent evidence that is left at the
-    ports; forward_steps: the effects that were tried beside the first, in order."""
+    ports; forward_steps: the effects that were tried beside the first, in order; tried: every
+    model of several effects that was refitted on the way."""
 
     best: CandidateModel
     after: PortEvidence
     forward_steps: tuple[ForwardStep, ...] = ()
+    tried: tuple[CandidateModel, ...] = ()
 
 
 def select_forward(
@@ -98,6 +101,7 @@ def select_forward(
     ranking is from."""
     chosen = search.settings
     best, steps = with_finer_steps(search, ranking[0]), list[ForwardStep]()
+    tried = list[CandidateModel]()
     responses: ScreenedResponses | None = None
     exchanged = False  # was an effect that had been added dropped for another?
     while True:
@@ -116,6 +120,7 @@ def select_forward(
         larger, closed = _larger(search, ranking, best, located, after, responses)
         if not larger:
             break
+        tried += larger
         steps.append(_weighed(search, best, larger, located, after, closed))
         if not steps[-1].taken:
             break
@@ -125,11 +130,16 @@ def select_forward(
         best = with_finer_steps(search, best)
         # one effect for another is the end: where any of them will do, exchanges go on and on
         exchanged = len(best.attached) <= before
-    return ForwardSelection(best, after, tuple(steps))
+    return ForwardSelection(best, after, tuple(steps), tuple(tried))
 
 
 def _labels(c: CandidateModel) -> frozenset[str]:
     return frozenset(a.label for a in c.attached)
+
+
+def _places(search: Search, c: CandidateModel) -> set[tuple[str, str]]:
+    """Family and port (group) of every effect."""
+    return {(search.family(a), a.group(search.evidence.rig)) for a in c.attached}
 
 
 def _families(search: Search, c: CandidateModel) -> tuple[str, ...]:
@@ -146,10 +156,9 @@ def _larger(
 ) -> tuple[list[CandidateModel], tuple[str, ...]]:
     """Refitted models with one effect more than `best`, the lowest held-out loss first; families
     that were not tried on top of it because little is missing where they act."""
-    taken = {search.family(a) for a in best.attached}
     least = search.settings.further_ports * after.most
     open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > least}
-    others = [a for a in search.candidates if search.family(a) not in taken]
+    others = [a for a in search.candidates if not _is_taken(search, a, best, located)]
     # nothing is put on top of what does not help by itself: there is no first effect
     helps = search.budget.shrinkage(best.absolutes, search.chosen) > search.settings.worth
     beside = [a for a in others if helps and open_ports & set(a.ports)]
@@ -166,6 +175,15 @@ def _larger(
     order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
     closed = {search.family(a) for a in others} - {search.family(a) for a in beside}
     return [models[i] for i in order], tuple(sorted(closed))
+
+
+def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:
+    """Does an effect of its family act where the recordings cannot tell its place from this one's?
+    Two joints may both have dry friction; two laws of it at one joint are one cause."""
+    here = [k for k in located.classes if set(a.ports) & set(k)]
+    places = {*a.ports, *(port for k in here for port in k)}
+    family = search.family(a)
+    return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
 
 def _joint_start(
@@ -201,10 +219,12 @@ def _weighed(
     closed: tuple[str, ...],
 ) -> ForwardStep:
     """The first of the larger models against `best`: is it taken? What is as good as certain on
-    held-out windows, removes a material share and has no equal needs no line's consent."""
+    held-out windows and removes a material share needs no line's consent. Where another family
+    would do as well beside the same effects, what is added keeps no name of its own (its lead is
+    asked for when it is judged); but what stands beside it is seen only with something there."""
     newest, chosen = larger[0], search.settings
-    families = set(_families(search, newest))
-    other = next((c for c in larger if set(_families(search, c)) != families), best)
+    places = _places(search, newest)
+    other = next((c for c in larger if _places(search, c) != places), best)
     losses = search.losses([best, newest, other])
     gain, margin = losses[0] - losses[1], losses[2] - losses[1]
     gap, left = search.excess(search.budget.baseline), search.excess(best)
@@ -226,8 +246,7 @@ def _weighed(
     )
     line = calibration().lines["further"]
     probability = line.probability(found.features())
-    # where another family does nearly as well, what is left is certain, but not whose it is
-    plain = found.sure >= chosen.further_sure and found.margin >= chosen.simpler_errors
+    plain = found.sure >= chosen.further_sure
     backed = probability >= line.yes or plain
     taken = backed and found.removed >= chosen.further_least
     return replace(found, probability=probability, taken=taken)

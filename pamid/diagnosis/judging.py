@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from pamid.diagnosis.candidate_model import CandidateModel, replayed
 from pamid.diagnosis.cross_fitting import Crossed, crossed, reported
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide, gap_share
@@ -92,7 +94,16 @@ def judge(
     empty = explains_nothing(search.budget, best, search.seed)
     doubt = "units" if units else "empty" if empty else ""
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
-    compared = _Compared(ranking, signatures, classes, located, found.forward_steps, groups, doubt)
+    compared = _Compared(
+        ranking,
+        signatures,
+        classes,
+        located,
+        found.forward_steps,
+        found.tried,
+        groups,
+        doubt,
+    )
     weighed = _weighed_up(search, compared, best, after)
     instead = _instead(search, compared, weighed)
     if instead is not None:
@@ -131,6 +142,7 @@ class _Compared:
     classes: list[list[str]]
     located: PortEvidence
     forward_steps: tuple[ForwardStep, ...]
+    tried: tuple[CandidateModel, ...]  # models of several effects
     groups: tuple[tuple[str, ...], ...]  # of ports that the sensors cannot tell apart
     doubt: str
 
@@ -158,7 +170,7 @@ def _weighed_up(
     )
     alike = indistinguishable_from_first(search, c.ranking, c.classes)
     halves = crossed(search, c.ranking, best, alike, c.classes)
-    members = _members(search, c.ranking, c.signatures, best, c.located, halves)
+    members = _members(search, c, best, halves)
     tied = [
         one
         for one in c.ranking
@@ -211,27 +223,50 @@ def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateMode
 
 
 def _members(
-    search: Search,
-    ranking: tuple[CandidateModel, ...],
-    signatures: tuple[Signature, ...],
-    best: CandidateModel,
-    located: PortEvidence,
-    halves: Crossed | None,
+    search: Search, c: _Compared, best: CandidateModel, halves: Crossed | None
 ) -> tuple[Member, ...]:
     """The effects of the best model, each beside the others."""
     base = search.budget.baseline
     if len(best.attached) == 1:
         # what was found beside another may never have been refitted alone
-        known = (own for c, own in zip(ranking, signatures, strict=True) if c.label == best.label)
-        own = next(known, None) or alone(search, (best, *ranking), located)[0]
+        known = (
+            own for one, own in zip(c.ranking, c.signatures, strict=True) if one.label == best.label
+        )
+        own = next(known, None) or alone(search, (best, *c.ranking), c.located)[0]
         return (_member(search, best.attached[0], best, base, own, halves),)
     found = []
     for a in best.attached:
         others = tuple(k for k in best.attached if k is not a)
-        without = _alone_or_refitted(search, ranking, others, best)
-        own = signature(search, a, best, without, without, 1.0, located)
+        without = _alone_or_refitted(search, c.ranking, others, best)
+        rival, wins = _against_others(search, a, best, without, c.tried)
+        own = signature(search, a, best, without, rival, wins, c.located)
         found.append(_member(search, a, best, without, own, halves))
     return tuple(found)
+
+
+def _against_others(
+    search: Search,
+    a: Attachment,
+    best: CandidateModel,
+    without: CandidateModel,
+    tried: Sequence[CandidateModel],
+) -> tuple[CandidateModel, float]:
+    """Of models with as many effects those that do without the family of this one, and the model
+    less it: the best of them, and the share of resamples that they lose to those that have it."""
+    rig = search.evidence.rig
+
+    def has(c: CandidateModel) -> bool:
+        return any(k.family(rig) == a.family(rig) for k in c.attached)
+
+    as_many = [c for c in tried if len(c.attached) == len(best.attached) and c.label != best.label]
+    field = [best, without, *as_many]
+    losses = search.losses(field)
+    rivals = [i for i, c in enumerate(field) if c is without or not has(c)]
+    winner = losses.argmin(axis=0)
+    return (
+        field[min(rivals, key=lambda i: losses[i].mean())],
+        float(1.0 - np.isin(winner, rivals).mean()),
+    )
 
 
 def _member(

@@ -283,7 +283,7 @@ class Settings:
     further_sure: float = setting(
         5.0,
         "standard errors",
-        "surer ones that remove further_least and beat the next by simpler_errors need no line",
+        "surer ones that remove further_least need no line",
         "the usual five of a discovery: the line alone had lost a right effect at 11.9",
     )
     subsets: int = setting(6, "combinations", "at most, of effects, refitted jointly", COST)
