@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,13 +33,14 @@ from pamid.simulation.data_split import DataSplit
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """An effect of a model: what speaks for it beside the others, how probable it is, and what it
-    removes of the gap."""
+    """An effect of a model: what speaks for it beside the others, how probable it is, what it
+    removes of the gap, and the families that would do as well in its place."""
 
     effect: Attachment
     signature: Signature
     probability: float
     removes: Share
+    instead: tuple[str, ...] = ()
 
 
 Tied = tuple[CandidateModel, Member]
@@ -238,35 +239,50 @@ def _members(
     for a in best.attached:
         others = tuple(k for k in best.attached if k is not a)
         without = _alone_or_refitted(search, c.ranking, others, best)
-        rival, wins = _against_others(search, a, best, without, c.tried)
-        own = signature(search, a, best, without, rival, wins, c.located)
-        found.append(_member(search, a, best, without, own, halves))
+        field = _InItsPlace.of(search, a, best, without, c.tried)
+        own = signature(search, a, best, without, field.rival, field.wins, c.located)
+        member = _member(search, a, best, without, own, halves)
+        found.append(replace(member, instead=field.as_good))
     return tuple(found)
 
 
-def _against_others(
-    search: Search,
-    a: Attachment,
-    best: CandidateModel,
-    without: CandidateModel,
-    tried: Sequence[CandidateModel],
-) -> tuple[CandidateModel, float]:
-    """Of models with as many effects those that do without the family of this one, and the model
-    less it: the best of them, and the share of resamples that they lose to those that have it."""
-    rig = search.evidence.rig
+@dataclass(frozen=True, eq=False)
+class _InItsPlace:
+    """What stands against an effect beside others. rival: the best of the models that do without
+    its family, with as many effects or only the others; wins: share of resamples that all of these
+    lose; as_good: families that do as well beside the same others, within one standard error."""
 
-    def has(c: CandidateModel) -> bool:
-        return any(k.family(rig) == a.family(rig) for k in c.attached)
+    rival: CandidateModel
+    wins: float
+    as_good: tuple[str, ...]
 
-    as_many = [c for c in tried if len(c.attached) == len(best.attached) and c.label != best.label]
-    field = [best, without, *as_many]
-    losses = search.losses(field)
-    rivals = [i for i, c in enumerate(field) if c is without or not has(c)]
-    winner = losses.argmin(axis=0)
-    return (
-        field[min(rivals, key=lambda i: losses[i].mean())],
-        float(1.0 - np.isin(winner, rivals).mean()),
-    )
+    @classmethod
+    def of(
+        cls,
+        search: Search,
+        a: Attachment,
+        best: CandidateModel,
+        without: CandidateModel,
+        tried: Sequence[CandidateModel],
+    ) -> _InItsPlace:
+        as_many = (c for c in tried if len(c.attached) == len(best.attached))
+        own = search.family(a)
+        rivals = [without, *(c for c in as_many if own not in map(search.family, c.attached))]
+        losses = search.losses([best, *rivals])
+        behind = losses[1:] - losses[0]
+        order = np.argsort(behind.mean(axis=1), kind="stable")
+        others = {k.label for k in best.attached if k is not a}
+        as_good = [
+            search.family(next(k for k in rivals[i].attached if k.label not in others))
+            for i in order
+            if others < {k.label for k in rivals[i].attached}
+            and behind[i].mean() < search.settings.tie_errors * behind[i].std()
+        ]
+        return cls(
+            rivals[order[0]],
+            float((behind > 0.0).all(axis=0).mean()),
+            tuple(dict.fromkeys(as_good)),
+        )
 
 
 def _member(

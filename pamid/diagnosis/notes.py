@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pamid.base.share_words import percent_text, percents_text
+from pamid.diagnosis.decision import gap_share
+from pamid.diagnosis.judging import Member
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.verdict_words import chance_figure
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.observed_sizes import unsized
 from pamid.model.port_guide import driving_words
@@ -11,7 +15,7 @@ from pamid.model.port_guide import driving_words
 
 def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
-    kinds = (_signs, _halves, _windows, _fits, _bounds, _background, _sizes)
+    kinds = (_signs, _company, _halves, _windows, _fits, _bounds, _background, _sizes)
     return [note for of_kind in kinds for note in of_kind(d)]
 
 
@@ -22,6 +26,41 @@ def _signs(d: Diagnosis) -> list[str]:
         "against its position and velocity. A force that opposes the motion lowers the value "
         "there; of a reaction that is read, pass its negative."
         for c, removed in d.opposite[:1]
+    ]
+
+
+def _company(d: Diagnosis) -> list[str]:
+    """Effects that the best model needs and that are not named: what they remove, and what would do
+    as well in their place."""
+    j = d.judged
+    named = {m.effect.label for m in j.named} if j else set()
+    left_out = [m for m in j.members if m.effect.label not in named] if j else []
+    if j is None or not left_out or len(j.members) < 2:
+        return []
+
+    def told(m: Member) -> str:
+        return f"{m.effect.label} (P {chance_figure(m.probability)})"
+
+    left, rows = d.reported(j.best)
+    share = gap_share(d.budget, d.budget.baseline.absolutes, left, rows, d.seed)
+    if share.share < d.settings.worth:
+        return []
+    instead = [
+        f" In the place of {m.effect.label} {' or '.join(m.instead)} would do as well."
+        for m in left_out
+        if m.instead
+    ]
+    beside = " beside ".join(map(told, j.members))
+    size = (
+        f"{percent_text(share.share)} of the gap (95 % interval "
+        f"{percents_text(share.low, share.high)})"
+    )
+    if not named:
+        return [f"The nearest is {beside}: together they remove {size}.{''.join(instead)}"]
+    lost = " and ".join(map(told, left_out))
+    return [
+        f"The model with the cause holds {lost}, too, which is not named; all of them together "
+        f"remove {size}.{''.join(instead)}"
     ]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -318,7 +319,8 @@ def test_an_effect_that_was_never_refitted_alone_is_weighed_nevertheless() -> No
     kept = tuple(
         own for c, own in zip(d.ranking, d.judged.signatures, strict=True) if c.label != best.label
     )
-    (found,) = _members(search_of(d), tuple(others), kept, best, d.located, None)
+    c: Any = SimpleNamespace(ranking=tuple(others), signatures=kept, located=d.located, tried=())
+    (found,) = _members(search_of(d), c, best, None)
     (known,) = d.judged.members
     assert found.effect.label == known.effect.label == "coulomb-friction"
     assert found.signature == known.signature

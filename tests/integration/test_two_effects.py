@@ -3,6 +3,7 @@ one planted is one named, and none none."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,9 @@ import pytest
 from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.diagnosis import forward_selection
-from pamid.diagnosis.forward_selection import ForwardStep
+from pamid.diagnosis.forward_selection import ForwardStep, _is_taken
+from pamid.diagnosis.judging import _InItsPlace
+from pamid.diagnosis.notes import _company
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_file, diagnosis_json
@@ -84,7 +87,9 @@ def test_the_same_pair_from_two_processes_and_read_back(tmp_path: Path) -> None:
 
 
 def model(label: str, family: str, error: float) -> Any:
-    effect = SimpleNamespace(label=label, family=lambda rig: family, ports=("guide",))
+    effect = SimpleNamespace(
+        label=label, family=lambda rig: family, ports=("guide",), group=lambda rig: "guide"
+    )
     return SimpleNamespace(
         attached=(effect,),
         family=family,
@@ -114,6 +119,7 @@ def weighed(
         losses=lambda models: np.array([of[m.label] for m in models]),
         excess=lambda m: m.absolutes,
         budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
+        evidence=SimpleNamespace(rig=None),
     )
     line = SimpleNamespace(probability=lambda x: 0.2, yes=0.31)
     monkeypatch.setattr(
@@ -139,8 +145,63 @@ def test_what_removes_next_to_nothing_is_not_taken_however_sure(
     assert not weighed(monkeypatch, gain=1.19, left=0.04).taken
 
 
-def test_one_of_two_that_do_as_well_is_left_to_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not weighed(monkeypatch, gain=1.19, other=1.1).taken
+def test_one_of_two_that_do_as_well_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which family it is stays open; that something is there does not."""
+    step = weighed(monkeypatch, gain=1.19, other=1.1)
+    assert step.taken and step.margin < DEFAULT.simpler_errors
+
+
+def test_what_does_as_well_in_its_place_takes_the_lead_from_an_effect() -> None:
+    """Of two, the first is in every combination that fits, the second one of two families."""
+    attached = {
+        name: SimpleNamespace(label=name, family=family)
+        for name, family in [("rub", "friction"), ("gap", "play"), ("late", "lag")]
+    }
+    level = {"rub + gap": 0.0, "rub + late": 0.02, "gap + late": 0.9, "rub": 0.5, "gap": 0.6}
+    noise = 0.1 * np.where(np.arange(1000) % 2, 1.0, -1.0)
+
+    def of(label: str) -> Any:
+        effects_of = tuple(attached[name] for name in label.split(" + "))
+        return SimpleNamespace(label=label, attached=effects_of)
+
+    def losses(models: list[Any]) -> Any:
+        return np.array([level[m.label] + noise * (m.label == "rub + late") for m in models])
+
+    search: Any = SimpleNamespace(settings=DEFAULT, family=lambda a: a.family, losses=losses)
+    tried = [of("rub + gap"), of("rub + late"), of("gap + late")]
+    second = _InItsPlace.of(search, attached["gap"], tried[0], of("rub"), tried)  # type: ignore[arg-type]
+    assert second.rival is tried[1] and second.as_good == ("lag",)
+    assert second.wins == 0.5
+    first = _InItsPlace.of(search, attached["rub"], tried[0], of("gap"), tried)  # type: ignore[arg-type]
+    assert first.rival.label == "gap" and first.as_good == () and first.wins == 1.0
+
+
+def test_a_family_is_tried_again_where_its_place_can_be_told() -> None:
+    """Dry friction in two joints are two causes; two laws of it at one joint are one."""
+
+    def acting(*ports: str) -> Any:
+        return SimpleNamespace(family="friction", ports=ports)
+
+    search: Any = SimpleNamespace(family=lambda a: a.family)
+    best: Any = SimpleNamespace(attached=(acting("elbow"),))
+    located: Any = SimpleNamespace(classes=(("elbow", "elbow_encoder"), ("shoulder",)))
+    assert _is_taken(search, acting("elbow"), best, located)
+    assert _is_taken(search, acting("elbow_encoder"), best, located)
+    assert not _is_taken(search, acting("shoulder"), best, located)
+
+
+def test_an_effect_that_needs_a_nameless_one_beside_it_is_told_with_it(tmp_path: Path) -> None:
+    """What stands in the model without a name is said, and how far both go together."""
+    d = found_with(tmp_path, *LATE_AND_RUBBING)
+    assert d.judged is not None and _company(d) == []
+    rubbing, late = d.judged.members
+    open_one = replace(late, probability=0.3, instead=("sensor-timing",))
+    for kept in ((rubbing.effect.label,), ()):
+        decision = replace(d.judged.decision, named=kept)
+        judged = replace(d.judged, decision=decision, members=(rubbing, open_one))
+        (said,) = _company(replace(d, judged=judged))
+        assert late.effect.label in said and "sensor-timing would do as well" in said
+        assert ("The nearest is" in said) == (not kept)
 
 
 def test_the_newest_is_dropped_where_it_only_led_out_of_a_minimum(
