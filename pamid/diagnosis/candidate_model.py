@@ -174,7 +174,7 @@ def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]
 
 def bootstrap_losses(
     models: list[CandidateModel],
-    chosen: NDArray[np.bool_],
+    asked: NDArray[np.bool_],
     seed: int,
     settings: Settings = DEFAULT,
 ) -> Array:
@@ -182,17 +182,18 @@ def bootstrap_losses(
 
     One draw is L = 1/2 sum_c [log s_c(held out) + log s_c(fitted)], with s_c the mean squared
     residual of channel c over the resampled windows: up to a constant, the negative log likelihood
-    per sample of Gaussian residuals whose variance is profiled out. Half the held-out windows count
-    and those of the fit, too: an effect adds few parameters to many samples, so its gain where it
-    was fitted is hardly optimistic. Efron and Tibshirani (1993), An Introduction to the Bootstrap;
+    per sample of Gaussian residuals whose variance is profiled out. The held-out windows that are
+    asked count and those of the fit, too: an effect adds few parameters to many samples, so its
+    gain where it was fitted is hardly optimistic. Efron and Tibshirani (1993), An Introduction to
+    the Bootstrap;
     blocks after Kuensch (1989), Ann. Stat. 17.
     """
     draws, block = settings.bootstrap_draws, settings.bootstrap_block
-    own = resamples(int(chosen.sum()), draws, seed, block)
+    own = resamples(int(asked.sum()), draws, seed, block)
     fitted = resamples(len(models[0].fitted_squares), draws, seed + 1, block)
     out = np.empty((len(models), draws))
     for i, c in enumerate(models):
-        held, trained = _drawn_means(c.squares[chosen], own), _drawn_means(c.fitted_squares, fitted)
+        held, trained = _drawn_means(c.squares[asked], own), _drawn_means(c.fitted_squares, fitted)
         out[i] = 0.5 * (np.log(held) + np.log(trained)).sum(axis=1)
     return out
 

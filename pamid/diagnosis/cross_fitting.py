@@ -1,10 +1,9 @@
-"""The two halves of what is held out, the other way round.
+"""What the two halves of what is held out would have chosen, and report of each other's choice.
 
-One half chooses the effect and the other reports how far the gap shrinks; swapped, the half that
-reported chooses among the same fitted models, and the first half reports. Every held-out window so
-reports of a model that it had no part in choosing, and none is lost to the choice: a transient that
-fell into one half is weighed in either part. Where the two halves choose other families, the choice
-hangs on which windows were asked, and that is said.
+The best model is chosen on everything held out. What it would do elsewhere is told by windows that
+had no part in choosing: of the fitted models either half chooses one by the same rules, and the
+other half reports its errors, so that every held-out window reports and none of its own choice.
+Where a half chooses another family, the choice hangs on which windows were asked, and that is said.
 
 Stone (1974), Cross-validatory choice and assessment of statistical predictions, J. R. Stat. Soc. B
 36(2), 111-147; Chernozhukov et al. (2018), Double/debiased machine learning, Econometrics J. 21(1)
@@ -26,11 +25,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Crossed:
-    """best: the model that one half chose; other: what the other half chooses among those fitted;
-    steady: is a family of either among those that the other half cannot tell from its own?"""
+    """best: the model that all windows chose; half: of the held-out windows; choices: what this
+    half chooses among those fitted, and what the other half does; steady: are the families of both
+    among those that all windows together cannot tell from their own choice?"""
 
     best: CandidateModel
-    other: CandidateModel
+    half: NDArray[np.bool_]
+    choices: tuple[CandidateModel, CandidateModel]
     steady: bool
 
 
@@ -41,30 +42,30 @@ def crossed(
     tied: tuple[CandidateModel, ...],
     classes: list[list[str]],
 ) -> Crossed | None:
-    """The choice of the windows that have not chosen `best`; None where there are none, or nothing
-    to choose from."""
-    if not best.attached or search.chosen.all() or not search.chosen.any():
+    """The choices of the halves; None where one has no windows, or there is nothing to choose
+    from."""
+    if not best.attached or search.half.all() or not search.half.any():
         return None
-    swapped = replace(search, chosen=~search.chosen)
-    order = ranked(swapped, list(ranking))
-    other = order[0]
-    if len(best.attached) > 1:
-        alone, together = swapped.losses([other, best]).mean(axis=1)
-        other = best if together < alone else other
-    named = {search.family(a) for a in best.attached}
-    also = {c.family for c in indistinguishable_from_first(swapped, order, classes)}
-    steady = other is best or other.family in named | {c.family for c in tied} or bool(named & also)
-    return Crossed(best, other, steady)
+    own = {search.family(a) for a in best.attached}
+    choices, steady = list[CandidateModel](), True
+    for rows in (search.half, ~search.half):
+        half = replace(search, asked=rows)
+        order = ranked(half, list(ranking))
+        choice = order[0]
+        if len(best.attached) > 1:
+            alone, together = half.losses([choice, best]).mean(axis=1)
+            choice = best if together < alone else choice
+        also = {c.family for c in indistinguishable_from_first(half, order, classes)}
+        alike = own | {c.family for c in tied}
+        steady &= choice is best or choice.family in alike or bool(own & also)
+        choices.append(choice)
+    return Crossed(best, search.half, (choices[0], choices[1]), steady)
 
 
-def reported(
-    found: Crossed | None, chosen: NDArray[np.bool_], c: CandidateModel
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Errors of a model per held-out window and channel, and the windows that report them: all of
-    them, those that chose this model by what the other half chose."""
-    if found is None:
-        return c.absolutes, chosen if chosen.all() else ~chosen
-    everywhere = np.ones_like(chosen)
-    if c is not found.best:
-        return c.absolutes, everywhere
-    return np.where(chosen[:, None], found.other.absolutes, c.absolutes), everywhere
+def reported(found: Crossed | None, c: CandidateModel) -> Array:
+    """Errors of a model per held-out window and channel; of the best one, those of the model that
+    the other half of the windows has chosen."""
+    if found is None or c is not found.best:
+        return c.absolutes
+    first, second = found.choices
+    return np.where(found.half[:, None], second.absolutes, first.absolutes)

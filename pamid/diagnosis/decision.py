@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Share:
-    """A share of the gap with its 95 % interval, on held-out windows that chose nothing."""
+    """A share of the gap with its 95 % interval, on held-out windows that chose nothing of what
+    they report."""
 
     share: float
     low: float
@@ -119,9 +120,7 @@ def at_noise_floor(budget: Budget, seed: int) -> bool:
     )
 
 
-def gap_share(
-    budget: Budget, without: Array, model: Array, rows: NDArray[np.bool_], seed: int
-) -> Share:
+def gap_share(budget: Budget, without: Array, model: Array, seed: int) -> Share:
     """Share of the gap that a model removes beside another one (errors per held-out window and
     channel), channels weighed by their floors,
 
@@ -129,8 +128,7 @@ def gap_share(
 
     over the windows, with the moving-block interval of the numerator."""
     base, floor, one, other = (
-        budget.channel_losses(x)[rows]
-        for x in (budget.baseline.absolutes, budget.floor, model, without)
+        budget.channel_losses(x) for x in (budget.baseline.absolutes, budget.floor, model, without)
     )
     gap = float(base.sum() - floor.sum())
     if gap <= 0.0 or len(base) < 2:

@@ -83,7 +83,7 @@ def free_forms(
     best: with effects or without; rivals: models of the catalogue on top of it. Where one of these
     does as well, what is missing has a form of the catalogue, and nothing is returned.
     """
-    beyond = replace(search, budget=replace(search.budget, baseline=best))
+    beyond = replace(search, asked=search.half, budget=replace(search.budget, baseline=best))
     models = [c for c in _fitted(search, best, ports) if _is_material(beyond, c)]
     if not models:
         return []
@@ -141,17 +141,18 @@ def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
 
 
 def _is_material(search: Search, c: CandidateModel) -> bool:
-    """Does it remove enough of what the baseline leaves, on the windows that choose and on those
-    that report?"""
-    gap = search.excess(search.budget.baseline)
-    removed = gap - search.excess(c)
+    """Does it remove enough of what the baseline leaves, on the half that chooses and on the one
+    that reports?"""
+    half = replace(search, asked=search.half)
+    gap = half.excess(search.budget.baseline)
+    removed = gap - half.excess(c)
     enough = gap > 0.0 and removed >= search.settings.form_share * gap
-    return enough and is_confirmed(search.budget, c, ~search.chosen, search.seed)
+    return enough and is_confirmed(search.budget, c, ~search.half, search.seed)
 
 
 def _described(search: Search, c: CandidateModel) -> FreeForm:
-    budget, reporting = search.budget, ~search.chosen
-    rows = reporting if reporting.any() else search.chosen
+    budget, reporting = search.budget, ~search.half
+    rows = reporting if reporting.any() else search.half
     before, after = (budget.channel_losses(m.absolutes)[rows] for m in (budget.baseline, c))
     low, high = forecast_interval(before, after, search.seed, search.settings)
     return FreeForm(c, budget.shrinkage(c.absolutes, rows), low, high, curve_of(c, search.settings))

@@ -45,7 +45,7 @@ from pamid.parallel.jobs import Failed
 
 @dataclass(frozen=True)
 class ForwardStep:
-    """The effect tried beside those already found, all on the windows that choose.
+    """The effect tried beside those already found, all on the held-out windows.
 
     removed, of_left: what it removes, in shares of the gap and of what the others leave; gain: log
     squared error per channel, sure: in standard errors; margin: standard errors by which it beats
@@ -160,7 +160,7 @@ def _larger(
     open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > least}
     others = [a for a in search.candidates if not _is_taken(search, a, best, located)]
     # nothing is put on top of what does not help by itself: there is no first effect
-    helps = search.budget.shrinkage(best.absolutes, search.chosen) > search.settings.worth
+    helps = search.budget.shrinkage(best.absolutes, search.asked) > search.settings.worth
     beside = [a for a in others if helps and open_ports & set(a.ports)]
     models = run_round(search, best, beside).models if beside else []
     known = {_labels(c) for c in models}

@@ -62,7 +62,7 @@ class Judged:
     members: tuple[Member, ...]
     after: PortEvidence
     tied: tuple[Tied, ...]
-    halves: Crossed | None  # what the other half of the held-out windows would have chosen
+    halves: Crossed | None  # what either half of the held-out windows would have chosen
     classes: tuple[tuple[str, ...], ...]
     forward_steps: tuple[ForwardStep, ...]
     empty: bool  # the best model predicts no better than a guess without a model
@@ -167,7 +167,7 @@ def _weighed_up(
     """Grounds, members and verdict of a best model; after: where something is missing beside it."""
     base = search.budget.baseline
     grounds = verdict_statistics(
-        search.budget, search.chosen, c.ranking, best, c.located, after, search.seed
+        search.budget, search.asked, c.ranking, best, c.located, after, search.seed
     )
     alike = indistinguishable_from_first(search, c.ranking, c.classes)
     halves = crossed(search, c.ranking, best, alike, c.classes)
@@ -175,7 +175,7 @@ def _weighed_up(
     tied = [
         one
         for one in c.ranking
-        if one in alike or (halves and not halves.steady and one is halves.other)
+        if one in alike or (halves and not halves.steady and one in halves.choices)
     ]
     rivals = _of_families(c.ranking, best)
     alone = {
@@ -295,8 +295,8 @@ def _member(
 ) -> Member:
     """What is said of an effect of a model; halves: what either half of the held-out windows
     chooses. Where that differs, the name hangs on which windows were asked."""
-    left, rows = reported(halves, search.chosen, model)
-    removes = gap_share(search.budget, without.absolutes, left, rows, search.seed)
+    left = reported(halves, model)
+    removes = gap_share(search.budget, without.absolutes, left, search.seed)
     most = 1.0 if halves is None or halves.steady else search.settings.unbacked_probability
     return Member(a, own, min(cause_probability(own), most), removes)
 

@@ -41,8 +41,7 @@ def _company(d: Diagnosis) -> list[str]:
     def told(m: Member) -> str:
         return f"{m.effect.label} (P {chance_figure(m.probability)})"
 
-    left, rows = d.reported(j.best)
-    share = gap_share(d.budget, d.budget.baseline.absolutes, left, rows, d.seed)
+    share = gap_share(d.budget, d.budget.baseline.absolutes, d.reported(j.best), d.seed)
     if share.share < d.settings.worth:
         return []
     instead = [
@@ -68,7 +67,7 @@ def _halves(d: Diagnosis) -> list[str]:
     halves = d.judged.halves if d.judged else None
     if halves is None or halves.steady or d.cause is None:
         return []
-    first, other = halves.best.label, halves.other.label
+    first, other = (c.label for c in halves.choices)
     return [
         f"Half of the held-out windows choose {first}, the other half {other}: the name hangs on "
         "which windows are asked. A longer recording may settle it."
@@ -76,7 +75,7 @@ def _halves(d: Diagnosis) -> list[str]:
 
 
 def _windows(d: Diagnosis) -> list[str]:
-    count = len(d.chosen)
+    count = len(d.half)
     if count >= d.settings.few_windows:
         return []
     return [

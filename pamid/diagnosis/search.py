@@ -38,11 +38,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Search:
-    """What every step of a diagnosis needs."""
+    """What every step of a diagnosis needs. asked: held-out windows by whose losses models are
+    compared, all of them but where one half is asked by itself; half: one of the two halves."""
 
     evidence: DataSplit
     budget: Budget
-    chosen: NDArray[np.bool_]
+    asked: NDArray[np.bool_]
+    half: NDArray[np.bool_]
     candidates: list[Attachment]
     hints: GapHints
     seed: int
@@ -57,10 +59,10 @@ class Search:
         return a.family(self.evidence.rig)
 
     def excess(self, c: CandidateModel) -> float:
-        return self.budget.excess(c.absolutes, self.chosen)
+        return self.budget.excess(c.absolutes, self.asked)
 
     def losses(self, models: list[CandidateModel]) -> Array:
-        return bootstrap_losses(models, self.chosen, self.seed, self.settings)
+        return bootstrap_losses(models, self.asked, self.seed, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +235,7 @@ def opposite_signs(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
     found = [
-        (c, search.budget.shrinkage(c.absolutes, search.chosen))
+        (c, search.budget.shrinkage(c.absolutes, search.asked))
         for c in search.pool.run(work, starts, search.progress)
         if not isinstance(c, Failed) and c.finite
     ]
@@ -300,7 +302,7 @@ def _complexity(c: CandidateModel) -> int:
 def indistinguishable_from_first(
     search: Search, ranking: tuple[CandidateModel, ...], classes: list[list[str]]
 ) -> tuple[CandidateModel, ...]:
-    """The first and every model that is not significantly worse on the selection windows: by one
+    """The first and every model that is not significantly worse on the held-out windows: by one
     standard error, or by three where its predictions are like those of the first (`classes`)."""
     if not ranking:
         return ()

@@ -1,6 +1,6 @@
 """What speaks for an effect being there: its signature.
 
-All figures are dimensionless, come from fitted data and from the held-out windows that choose, and
+All figures are dimensionless, come from fitted data and from the held-out windows, and
 compare the model with the effect to the one without it, in the company of the same other effects.
 They are what the probability of a cause is learnt from (`pamid.diagnosis.decision`).
 """
@@ -78,7 +78,7 @@ def signature(
     gap = max(search.excess(search.budget.baseline), 1e-9)
     before, after = search.excess(without), search.excess(model)
     losses = search.losses([without, model, rival])
-    rows = search.chosen
+    rows = search.asked
     smaller = (
         search.budget.channel_losses(model.absolutes)[rows]
         < search.budget.channel_losses(without.absolutes)[rows]

@@ -31,7 +31,7 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.schemas.diagnosis_file import CAUSED
-from pamid.simulation.data_split import DataSplit, selection_part
+from pamid.simulation.data_split import DataSplit, half_of_windows
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Diagnosis:
 
     evidence: DataSplit
     budget: Budget
-    chosen: NDArray[np.bool_]  # held-out windows that chose
+    half: NDArray[np.bool_]  # of the held-out windows
     seed: int = 0
     empty: bool = False  # the best model predicts no better than a guess without a model
     located: PortEvidence | None = None
@@ -80,8 +80,8 @@ class Diagnosis:
                 sum(s.high for s in named),
             )
             return Share(*(min(x, 1.0) for x in sums))
-        left, rows = self.reported(self.cause)
-        return gap_share(self.budget, self.budget.baseline.absolutes, left, rows, self.seed)
+        left = self.reported(self.cause)
+        return gap_share(self.budget, self.budget.baseline.absolutes, left, self.seed)
 
     @property
     def left_at(self) -> PortEvidence | None:
@@ -96,9 +96,10 @@ class Diagnosis:
     def settings(self) -> Settings:
         return self.budget.settings
 
-    def reported(self, c: CandidateModel) -> tuple[Array, NDArray[np.bool_]]:
-        """Errors of a model per held-out window and channel, and the windows that report them."""
-        return reported(self.judged.halves if self.judged else None, self.chosen, c)
+    def reported(self, c: CandidateModel) -> Array:
+        """Errors of a model per held-out window and channel, each told by windows that had no part
+        in choosing it."""
+        return reported(self.judged.halves if self.judged else None, c)
 
     @property
     def nameless_at(self) -> list[str]:
@@ -128,13 +129,14 @@ def diagnose(
     pool = pool or WorkerPool(jobs)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     base = budget.baseline
-    chosen = selection_part(list(base.replays), budget.channel_losses(base.absolutes))
+    half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
     if at_noise_floor(budget, seed):
-        return Diagnosis(evidence, budget, chosen, seed, explains_nothing(budget, base, seed))
+        return Diagnosis(evidence, budget, half, seed, explains_nothing(budget, base, seed))
     search = Search(
         evidence,
         budget,
-        chosen,
+        np.ones_like(half),
+        half,
         attachments(evidence.rig, catalogue.values()),
         gather_hints(evidence, base, settings),
         seed,
@@ -165,7 +167,7 @@ def diagnose(
     return Diagnosis(
         evidence,
         budget,
-        chosen,
+        half,
         seed,
         judged.empty,
         located,

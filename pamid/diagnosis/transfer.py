@@ -19,12 +19,10 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
     choice."""
     if d.cause is None:
         return []
-    out, at = [], 0
-    left, reporting = d.reported(d.cause)
+    out, at, left = [], 0, d.reported(d.cause)
     for span, before in zip(d.evidence.held_out, d.budget.baseline.replays, strict=True):
         rows = np.arange(at, at + len(before.windows))
         at += len(before.windows)
-        rows = rows[reporting[rows]]
         new = differences(d, span)
         if not new or not len(rows):
             continue

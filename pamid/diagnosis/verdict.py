@@ -220,9 +220,12 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
     if len(labels) == 1:
         return {labels[0]: 1.0}
     assert d.cause is not None
-    whole = d.budget.shrinkage(d.cause.absolutes, d.chosen)
+    everywhere = np.ones_like(d.half)
+    whole = d.budget.shrinkage(d.cause.absolutes, everywhere)
     alone = {
-        k: max(d.budget.shrinkage(d.singles[k].absolutes, d.chosen), 0.0) if k in d.singles else 0.0
+        k: max(d.budget.shrinkage(d.singles[k].absolutes, everywhere), 0.0)
+        if k in d.singles
+        else 0.0
         for k in labels
     }
     # two effects: phi_i = (v_i + v - v_j)/2, exact; three: the same with the others' mean
@@ -333,17 +336,14 @@ def _unfitted(label: str, why: str) -> result.Candidate:
 def _ranked(
     d: Diagnosis, c: CandidateModel, probability: float, signature: Signature, seed: int
 ) -> result.Candidate:
-    left, rows = d.reported(c)
-    losses, base = (
-        d.budget.channel_losses(left),
-        d.budget.channel_losses(d.budget.baseline.absolutes),
-    )
-    low, high = forecast_interval(base[rows], losses[rows], seed, d.settings)
+    left, before = d.reported(c), d.budget.baseline.absolutes
+    losses, base = d.budget.channel_losses(left), d.budget.channel_losses(before)
+    low, high = forecast_interval(base, losses, seed, d.settings)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
         held[channel] = result.HeldOut(
-            mae_before=column_size(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
-            mae_after=column_size(channel, float(seen_mean(left[rows, i]))),
+            mae_before=column_size(channel, float(seen_mean(before[:, i]))),
+            mae_after=column_size(channel, float(seen_mean(left[:, i]))),
         )
     return result.Candidate(
         effect=c.attached[-1].label,
@@ -351,7 +351,7 @@ def _ranked(
         port=c.group,
         probability=probability,
         held_out=held,
-        shrinkage=d.budget.shrinkage(left, rows),
+        shrinkage=d.budget.shrinkage(left, np.ones_like(d.half)),
         low=low,
         high=high,
         converged=c.fit.converged,
@@ -365,9 +365,7 @@ def _ranked(
 def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
     """One channel's errors on windows that had no part in the choice, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
-    seen = ~np.isnan(b.floor[:, i])
-    left, rows = d.reported(d.cause or b.baseline)
-    rows = rows & seen if (rows & seen).any() else seen
+    rows, left = ~np.isnan(b.floor[:, i]), d.reported(d.cause or b.baseline)
     before, after = b.baseline.absolutes[rows, i], left[rows, i]
     low, high = forecast_interval(before, after, seed, d.settings)
     return result.Reach(

@@ -20,7 +20,7 @@ from pamid.simulation.replay import spread_of
 
 @dataclass(frozen=True)
 class LeftOver:
-    """What a model leaves, on the windows that choose: the refitted model a gap, the best model a
+    """What a model leaves, on the held-out windows: the refitted model a gap, the best model a
     remainder."""
 
     floors: float  # error over the floor, worst channel
@@ -45,7 +45,7 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class VerdictStatistics:
-    """What a verdict rests on, all on the windows that choose (`grounds` of diagnosis.json)."""
+    """What a verdict rests on, all on the held-out windows (`grounds` of diagnosis.json)."""
 
     visible: float  # refitted error over the floor, worst channel
     gap: float  # refitted error above the floor, in floors, summed over channels
@@ -101,7 +101,7 @@ class VerdictStatistics:
 
 def verdict_statistics(
     budget: Budget,
-    chosen: NDArray[np.bool_],
+    asked: NDArray[np.bool_],
     ranking: tuple[CandidateModel, ...],
     best: CandidateModel,
     located: PortEvidence,
@@ -109,16 +109,16 @@ def verdict_statistics(
     seed: int,
 ) -> VerdictStatistics:
     """What the verdict rests on; where no candidate was refitted, the baseline is the best."""
-    base, rows = budget.baseline, chosen
+    base, rows = budget.baseline, asked
     gap = budget.excess(base.absolutes, rows)
     spread, error = spread_of(base.replays), seen_mean(base.absolutes[rows])
     first = ranking[0] if ranking else base
     other = next((c for c in ranking if c.family != first.family), base) if ranking else base
-    losses = bootstrap_losses([base, best, first, other], chosen, seed, budget.settings)
+    losses = bootstrap_losses([base, best, first, other], asked, seed, budget.settings)
     gain, margin = losses[0] - losses[1], losses[3] - losses[2]
     channels = base.squares.shape[1]
     everyone = (
-        bootstrap_losses(list(ranking), chosen, seed, budget.settings).argmin(axis=0)
+        bootstrap_losses(list(ranking), asked, seed, budget.settings).argmin(axis=0)
         if ranking
         else np.zeros(0, int)
     )

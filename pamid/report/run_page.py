@@ -283,7 +283,7 @@ def _candidates(run: RunData) -> Iterator[Block]:
     if diagnosis.grounds is not None and (statistics := diagnosis.grounds.numbers()):
         yield Details(
             "For developers: the figures behind the verdict",
-            (grounds_table(statistics), notes("All on the held-out windows that choose.")),
+            (grounds_table(statistics), notes("All on the held-out windows.")),
         )
     yield Details(
         f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost",

@@ -36,7 +36,7 @@ class Further(Model):
 
 class SignatureFigures(NumbersByKey):
     """What speaks for an effect, beside the others of its model, on fitted data and on the
-    held-out windows that choose."""
+    held-out windows."""
 
     removed: Written[Number] = Field(None, description="share of the gap that it removes")
     of_left: Written[Number] = Field(None, description="the same of what is left without it")
@@ -70,7 +70,7 @@ class SignatureFigures(NumbersByKey):
 
 
 class Grounds(NumbersByKey):
-    """What the verdict rests on, all on the held-out windows that choose."""
+    """What the verdict rests on, all on the held-out windows."""
 
     visible: Written[Number] = Field(
         None, description="refitted error over the noise floor, in the worst channel"

@@ -259,10 +259,9 @@ def _rms_spread(spreads: list[Array]) -> Array:
     )
 
 
-def selection_part(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
-    """The half of the held-out windows (True) whose choice of an effect is named; the other half
-    confirms it, and chooses for this one to report. losses: of the model without effects, one per
-    window.
+def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
+    """One half of the held-out windows (True): either half reports of what the other would choose.
+    losses: of the model without effects, one per window.
 
     Pairs of neighbouring windows go to either half together. Of many ways to deal them out, in
     which the halves are as large as each other, the one whose halves hold most nearly the same

@@ -282,7 +282,7 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
     """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by
     channel; None where a model became unstable on it."""
     assert d.cause is not None
-    left, rows = d.reported(d.cause)
+    left = d.reported(d.cause)
     other = replace(
         split_recordings(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),)
     )
@@ -291,10 +291,10 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
         return None
     errors = [m.absolutes.mean(axis=0) for m in (before, after)]
     floor = d.budget.floor.mean(axis=0)
-    was, now = (d.budget.channel_losses(a)[rows] for a in (d.budget.baseline.absolutes, left))
+    was, now = (d.budget.channel_losses(a) for a in (d.budget.baseline.absolutes, left))
     raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
     return ShrinkageForecast(
-        predicted=d.budget.shrinkage(left, rows),
+        predicted=d.budget.shrinkage(left, np.ones_like(d.half)),
         low=low,
         high=high,
         raw_low=raw[0],
