@@ -185,8 +185,7 @@ def bootstrap_losses(
     per sample of Gaussian residuals whose variance is profiled out. The held-out windows that are
     asked count and those of the fit, too: an effect adds few parameters to many samples, so its
     gain where it was fitted is hardly optimistic. Efron and Tibshirani (1993), An Introduction to
-    the Bootstrap;
-    blocks after Kuensch (1989), Ann. Stat. 17.
+    the Bootstrap; blocks after Kuensch (1989), Ann. Stat. 17.
     """
     draws, block = settings.bootstrap_draws, settings.bootstrap_block
     own = resamples(int(asked.sum()), draws, seed, block)

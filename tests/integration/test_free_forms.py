@@ -129,7 +129,9 @@ def diagnosed(planted: type[Effect]) -> Diagnosis:
 
 def search_of(d: Diagnosis) -> Search:
     hints = gather_hints(d.evidence, d.budget.baseline)
-    return Search(d.evidence, d.budget, d.chosen, [], hints, 0, WorkerPool(), silent)
+    return Search(
+        d.evidence, d.budget, np.ones_like(d.half), d.half, [], hints, 0, WorkerPool(), silent
+    )
 
 
 def fitted(form: FreeForm, name: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -50,7 +51,8 @@ def search_of(floor: float = 0.1) -> Search:
     base.__dict__["attached"] = ()
     budget = Budget(cast(Any, None), base, level, level, level)
     evidence = cast(Any, SimpleNamespace(rig=None))
-    return Search(evidence, budget, HALF, [], cast(Any, None), 0, cast(Any, None), silent)
+    every = np.ones(WINDOWS, bool)
+    return Search(evidence, budget, every, HALF, [], cast(Any, None), 0, cast(Any, None), silent)
 
 
 def both_halves(*models: CandidateModel) -> tuple[Search, Any]:
@@ -63,9 +65,8 @@ def both_halves(*models: CandidateModel) -> tuple[Search, Any]:
 def test_a_steady_choice_is_reported_by_every_window() -> None:
     friction, leak = model("friction", 0.5 * uneven(1)), model("leak", 1.5 * uneven(2))
     search, found = both_halves(friction, leak)
-    assert found.steady and found.best is found.other is friction
-    left, rows = reported(found, search.chosen, friction)
-    assert rows.all() and (left == friction.absolutes).all()
+    assert found.steady and {found.best, *found.choices} == {friction}
+    assert (reported(found, friction) == friction.absolutes).all()
 
 
 def test_a_transient_in_one_half_names_nothing_by_itself() -> None:
@@ -73,29 +74,29 @@ def test_a_transient_in_one_half_names_nothing_by_itself() -> None:
     leak = model("leak", np.where(HALF, 0.2, 2.0) * uneven(1))
     friction = model("friction", 0.9 * uneven(2))
     search, found = both_halves(friction, leak)
-    assert found.best is leak and found.other is friction and not found.steady
-    left, rows = reported(found, search.chosen, leak)
-    # windows that chose the leak report of the friction, the others of the leak
+    assert found.best is friction and found.choices == (leak, friction) and not found.steady
+    left, every = reported(found, friction), np.ones(WINDOWS, bool)
+    # windows that alone would have chosen the leak report of the friction, the others of the leak
     assert left[HALF] == pytest.approx(friction.absolutes[HALF])
     assert left[~HALF] == pytest.approx(leak.absolutes[~HALF])
-    told = search.budget.shrinkage(left, rows)
+    told = search.budget.shrinkage(left, every)
     assert told == pytest.approx(1.0 - 0.5 * (0.9 + 2.0) / 2.0, abs=0.05)
-    assert told < search.budget.shrinkage(leak.absolutes, rows)
+    assert told < search.budget.shrinkage(friction.absolutes, every)
 
 
 def test_two_of_a_family_and_what_nobody_can_tell_apart_are_one_name() -> None:
     stribeck = model("stribeck", np.where(HALF, 0.4, 0.6) * uneven(1), "friction")
     coulomb = model("coulomb", 0.5 * uneven(2), "friction")
     _, found = both_halves(stribeck, coulomb)
-    assert found.best is stribeck and found.other is coulomb and found.steady
+    assert found.choices == (stribeck, coulomb) and found.steady
     one, other = model("one", 0.5 * uneven(3)), model("other", 0.5 * uneven(4))
     assert both_halves(one, other)[1].steady
 
 
-def test_where_one_half_is_empty_the_other_reports() -> None:
+def test_where_there_is_no_choice_every_window_reports_of_the_model() -> None:
     friction = model("friction", 0.5 * uneven(1))
-    every = np.ones(WINDOWS, bool)
     search = search_of()
     assert crossed(search, (), search.budget.baseline, (), []) is None
-    assert reported(None, every, friction)[1].all()
-    assert (reported(None, HALF, friction)[1] == ~HALF).all()
+    whole = replace(search, half=np.ones(WINDOWS, bool))
+    assert crossed(whole, (friction,), friction, (), []) is None
+    assert (reported(None, friction) == friction.absolutes).all()
