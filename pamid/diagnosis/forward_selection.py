@@ -7,8 +7,9 @@ that the recordings tell apart), and the best subsets of k effects of different 
 that were screened on top of the baseline (`effect_subsets`), with or without those of M_(k-1):
 chosen alone, the first had to account for what the second explains, too. Of all of them the one
 with the lowest bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier
-effect whose removal costs less than the share `worth` of the gap is dropped, and the first is
-replaced by one of its rivals where the pair fits better.
+effect whose removal costs less than the share `worth` of the gap is dropped, the first is replaced
+by one of its rivals where the pair fits better, and what ended at the limit of its form by a
+plainer effect of its family.
 
 Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
 Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
@@ -17,6 +18,7 @@ Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, bac
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -30,6 +32,7 @@ from pamid.diagnosis.effect_subsets import (
 )
 from pamid.diagnosis.judgement import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
+from pamid.diagnosis.ranges import is_plain_inside
 from pamid.diagnosis.search import (
     RefitStart,
     Refitting,
@@ -127,6 +130,7 @@ def select_forward(
         known = {_labels(c) for c in larger}
         before = len(best.attached)
         best = _best_first(search, ranking, _backward_check(search, larger[0]), known)
+        best = _plainer_members(search, ranking, best)
         best = with_finer_steps(search, best)
         # one effect for another is the end: where any of them will do, exchanges go on and on
         exchanged = len(best.attached) <= before
@@ -288,6 +292,38 @@ def _best_first(
     ]
     stable = [c for c in options if c.finite]
     return stable[int(np.argmin(search.losses(stable).mean(axis=1)))]
+
+
+def _plainer_members(
+    search: Search, ranking: tuple[CandidateModel, ...], best: CandidateModel
+) -> CandidateModel:
+    """The model, an effect of it that ended at the limit of its form given up for a plainer one of
+    its family at the same port that did not, where that costs less than `worth` of the gap: play of
+    no width in front of a spring is a spring."""
+    if len(best.attached) < 2:
+        return best
+    s = search.settings
+    worth = s.worth * search.excess(search.budget.baseline)
+    for a in best.attached:
+        if is_plain_inside(best, s, a.label):
+            continue
+        plainer = (
+            c
+            for c in ranking
+            if c.family == search.family(a)
+            and set(c.attached[-1].ports) == set(a.ports)
+            and c.attached[-1].label != a.label
+            and is_plain_inside(c, s)
+        )
+        for c in islice(plainer, s.rivals):
+            own = c.attached[-1]
+            swapped = tuple(own if k is a else k for k in best.attached)
+            found = refitted_with(search, swapped, c, best)
+            lost = search.excess(found) - search.excess(best)
+            if found.finite and lost < worth and is_plain_inside(found, s, own.label):
+                best = found
+                break
+    return best
 
 
 def refitted_with(

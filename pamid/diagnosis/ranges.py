@@ -48,10 +48,10 @@ def at_bounds(
     )
 
 
-def is_plain_inside(model: CandidateModel, settings: Settings = DEFAULT) -> bool:
-    """Has none of the last effect's parameters ended at a bound or at the limit of its form? One
-    at its limit is a plainer effect with a parameter too many."""
-    return all(p <= settings.pressed for _, p in _at_guesses(model.assembly, model.fit))
+def is_plain_inside(model: CandidateModel, settings: Settings = DEFAULT, label: str = "") -> bool:
+    """Has none of the parameters of one of the model's effects (default: the last) ended at a bound
+    or at the limit of its form? One at its limit is a plainer effect with a parameter too many."""
+    return all(p <= settings.pressed for _, p in _at_guesses(model.assembly, model.fit, label))
 
 
 def _is_limit(e: FittedParameter) -> bool:

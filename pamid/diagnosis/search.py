@@ -343,18 +343,13 @@ class _CarryingOn(ObjectWork[CandidateModel, CandidateModel]):
     settings: Settings
 
     def result(self, item: CandidateModel) -> CandidateModel:
-        f = item.fit
-        done = fit(
-            f.problem,
-            p=f.p,
-            starts=f.starts,
-            weights=f.weights,
-            continuity=f.continuity,
-            stepping=f.stepping,
-            iterations=self.settings.carried_on_iterations,
-            tolerance=self.settings.refit_tolerance,
+        return _fitted_on(
+            self.evidence,
+            item,
+            item.fit.stepping,
+            self.settings.carried_on_iterations,
+            self.settings,
         )
-        return replayed(self.evidence, item.assembly, done)
 
     def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:
         return candidate_plain(found)
@@ -364,6 +359,24 @@ class _CarryingOn(ObjectWork[CandidateModel, CandidateModel]):
 
     def name(self, item: CandidateModel) -> str:
         return item.label
+
+
+def _fitted_on(
+    evidence: DataSplit, c: CandidateModel, stepping: Stepping, iterations: int, settings: Settings
+) -> CandidateModel:
+    """The model fitted on from where its fit ended, and replayed."""
+    f = c.fit
+    done = fit(
+        f.problem,
+        p=f.p,
+        starts=f.starts,
+        weights=f.weights,
+        continuity=f.continuity,
+        stepping=stepping,
+        iterations=iterations,
+        tolerance=settings.refit_tolerance,
+    )
+    return replayed(evidence, c.assembly, done)
 
 
 def with_finer_steps(search: Search, best: CandidateModel) -> CandidateModel:
@@ -386,18 +399,13 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
                 break
-            f = best.fit
-            finer = fit(
-                f.problem,
-                p=f.p,
-                starts=f.starts,
-                weights=f.weights,
-                continuity=f.continuity,
-                stepping=f.stepping.doubled(),
-                iterations=self.settings.refit_iterations,
-                tolerance=self.settings.refit_tolerance,
+            best = _fitted_on(
+                self.evidence,
+                best,
+                best.fit.stepping.doubled(),
+                self.settings.refit_iterations,
+                self.settings,
             )
-            best = replayed(self.evidence, best.assembly, finer)
         return best
 
     def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:

@@ -228,6 +228,37 @@ def test_the_newest_is_dropped_where_it_only_led_out_of_a_minimum(
     assert forward_selection._backward_check(search, both) is both  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("spring_leaves", "kept"), [(0.101, "spring"), (0.3, "gap")])
+def test_a_gap_of_no_width_gives_way_to_a_spring(
+    spring_leaves: float, kept: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside friction a gap fits best, with the least width that it can have: where a plain spring
+    leaves as little, it is the spring."""
+    rub, gap = model("rub", "friction", 0.4), model("gap", "transmission", 0.3)
+    spring = model("spring", "transmission", 0.35)
+    both = SimpleNamespace(attached=(*rub.attached, *gap.attached), absolutes=0.1, finite=True)
+
+    def refitted(search: Any, attached: tuple[Any, ...], *found: Any) -> Any:
+        assert [a.label for a in attached] == ["rub", "spring"]
+        return SimpleNamespace(attached=attached, absolutes=spring_leaves, finite=True)
+
+    monkeypatch.setattr(forward_selection, "refitted_with", refitted)
+    monkeypatch.setattr(
+        forward_selection,
+        "is_plain_inside",
+        lambda c, settings, label="": (label or c.attached[-1].label) != "gap",
+    )
+    search: Any = SimpleNamespace(
+        settings=DEFAULT,
+        family=lambda a: a.family(None),
+        excess=lambda m: m.absolutes,
+        budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
+    )
+    best: Any = both
+    found = forward_selection._plainer_members(search, (gap, rub, spring), best)
+    assert [a.label for a in found.attached] == ["rub", kept]
+
+
 def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where any second effect will do, and the first is dropped for it again and again, the search
     would never end."""
@@ -246,6 +277,7 @@ def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch)
         "_weighed": lambda *given: step,
         "_backward_check": dropped,
         "_best_first": lambda search, ranking, best, known: best,
+        "_plainer_members": lambda search, ranking, best: best,
     }.items():
         monkeypatch.setattr(forward_selection, name, stand_in)
     search: Any = SimpleNamespace(
