@@ -78,8 +78,10 @@ def command(
     """
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
+    from pamid.base.work_stages import STAGES
 
-    with progress_line("fit") as progress:
+    stages = STAGES["fit --bootstrap" if bootstrap else "fit"]
+    with progress_line("fit", stages=stages) as progress:
         model = fit(
             list(recordings),
             rig,

@@ -77,12 +77,14 @@ def _owners(option: str) -> str:
 def command(
     paper: str, output: Path, overwrite: bool, seed: int, quick: bool, **options: Any
 ) -> frame.Result:
+    from pamid.base.work_stages import STAGES
     from pamid.replications.reproducing import paper_named, reproduce_paper
 
     chosen = paper_named(paper)
     _refuse_strangers(paper, [name for name in options if name not in chosen.OPTIONS])
     known = {name: value for name, value in options.items() if name in chosen.OPTIONS}
-    with progress_line("reproduce-paper") as progress:
+    stages = STAGES.get(f"reproduce-paper --paper {paper}")
+    with progress_line("reproduce-paper", stages=stages) as progress:
         found = reproduce_paper(
             paper,
             output,

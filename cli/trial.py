@@ -158,12 +158,12 @@ def command(
             return _share(output, tried, fixed, options, inputs, _share_of(index), pool)
         run = _begun(output, fixed, options, inputs, resume)
         try:
-            with progress_line("trial") as progress:
+            with progress_line("trial", cases) as progress:
                 found = run_trial(
                     output,
                     CaseSelection(part, cases, seed, tried, only or ""),
                     pool,
-                    done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
+                    done=lambda i, n: progress.update(i, "cases", n),
                 )
         except BaseException as error:
             run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
@@ -235,7 +235,7 @@ def _share(
     ).draw()
     cases = every_case[number - 1 :: count]
     with progress_line("trial", len(cases)) as progress:
-        results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
+        results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases", n))
     failed = failed_jobs(results)
     found = TrialShare(
         index=number, of=count, cases=tuple(c.number for c in cases), failed_jobs=failed
