@@ -42,7 +42,7 @@ pamid fit rec.csv --rig one-dof --output fitted
 )
 @seed_option("Same inputs and seed, same output.")
 @jobs_option("Processes for the bootstrap.", default=1)
-@run_output_option
+@run_output_option("fit-run")
 @no_check_option
 @cluster_option
 @click.option(

@@ -26,6 +26,7 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
+from pamid.report.rig_card import rig_svg
 from pamid.schemas.diagnosis_file import (
     Candidate,
     GapShare,
@@ -319,6 +320,12 @@ class DiagnosisResult(FitResult):
 
         return rig_map_figure(self.data)
 
+    def rig_png(self) -> bytes:
+        """The same as a PNG file."""
+        from pamid.api.plots import rig_map_png
+
+        return rig_map_png(self.data)
+
     def plot_ports(self) -> NotebookFigure:
         """The share of the gap that enters at every port; DataError where there is no gap."""
         from pamid.api.plots import ports_figure
@@ -359,6 +366,7 @@ class DiagnosisResult(FitResult):
         return card(
             self.sentence or self.verdict,
             paragraph(f"Where: {where}" if where else ""),
+            rig_svg(self.data.diagnosis),
             html_table((CAUSE_HEADS, causes)),
             paragraph(self._left()),
             paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),

@@ -121,7 +121,7 @@ def render(drawing: Drawing) -> Picture:
         svg=_METADATA.sub("", wide),
         wide=shown[0],
         narrow=shown[1],
-        png=_png(drawing),
+        png=png_of(drawing),
         linked=drawing.own is not None,
     )
 
@@ -202,7 +202,8 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
     return figure
 
 
-def _png(drawing: Drawing) -> bytes:
+def png_of(drawing: Drawing) -> bytes:
+    """The drawing with its title as a PNG file; the same drawing gives the same bytes."""
     with settings(drawing.name):
         buffer = io.BytesIO()
         figure_of(drawing).savefig(
