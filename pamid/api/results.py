@@ -345,7 +345,7 @@ class DiagnosisResult(FitResult):
     def _repr_html_(self) -> str:
         if self.remark:
             return card(self.verdict, paragraph(self.remark), self._errors_html())
-        where = ", ".join(f"{port} {share:.0%}" for port, share in self.ports if share >= 0.005)
+        where = ", ".join(f"{port} {percent_text(s)}" for port, s in self.ports if s >= 0.005)
         causes = [
             (
                 c.effect,
@@ -358,7 +358,7 @@ class DiagnosisResult(FitResult):
             for c in self.causes[:MOST_CARD_ROWS]
         ]
         gains = [
-            f"{name}: {e.shrinkage:.0%} ({e.low:.0%} .. {e.high:.0%})"
+            f"{name} {percent_text(e.shrinkage)} ({percents_text(e.low, e.high)})"
             for name, e in self.errors.items()
             if e.shrinkage is not None and e.low is not None and e.high is not None
         ]
@@ -371,7 +371,7 @@ class DiagnosisResult(FitResult):
             paragraph(self._left()),
             paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
             self._errors_html(),
-            paragraph(f"Measure next: {following.name}. {following.why}" if following else ""),
+            paragraph(f"Measure next: {_short(following)}." if following else ""),
         )
 
     def _left(self) -> str:
@@ -380,6 +380,12 @@ class DiagnosisResult(FitResult):
             return ""
         size = size_of(self.remainder, beside=bool(self.causes))
         return f"Left: {size}; {weight_of(self.remainder)}."
+
+
+def _short(following: NextExperiment) -> str:
+    """Its name and what it is; what it was weighed by is left to the page."""
+    why = following.why.partition(";")[0].rstrip(".")
+    return f"{following.name}: {why}" if why else following.name
 
 
 def result_of(

@@ -47,7 +47,7 @@ def _drawn(diagram: Diagram, title: str, arrow: Markup, heads: list[Markup]) -> 
         heads,
         [_link(one) for one in diagram.links],
         [_block(one) for one in diagram.boxes],
-        viewBox=f"0 0 {diagram.wide:.0f} {diagram.tall:.0f}",
+        viewBox=f"-2 0 {diagram.wide + 4.0:.0f} {diagram.tall:.0f}",
         role="img",
         aria_label=title,
         style=_STYLE,

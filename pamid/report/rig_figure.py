@@ -232,7 +232,7 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set_aspect("equal")
-    axes.set_xlim(0.0, diagram.wide)
+    axes.set_xlim(-1.5, diagram.wide + 1.5)  # frames have a width of their own
     axes.set_ylim(diagram.tall, 0.0)
     points = 72.0 * figure.get_figwidth() / diagram.wide  # per unit of the diagram
     for x, y, text in diagram.heads:

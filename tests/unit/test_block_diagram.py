@@ -19,8 +19,10 @@ from pamid.report.block_diagram import (
     narrow_diagram,
     wide_diagram,
 )
-from pamid.report.rig_figure import anchor, panels_html, rig_drawing
+from pamid.report.rig_card import rig_svg
+from pamid.report.rig_figure import anchor, bare_rig_drawing, panels_html, rig_drawing, rig_title
 from pamid.report.rig_texts import block_texts
+from pamid.report.style import figure_of
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.model import read
 from pamid.schemas.rig_map import RigMap
@@ -133,11 +135,29 @@ def test_every_block_leads_to_a_panel_that_is_there() -> None:
     assert f'class="port-panel shown" id="{anchor("joint")}"' in panels
 
 
+def test_the_diagram_of_a_notebook_leads_nowhere_and_has_its_text() -> None:
+    found = diagnosis_of("explained")
+    svg = rig_svg(found)
+    assert "href=" not in svg and "class=" not in svg and "<script" not in svg
+    title = rig_title(found, found.rig)  # type: ignore[arg-type]
+    assert f'aria-label="{title}"' in svg and 'role="img"' in svg
+    assert ">◆ Coulomb<" in svg or ">◆ Coulomb friction<" in svg
+    assert svg.count("<g>") == 5
+
+
+def test_a_rig_by_itself_shows_its_units_and_no_share() -> None:
+    drawing = bare_rig_drawing(map_of("one-dof"))
+    figure = figure_of(drawing)
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert "joint" in texts and "[N m]" in texts and not [one for one in texts if "%" in one]
+    assert drawing.own is None and drawing.title.startswith("The rig one-dof, from what is sent")
+
+
 def test_a_run_of_an_earlier_version_has_no_diagram() -> None:
     content = diagnosis_json("explained")
     del content["rig"]
     found = read(DiagnosisFile, content)
-    assert rig_drawing(found) is None and str(panels_html(found)) == ""
+    assert rig_drawing(found) is None and str(panels_html(found)) == "" == rig_svg(found)
 
 
 def test_names_from_a_file_are_text() -> None:
@@ -146,4 +166,4 @@ def test_names_from_a_file_are_text() -> None:
     found = read(DiagnosisFile, content)
     drawing = rig_drawing(found)
     assert drawing is not None and drawing.own is not None
-    assert "<script" not in "".join(drawing.own) + str(panels_html(found))
+    assert "<script" not in "".join(drawing.own) + str(panels_html(found)) + rig_svg(found)
