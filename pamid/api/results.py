@@ -24,6 +24,7 @@ from pamid.diagnosis.verdict_words import size_of, weight_of
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
+from pamid.report.captions import reason_text
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
 from pamid.report.rig_card import rig_svg
@@ -384,7 +385,7 @@ class DiagnosisResult(FitResult):
 
 def _short(following: NextExperiment) -> str:
     """Its name and what it is; what it was weighed by is left to the page."""
-    why = following.why.partition(";")[0].rstrip(".")
+    why = reason_text(following)
     return f"{following.name}: {why}" if why else following.name
 
 

@@ -6,6 +6,7 @@ it.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -266,8 +267,6 @@ def _meaning(function: str) -> str:
     if function in _CALLED:
         return _CALLED[function]
     of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
-    return (
-        (inspect.getdoc(of) or "").partition("\n")[0].rstrip(".").replace("+-", "±")
-        if of is not None
-        else ""
-    )
+    said = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
+    said = re.split(r"[;.](?:\s|$)", said, maxsplit=1)[0]
+    return said.replace("+-", "± ").replace("half_width", "its second value")

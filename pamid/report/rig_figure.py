@@ -90,7 +90,8 @@ def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
     name = formatting.clean(rig.name)
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return _plain_title(rig)
-    shares = sorted(diagnosis.where.ports, key=lambda one: -one.share)
+    where = diagnosis.where  # of shares that read alike the named port's comes first
+    shares = sorted(where.ports, key=lambda one: (-round(one.share, 2), one.port != where.port))
     told = [
         f"{formatting.port_label(one.port)} {percent(one.share)}"
         for one in shares[:3]

@@ -239,7 +239,7 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
         texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
     yield notes(*texts)
     if recordings := held_out_errors(run):
-        yield Heading("The same per recording", 3)
+        yield Heading("Errors by recording and model", 3)
         yield recording_errors_table(recordings)
         yield notes(
             "Replay: the held-out windows, on the recorded command. Closed loop: the held-out part "
@@ -308,7 +308,8 @@ def _sensors(run: RunData) -> Iterator[Block]:
     if where is None or not where.sensors:
         return
     checks = (
-        f"These sensors allow {formatting.count(where.redundancy)} independent checks. "
+        f"These sensors allow {formatting.count(where.redundancy)} independent "
+        f"check{'' if where.redundancy == 1 else 's'}. "
         if where.redundancy
         else ""
     )
@@ -349,8 +350,8 @@ def _stepping(fit: FitFile) -> str:
     )
     if steps.recheck is not None:
         text += (
-            f"; doubled steps change no output by more than {formatting.number(steps.recheck, 2)} "
-            "noise standard deviations"
+            "; with steps half as long no output changes by more than "
+            f"{formatting.number(steps.recheck, 2)} times its noise"
         )
     return f"{text}."
 
