@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from pathlib import Path
 
 import pytest
 from synthetic_run import diagnosis_json
@@ -26,6 +27,8 @@ from pamid.report.style import figure_of
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.model import read
 from pamid.schemas.rig_map import RigMap
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def map_of(name: str) -> RigMap:
@@ -84,6 +87,24 @@ def test_blocks_never_overlap_and_stay_inside(name: str) -> None:
             assert box.y >= -0.1 and box.y + box.tall <= diagram.tall + 0.1
         shown = {member for box in diagram.boxes for member in box.members}
         assert shown == {one.group or one.port for one in rig.ports}
+
+
+def test_blocks_of_one_column_are_joined_where_one_leads_to_the_other() -> None:
+    """Two tanks: what runs out of the upper one runs into the lower one."""
+    rig = map_of(str(ROOT / "data" / "rigs" / "tanks.py"))
+    texts = plain_texts(rig)
+    pairs = {(a, b) for a, b, _ in links_of(rig, columns_of(rig))}
+    assert ("upper", "lower") in pairs and ("lower", "upper") not in pairs
+    wide = wide_diagram(rig, texts, 920.0)
+    boxes = {box.name: box for box in wide.boxes}
+    upper, lower = boxes["upper"], boxes["lower"]
+    assert upper.x == lower.x
+    assert any(
+        one.begin[0] == one.end[0] and upper.y + upper.tall < one.begin[1] < one.end[1] < lower.y
+        for one in wide.links
+    )
+    narrow = narrow_diagram(rig, texts, 340.0)
+    assert any(one.begin[1] == one.end[1] for one in narrow.links)
 
 
 def test_a_long_column_is_taken_together_but_for_what_matters() -> None:
