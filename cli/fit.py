@@ -78,9 +78,9 @@ def command(
     """
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
-    from pamid.base.work_stages import STAGES
+    from pamid.base.work_stages import WORK_STAGES
 
-    stages = STAGES["fit --bootstrap" if bootstrap else "fit"]
+    stages = WORK_STAGES["fit --bootstrap" if bootstrap else "fit"]
     with progress_line("fit", stages=stages) as progress:
         model = fit(
             list(recordings),

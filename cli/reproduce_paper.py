@@ -71,13 +71,13 @@ def _owners(option: str) -> str:
 def command(
     paper: str, output: Path, overwrite: bool, seed: int, quick: bool, **options: Any
 ) -> frame.Result:
-    from pamid.base.work_stages import STAGES
+    from pamid.base.work_stages import WORK_STAGES
     from pamid.replications.reproducing import paper_named, reproduce_paper
 
     chosen = paper_named(paper)
     _refuse_strangers(paper, [name for name in options if name not in chosen.OPTIONS])
     known = {name: value for name, value in options.items() if name in chosen.OPTIONS}
-    stages = STAGES.get(f"reproduce-paper --paper {paper}")
+    stages = WORK_STAGES.get(f"reproduce-paper --paper {paper}")
     with progress_line("reproduce-paper", stages=stages) as progress:
         found = reproduce_paper(
             paper,

@@ -19,7 +19,7 @@ import click
 
 if TYPE_CHECKING:
     from pamid.base.progress import ProgressLine
-    from pamid.base.work_stages import Stage
+    from pamid.base.work_stages import WorkStage
 
 #: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
 #: tags, half characters
@@ -59,7 +59,7 @@ def warning(text: str) -> None:
 
 
 def progress_line(
-    label: str, total: int | None = None, *, stages: tuple[Stage, ...] | None = None
+    label: str, total: int | None = None, *, stages: tuple[WorkStage, ...] | None = None
 ) -> ProgressLine:
     """Progress on stderr, in log files, too; see `pamid.base.progress.ProgressLine`."""
     from pamid.base.progress import ProgressLine

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from pamid.api.given import RecordingLike, recording_given
 from pamid.base.card import card, html_table
-from pamid.base.errors import PamidError, UsageError
+from pamid.base.errors import UsageError
 from pamid.checks.conformance import CheckOutcome
 from pamid.checks.inspection import Inspection, inspect, inspection_text
 from pamid.checks.recording_quality import QualityIssue
+from pamid.checks.rig_ports import checked_ports
 from pamid.model.effect import Effect
-from pamid.model.port_flow import rig_map
-from pamid.model.registry import RigLike, rig_given, rig_named
+from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.schemas.rig_map import RigMap
@@ -39,7 +39,7 @@ class CheckResult:
     findings: tuple[CheckOutcome, ...]
     recording: Recording | None
     _inspection: Inspection
-    _rig: str | type[Rig] | None = None
+    _rig: Path | type[Rig] | None = None
 
     @property
     def problems(self) -> tuple[CheckOutcome, ...]:
@@ -90,13 +90,7 @@ class CheckResult:
     def _ports(self) -> RigMap | None:
         """The ports of a rig that was checked; None of anything else, or where it does not
         build."""
-        if self.kind != "rig" or self._rig is None:
-            return None
-        try:
-            rig = rig_named(self._rig) if isinstance(self._rig, str) else self._rig()
-            return rig_map(rig, rig.outputs)
-        except PamidError:
-            return None
+        return None if self.kind != "rig" or self._rig is None else checked_ports(self._rig)
 
     def _drawn(
         self,
@@ -159,7 +153,7 @@ def check(
         found,
         looked_at
         if isinstance(looked_at, type) and issubclass(looked_at, Rig)
-        else str(looked_at)
+        else looked_at
         if isinstance(looked_at, Path)
         else None,
     )

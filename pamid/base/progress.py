@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Literal, Protocol, TextIO, TypeAlias, runtime_checkable
 
-from pamid.base.work_stages import STAGES, Stage
+from pamid.base.work_stages import WORK_STAGES, WorkStage
 
 Progress: TypeAlias = Callable[[str], None]
 
@@ -71,10 +71,10 @@ class ProgressLine:
 
     On a terminal and in a notebook a line on stderr that updates itself and is wiped at the end;
     log files and pipes get a line after 3 s, then every 15 s, where `in_logs`, else nothing. Quick
-    work says nothing. Work whose stages are known (`stages`, by default those of the label in
-    `STAGES`) lists them once, and says how much of the whole is done and about how long the rest
-    takes; other stages that count (`screening 15/33: ...`) the same of themselves. A `Settled` text
-    stays on a line of its own.
+    work says nothing. Work whose stages are known (by default those of the label in
+    `WORK_STAGES`) lists them once, and says how much of the whole is done and about how long the
+    rest takes; other stages that count (`screening 15/33: ...`) the same of themselves. A `Settled`
+    text stays on a line of its own.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class ProgressLine:
         *,
         in_logs: bool = False,
         stream: TextIO | None = None,
-        stages: tuple[Stage, ...] | None = None,
+        stages: tuple[WorkStage, ...] | None = None,
     ) -> None:
         self._label, self._total = label, total
         self._stream = stream if stream is not None else sys.stderr
@@ -93,7 +93,7 @@ class ProgressLine:
         self._begun = self._shown = time.monotonic()
         self._length = 0
         self._stage = ("", 0, self._begun)  # its name, what was done, and when it was first told
-        self._stages = STAGES.get(label, ()) if stages is None else stages
+        self._stages = WORK_STAGES.get(label, ()) if stages is None else stages
         self._listed = False
         self._settled: list[str] = []
         self._reached, self._share = 0, 0.0  # the stage, and how much of the whole is done

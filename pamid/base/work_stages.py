@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Stage:
+class WorkStage:
     """begins: of its texts; share: of the whole, 0 to 1; called: what people read, where that is
     something else."""
 
@@ -24,56 +24,56 @@ class Stage:
         return self.called or self.begins
 
 
-def _within(stages: Iterable[Stage], share: float) -> tuple[Stage, ...]:
+def _within(stages: Iterable[WorkStage], share: float) -> tuple[WorkStage, ...]:
     """The same stages as a part of other work."""
-    return tuple(Stage(one.begins, share * one.share, one.called) for one in stages)
+    return tuple(WorkStage(one.begins, share * one.share, one.called) for one in stages)
 
 
 _DIAGNOSE = (
-    Stage("fitting", 0.10),
-    Stage("noise floor", 0.01),
-    Stage("black box", 0.07),
-    Stage("looking where", 0.08, "where something is missing"),
-    Stage("screening", 0.33),
-    Stage("refitting", 0.28),
-    Stage("looking for the family", 0.03, "unknown effects"),
-    Stage("looking for the next experiment", 0.10, "next experiment"),
+    WorkStage("fitting", 0.10),
+    WorkStage("noise floor", 0.01),
+    WorkStage("black box", 0.07),
+    WorkStage("looking where", 0.08, "where something is missing"),
+    WorkStage("screening", 0.33),
+    WorkStage("refitting", 0.28),
+    WorkStage("looking for the family", 0.03, "unknown effects"),
+    WorkStage("looking for the next experiment", 0.10, "next experiment"),
 )
 _RECORDING = "recording"
 #: label of the progress line -> its stages, in order
-STAGES: dict[str, tuple[Stage, ...]] = {
+WORK_STAGES: dict[str, tuple[WorkStage, ...]] = {
     "diagnose": _DIAGNOSE,
-    "fit": (Stage("fitting", 0.8), Stage("noise floor", 0.2)),
+    "fit": (WorkStage("fitting", 0.8), WorkStage("noise floor", 0.2)),
     "fit --bootstrap": (
-        Stage("fitting", 0.14),
-        Stage("noise floor", 0.02),
-        Stage("bootstrap", 0.84),
+        WorkStage("fitting", 0.14),
+        WorkStage("noise floor", 0.02),
+        WorkStage("bootstrap", 0.84),
     ),
     "power": (
-        Stage("fitting", 0.15, "fitting without effects"),
-        Stage("response to", 0.8, "response to every effect"),
-        Stage("comparing", 0.05),
+        WorkStage("fitting", 0.15, "fitting without effects"),
+        WorkStage("response to", 0.8, "response to every effect"),
+        WorkStage("comparing", 0.05),
     ),
     "demo": (
-        Stage(_RECORDING, 0.06),
+        WorkStage(_RECORDING, 0.06),
         *_within(_DIAGNOSE, 0.7),
-        Stage("training a network", 0.14),
-        Stage("writing", 0.1, "writing the page"),
+        WorkStage("training a network", 0.14),
+        WorkStage("writing", 0.1, "writing the page"),
     ),
     "reproduce-paper": (
-        Stage(_RECORDING, 0.01),
-        Stage("training", 0.89, "training the network"),
+        WorkStage(_RECORDING, 0.01),
+        WorkStage("training", 0.89, "training the network"),
         *_within(_DIAGNOSE, 0.1),
     ),
     "reproduce-paper --paper arm": (
-        Stage(_RECORDING, 0.05),
-        Stage("gravity-without-payload:", 0.1, "gravity tests without payload"),
-        Stage("gravity:", 0.1, "gravity tests"),
-        Stage("force map", 0.05, "force map of a muscle"),
-        Stage("pulses-analytic-alone:", 0.15, "valve pulses, analytic law"),
-        Stage("pulses-anfis-alone:", 0.15, "valve pulses, ANFIS"),
-        Stage("pulses-analytic:", 0.15, "both with corrections"),
-        Stage("pulses-anfis:", 0.15, "ANFIS with corrections"),
-        Stage("free runs", 0.1),
+        WorkStage(_RECORDING, 0.05),
+        WorkStage("gravity-without-payload:", 0.1, "gravity tests without payload"),
+        WorkStage("gravity:", 0.1, "gravity tests"),
+        WorkStage("force map", 0.05, "force map of a muscle"),
+        WorkStage("pulses-analytic-alone:", 0.15, "valve pulses, analytic law"),
+        WorkStage("pulses-anfis-alone:", 0.15, "valve pulses, ANFIS"),
+        WorkStage("pulses-analytic:", 0.15, "both with corrections"),
+        WorkStage("pulses-anfis:", 0.15, "ANFIS with corrections"),
+        WorkStage("free runs", 0.1),
     ),
 }

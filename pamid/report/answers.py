@@ -51,7 +51,7 @@ PROBABILITY_MEANS = (
 )
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
-_UNCLEAR = "nothing on the menu"  # in the reason for an experiment that shows little
+_NOT_APART = "nothing on the menu"  # in the reason for an experiment that shows little
 _SETTLED = 0.95  # share of a port beside which nothing is left to be told apart
 
 
@@ -461,7 +461,7 @@ def _expected(experiment: NextExperiment) -> str:
         texts.append(
             "the nearest two of these models are expected to differ there by "
             f"{times_text(experiment.expected_separation)} times the noise of the sensors"
-            + (", too little to set them apart clearly" if _UNCLEAR in experiment.why else "")
+            + (", too little to set them apart clearly" if _NOT_APART in experiment.why else "")
         )
     if experiment.minutes is not None:
         takes = minutes_text(experiment.minutes).replace(" ", formatting.SPACE)

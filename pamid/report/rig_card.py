@@ -12,8 +12,8 @@ from pamid.report.rig_texts import block_texts
 from pamid.report.style import colour
 from pamid.schemas.diagnosis_file import DiagnosisFile
 
-_HEAD = "pamid-arrow"
-_STYLE = "max-width:56em;width:100%;height:auto;display:block;margin:.5em 0"
+_ARROW = "pamid-arrow"
+_SVG_STYLE = "max-width:56em;width:100%;height:auto;display:block;margin:.5em 0"
 
 
 def rig_svg(diagnosis: DiagnosisFile | None) -> str:
@@ -25,7 +25,7 @@ def rig_svg(diagnosis: DiagnosisFile | None) -> str:
     arrow = tag(
         "marker",
         tag("path", d="M0 0L8 4L0 8z", fill="currentColor"),
-        id=_HEAD,
+        id=_ARROW,
         viewBox="0 0 8 8",
         refX="7",
         refY="4",
@@ -50,7 +50,7 @@ def _drawn(diagram: Diagram, title: str, arrow: Markup, heads: list[Markup]) -> 
         viewBox=f"-2 0 {diagram.wide + 4.0:.0f} {diagram.tall:.0f}",
         role="img",
         aria_label=title,
-        style=_STYLE,
+        style=_SVG_STYLE,
         font_family="sans-serif",
         text_anchor="middle",
         fill="currentColor",
@@ -58,7 +58,7 @@ def _drawn(diagram: Diagram, title: str, arrow: Markup, heads: list[Markup]) -> 
 
 
 def _link(one: Link) -> Markup:
-    more = {"marker_start": f"url(#{_HEAD})"} if one.both else {}
+    more = {"marker_start": f"url(#{_ARROW})"} if one.both else {}
     return tag(
         "path",
         d=link_path(one),
@@ -66,7 +66,7 @@ def _link(one: Link) -> Markup:
         stroke="currentColor",
         stroke_opacity="0.7",
         stroke_width="3" if one.broad else "1.2",
-        marker_end=f"url(#{_HEAD})",
+        marker_end=f"url(#{_ARROW})",
         **more,
     )
 

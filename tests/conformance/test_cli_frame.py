@@ -115,7 +115,7 @@ def test_unknown_command_offers_the_nearest(capsys: pytest.CaptureFixture[str]) 
 USAGE = [
     ["diagnos"],
     [],
-    ["generate-aprbs"],
+    ["simulate"],
     ["generate-aprbs", "--seeed", "1"],
     ["generate-aprbs", "--levels", "two"],
     ["generate-aprbs", "--loop", "half", "--output", "x.csv"],

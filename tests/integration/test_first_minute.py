@@ -14,7 +14,7 @@ from small_cart import RIG, record_cart
 import pamid
 from pamid.base.errors import DataError
 from pamid.base.progress import ProgressLine, Settled
-from pamid.base.work_stages import STAGES, Stage
+from pamid.base.work_stages import WORK_STAGES, WorkStage
 
 
 class Terminal(io.StringIO):
@@ -58,7 +58,7 @@ def test_a_stage_that_counts_says_how_much_is_done_and_left(clock: Clock) -> Non
 
 
 def test_known_stages_are_listed_once_and_say_what_is_left_of_all(clock: Clock) -> None:
-    stages = (Stage("one", 0.2, "the first"), Stage("two", 0.6), Stage("three", 0.2))
+    stages = (WorkStage("one", 0.2, "the first"), WorkStage("two", 0.6), WorkStage("three", 0.2))
     stream = Terminal()
     with ProgressLine("anything", stream=stream, stages=stages) as line:
         clock.now = 104.0
@@ -98,7 +98,7 @@ def test_a_final_result_stays_while_the_rest_runs(clock: Clock) -> None:
 def test_stages_share_the_whole_among_them() -> None:
     """Fitting begins each diagnosis; a stage is found by how its text begins, the first that
     does."""
-    for label, stages in STAGES.items():
+    for label, stages in WORK_STAGES.items():
         assert sum(one.share for one in stages) == pytest.approx(1.0), label
         begins = [one.begins for one in stages]
         assert not [(a, b) for k, a in enumerate(begins) for b in begins[:k] if a.startswith(b)], (
@@ -109,7 +109,7 @@ def test_stages_share_the_whole_among_them() -> None:
 def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path: Path) -> None:
     said: list[str] = []
     pamid.diagnose(record_cart(tmp_path), RIG, check=False, progress=said.append)
-    begins = [one.begins for one in STAGES["diagnose"]]
+    begins = [one.begins for one in WORK_STAGES["diagnose"]]
     told = [next((b for b in begins if text.startswith(b)), None) for text in said]
     known = [b for b in told if b is not None]
     assert {"fitting", "noise floor", "black box", "screening", "refitting"} <= set(known)
