@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.answers import (
     Answer,
@@ -51,11 +52,16 @@ from pamid.schemas.fit_file import FitFile
 
 
 def run_document(
-    run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]
+    run: RunData,
+    rows: tuple[ChannelErrors, ...],
+    pictures: dict[str, Picture],
+    drawn_by: Rig | None = None,
 ) -> Document:
-    """The report of a run with the pictures that were drawn of it."""
+    """The report of a run with the pictures that were drawn of it; drawn_by: the rig whose pose is
+    played, where the catalogue does not have it."""
     verdict = verdict_sentence(run, rows)
-    rig, player, traces = formatting.clean(run.rig), player_html(run), traces_of(run, rows)
+    player, traces = player_html(run, drawn_by), traces_of(run, rows)
+    rig = formatting.clean(run.rig)
     samples = [Interactive(traces.section, "All samples", "samples")] if traces.section else []
     return Document(
         title=f"{rig}: {verdict}" if rig else verdict,

@@ -464,6 +464,9 @@ def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
         write_report(folder, notes)
     assert notes.read_text(encoding="utf-8") == "mine"
     assert not (folder / "report.html").exists()
+    assert run_command(["report", str(folder), "--output", str(notes)]) == 3
+    assert run_command(["report", str(folder), "--output", str(notes), "--overwrite"]) == 0
+    assert notes.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
 @pytest.mark.usefixtures("undrawn")
