@@ -94,7 +94,8 @@ def command(
         )
     found, text = said_of(output / "diagnosis.json", lambda found: diagnosis_text(found, output))
     if figure is not None:
-        text += f"\n{write_figure(figure, run.rig_png())}"
+        text, line, follow = text.rpartition("\nNext: ")  # what to do next stays the last line
+        text += f"\n{write_figure(figure, run.rig_png())}{line}{follow}"
     return frame.Result(found, text, 6 if run.failed_jobs else 0)
 
 

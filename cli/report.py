@@ -18,7 +18,7 @@ _BESIDE = "-"  # --pdf without a file
 
 
 @frame.command("report", example=EXAMPLE)
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN")
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path), metavar="RUN")
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -60,6 +60,8 @@ def command(
     """
     from pamid.base.errors import UsageError
 
+    if not runs:
+        raise UsageError("No run was named.", "`pamid runs` lists those in and below this folder.")
     if compare and rig is not None:
         raise UsageError("--compare draws no rig.", "Leave --rig out.")
     if compare:

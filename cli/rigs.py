@@ -18,9 +18,12 @@ pamid rigs one-dof --figure joint.png
 
 @frame.command("rigs", example=EXAMPLE)
 @click.argument("name", required=False, type=names.RIG_NAMES)
+@click.option("--rig", "named", type=names.RIG_NAMES, help="The same as NAME.")
 @figure_option("the rig as a block diagram of its ports")
 @frame.overwrite_option("Replace the figure if it exists.")
-def command(name: str | None, figure: Path | None, overwrite: bool) -> frame.Result:
+def command(
+    name: str | None, named: str | None, figure: Path | None, overwrite: bool
+) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 
     The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters
@@ -32,6 +35,7 @@ def command(name: str | None, figure: Path | None, overwrite: bool) -> frame.Res
     from pamid.model import registry as library
     from pamid.schemas.catalogue_files import RigCatalogue
 
+    name = name or named
     if figure is not None and name is None:
         raise UsageError("--figure draws one rig.", "Name it: pamid rigs one-dof --figure rig.png.")
     require_png(figure, overwrite)

@@ -40,7 +40,7 @@ _LIVE_S = 0.1
 _LOG_S = 15.0
 _FIRST_S = 3.0  # a log gets its first line sooner than the next ones
 _WIDTH = 100
-_EARLY = 0.03  # share of the work before which nothing is said of the time that is left
+_EARLY = 0.1  # share of the work before which nothing is said of the time that is left
 _COUNTED = re.compile(r"(.+?) (\d+)/(\d+)")  # "screening 15/33: coulomb-friction"
 
 

@@ -23,7 +23,7 @@ from pamid.model.rig import Port
 from pamid.report import formatting
 from pamid.report.document import Equation
 from pamid.report.formatting import channel_unit, effect_label, port_label
-from pamid.report.formula import FormulaError, formula_html
+from pamid.report.formula import FormulaError, formula_html, formula_text
 from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
@@ -178,7 +178,7 @@ def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
         return ()  # the sentence above has it as text
     at = f" at the {port_label(unknown.port)} port" if unknown.port else ""
     title = f"The term that is missing{at}, as it is described best"
-    return (Equation(title, (math,), (formula,)),)
+    return (Equation(title, (math,), (formula_text(formula),)),)
 
 
 def _cause_equation(rig: str, cause: Cause) -> Equation | None:

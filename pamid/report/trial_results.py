@@ -104,7 +104,7 @@ def reached_text(trial: Trial) -> str:
     """ "9 of 12 targets are reached"."""
     judged = [one.reached for one in trial.scored if one.reached is not None]
     return (
-        f"{sum(judged)} of {len(judged)} targets are reached"
+        f"{sum(judged)} of {len(judged)} targets {'is' if sum(judged) == 1 else 'are'} reached"
         if judged
         else "No case counts for a target"
     )
