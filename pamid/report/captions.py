@@ -223,8 +223,8 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
             "no-structural-gap": "no effect is needed",
         }.get(diagnosis.verdict, "these recordings do not suffice to confirm it")
         return formatting.sentence(
-            f"the best candidate, {effect_label(best.effect)}, removes {percent(best.shrinkage)} "
-            f"of the held-out error{over_channels(diagnosis)}; {tail}"
+            f"the most probable candidate, {effect_label(best.effect)}, removes "
+            f"{percent(best.shrinkage)} of the held-out error{over_channels(diagnosis)}; {tail}"
         ).removesuffix(".")
     first = effect_label(best.effect)
     text = (

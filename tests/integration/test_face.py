@@ -403,9 +403,11 @@ def test_a_check_lists_what_is_wrong(recorded: Path) -> None:
         pamid.fit(backwards, PushedCart, progress=False)
     of_rig = pamid.check(PushedCart)
     assert (of_rig.kind, of_rig.subject) == ("rig", "PushedCart") and of_rig.ok
-    assert pamid.check(ConstantPull).kind == "effect"
-    with pytest.raises(UsageError, match="only recordings are drawn"):
-        of_rig.plot()
+    assert of_rig.plot().get_suptitle().startswith("The rig pushed-cart, from what is sent")
+    of_effect = pamid.check(ConstantPull)
+    assert of_effect.kind == "effect" and not of_effect.drawable
+    with pytest.raises(UsageError, match="only recordings and sound rigs are drawn"):
+        of_effect.plot()
 
 
 def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) -> None:
