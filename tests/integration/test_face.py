@@ -289,9 +289,10 @@ def test_a_diagnosis_is_the_commands(
     found: pamid.DiagnosisResult, recorded: Path, tmp_path: Path
 ) -> None:
     folder, words = tmp_path / "run", [w for name in LEFT_OUT for w in ("--without", name)]
-    assert (
-        frame.run(["diagnose", str(recorded), "--rig", RIG, "--output", str(folder), *words]) == 0
-    )
+    drawn = tmp_path / "pictures" / "rig.png"
+    words += ["--output", str(folder), "--figure", str(drawn)]
+    assert frame.run(["diagnose", str(recorded), "--rig", RIG, *words]) == 0
+    assert drawn.read_bytes() == found.rig_png()
     saved = found.save(tmp_path / "saved")
     assert sorted(p.name for p in folder.iterdir()) == sorted(p.name for p in saved.iterdir())
     for path in folder.iterdir():

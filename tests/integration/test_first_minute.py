@@ -119,6 +119,18 @@ def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path: Path) -> None:
     assert stay[0].startswith("refitted, held-out errors: ") and stay[-1].startswith("verdict: ")
 
 
+def test_a_bootstrap_counts_its_draws_after_the_fit_has_been_told(tmp_path: Path) -> None:
+    said: list[str] = []
+    pamid.fit(record_cart(tmp_path), RIG, bootstrap=3, check=False, progress=said.append)
+    (fitted,) = [k for k, text in enumerate(said) if isinstance(text, Settled)]
+    assert said[fitted].startswith("fitted, intervals follow: mass_kg 1.")
+    draws = [k for k, text in enumerate(said) if text.startswith("bootstrap draw")]
+    assert (
+        len(draws) == 3 and draws[0] > fitted and said[draws[-1]].startswith("bootstrap draw 3/3")
+    )
+    assert any(text.startswith("fitting ") and "/" in text for text in said[:fitted])
+
+
 def test_a_log_gets_its_first_line_soon(clock: Clock) -> None:
     stream = io.StringIO()
     with ProgressLine("anything", in_logs=True, stream=stream) as line:
