@@ -77,7 +77,8 @@ def command(
     chosen = paper_named(paper)
     _refuse_strangers(paper, [name for name in options if name not in chosen.OPTIONS])
     known = {name: value for name, value in options.items() if name in chosen.OPTIONS}
-    stages = WORK_STAGES.get(f"reproduce-paper --paper {paper}")
+    how = f"--paper {paper}" if paper != "joint" else "--quick" if quick else ""
+    stages = WORK_STAGES.get(f"reproduce-paper {how}".rstrip())
     with progress_line("reproduce-paper", stages=stages) as progress:
         found = reproduce_paper(
             paper,

@@ -97,6 +97,7 @@ class ProgressLine:
         self._listed = False
         self._settled: list[str] = []
         self._reached, self._share = 0, 0.0  # the stage, and how much of the whole is done
+        self._again = False  # is it a stage that has come before?
 
     def __enter__(self) -> ProgressLine:
         return self
@@ -135,7 +136,9 @@ class ProgressLine:
         count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
         spent = now - self._begun
         if self._stages:
-            count, stage = f"{self._reached + 1} of {len(self._stages)}, ", self._overall(spent)
+            count = f"{self._reached + 1} of {len(self._stages)}, "
+            # how many rounds are still to come nobody knows before they are done
+            stage = f", a further round{stage}" if self._again else self._overall(spent)
         elif self._total and done > 0:
             left = spent * (self._total - done) / done
             stage = f", {100 * done // self._total} %, at most {_time_text(left)} left"
@@ -166,6 +169,7 @@ class ProgressLine:
         own = [k for k, one in enumerate(self._stages) if text.startswith(one.begins)]
         if not own:
             return
+        self._again = own[0] < self._reached
         self._reached = max(self._reached, own[0])
         found = _COUNTED.match(text)
         part = min(1.0, int(found[2]) / int(found[3])) if found and int(found[3]) else 0.0

@@ -65,6 +65,11 @@ WORK_STAGES: dict[str, tuple[WorkStage, ...]] = {
         WorkStage("training", 0.89, "training the network"),
         *_within(_DIAGNOSE, 0.1),
     ),
+    "reproduce-paper --quick": (
+        WorkStage(_RECORDING, 0.02),
+        WorkStage("training", 0.1, "training the network"),
+        *_within(_DIAGNOSE, 0.88),
+    ),
     "reproduce-paper --paper arm": (
         WorkStage(_RECORDING, 0.05),
         WorkStage("gravity-without-payload:", 0.1, "gravity tests without payload"),

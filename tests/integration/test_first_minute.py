@@ -71,7 +71,10 @@ def test_known_stages_are_listed_once_and_say_what_is_left_of_all(clock: Clock) 
         assert stream.getvalue().rstrip().endswith(told)
         clock.now = 130.0
         line.say("one more time")  # what was reached stays reached
-        assert "2 of 3, one more time (30 s, 50 %, about 30 s left)" in stream.getvalue()
+        assert "2 of 3, one more time (30 s, a further round)" in stream.getvalue()
+        clock.now = 132.0
+        line.say("one 1/4: y")
+        assert "one 1/4: y (32 s, a further round, 25 % of this stage)" in stream.getvalue()
         clock.now = 1000.0
         line.say("three")
         assert "3 of 3, three (15 min, 80 %, about 4 min left)" in stream.getvalue()
