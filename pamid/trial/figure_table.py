@@ -144,7 +144,7 @@ def summary(found: dict[str, Any]) -> str:
     return (
         f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
         f"{failed} failed; {unseen['hits']} of {unseen['of']} planted gaps do not show and count "
-        "for nothing but detection."
+        "for detection only."
     )
 
 
