@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
+from .options import figure_option, require_png, write_figure
 
 PLACE = 40
 EXAMPLE = """
@@ -20,10 +21,9 @@ WRONG = 3
 @click.option(
     "--rig", help="Rig (name or file) the recording is meant for. [default: the one its TOML names]"
 )
-@click.option(
-    "--figure",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="PNG to draw: every channel of a recording, with the places of each finding.",
+@figure_option(
+    "every channel of a recording, with the places of each finding; a rig as a block diagram of "
+    "its ports"
 )
 @frame.overwrite_option("Replace the figure if it exists.", formerly_force=True)
 def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -> frame.Result:
@@ -42,15 +42,15 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     """
     from pamid.api.checking import check
     from pamid.base.errors import UsageError
-    from pamid.base.files import make_folder, require_new, write_atomically
 
-    require_new([figure] if figure else [], overwrite, "--figure")
+    require_png(figure, overwrite)
     found = check(file, rig)
     said, text = found.to_dict(), found.summary()
-    if figure is not None and found.kind != "recording":
-        raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
-    if figure is not None and found.recording is not None:
-        make_folder(figure.parent)
-        write_atomically(figure, found.plot_png())
-        said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
+    if figure is not None and found.kind not in ("recording", "rig"):
+        raise UsageError(
+            "--figure draws recordings and rigs.", f"Leave it out: {file} holds neither."
+        )
+    if figure is not None and found.drawable:
+        text = f"{text}\n{write_figure(figure, found.plot_png())}"
+        said = {**said, "figure": str(figure)}
     return frame.Result(said, text, 0 if found.ok else WRONG)

@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .hints import unused
-from .options import jobs_option, seed_option
+from .options import jobs_option, run_output_option, seed_option
 from .terminal import aside, progress_line, quoted
 
 PLACE = 190
@@ -27,13 +27,7 @@ _BEGUN_OTHER = (
 
 
 @frame.command("demo", example=EXAMPLE)
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("demo-run"),
-    show_default=True,
-    help="Run folder to make.",
-)
+@run_output_option("demo-run")
 @click.option(
     "--rig",
     default="one-dof",

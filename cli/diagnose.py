@@ -9,7 +9,16 @@ import click
 
 from . import frame
 from .job import cluster_option, failed_text, said_of
-from .options import jobs_option, no_check_option, recording_options, run_output_option, seed_option
+from .options import (
+    figure_option,
+    jobs_option,
+    no_check_option,
+    recording_options,
+    require_png,
+    run_output_option,
+    seed_option,
+    write_figure,
+)
 from .terminal import progress_line, quoted, warning
 
 PLACE = 80
@@ -31,13 +40,14 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
 @seed_option("Same inputs and seed, same output.")
 @jobs_option()
-@run_output_option
+@run_output_option("diagnose-run")
 @no_check_option
 @cluster_option
 @click.option(
     "--resume", is_flag=True, help="Go on with the same diagnosis where it was interrupted."
 )
-@frame.overwrite_option("Replace an earlier run in that folder.")
+@figure_option("the rig as a block diagram, with the shares of the gap and the effects found")
+@frame.overwrite_option("Replace an earlier run in that folder, and the figure.")
 def command(
     recordings: tuple[Path, ...],
     rig: str | None,
@@ -50,6 +60,7 @@ def command(
     no_check: bool,
     cluster: str | None,
     resume: bool,
+    figure: Path | None,
     overwrite: bool,
 ) -> frame.Result:
     """Say where a model departs from its recordings, which effect of the catalogue causes it, and
@@ -62,6 +73,7 @@ def command(
     """
     from pamid.api.diagnosing import diagnose
 
+    require_png(figure, overwrite or resume)
     with progress_line("diagnose") as progress:
         run = diagnose(
             list(recordings),
@@ -81,6 +93,9 @@ def command(
             command=frame.command_line(),
         )
     found, text = said_of(output / "diagnosis.json", lambda found: diagnosis_text(found, output))
+    if figure is not None:
+        text, line, follow = text.rpartition("\nNext: ")  # what to do next stays the last line
+        text += f"\n{write_figure(figure, run.rig_png())}{line}{follow}"
     return frame.Result(found, text, 6 if run.failed_jobs else 0)
 
 

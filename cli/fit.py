@@ -42,7 +42,7 @@ pamid fit rec.csv --rig one-dof --output fitted
 )
 @seed_option("Same inputs and seed, same output.")
 @jobs_option("Processes for the bootstrap.", default=1)
-@run_output_option
+@run_output_option("fit-run")
 @no_check_option
 @cluster_option
 @click.option(
@@ -78,8 +78,10 @@ def command(
     """
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
+    from pamid.base.work_stages import WORK_STAGES
 
-    with progress_line("fit") as progress:
+    stages = WORK_STAGES["fit --bootstrap" if bootstrap else "fit"]
+    with progress_line("fit", stages=stages) as progress:
         model = fit(
             list(recordings),
             rig,

@@ -20,7 +20,7 @@ pamid check law/rig.py
 
 @frame.command("force-law", example=EXAMPLE)
 @click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
-@run_output_option
+@run_output_option("force-law-run")
 @click.option(
     "--sets",
     type=click.IntRange(2, 10),

@@ -292,7 +292,10 @@ def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def _GROUP() -> None:
     """Find out where a grey-box model departs from its rig, which effect causes it, and how far the
-    gap shrinks."""
+    gap shrinks.
+
+    New here: `pamid demo` needs no files. With a recording of yours: `pamid check REC.csv`, then
+    `pamid diagnose REC.csv --rig RIG`."""
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:

@@ -10,7 +10,7 @@ import click
 from . import frame
 from .excite import PlannedExcitation, make, refuse_other_options, settled
 from .hints import unused, why_not_driven
-from .options import seed_option
+from .options import figure_option, require_png_name, seed_option
 from .terminal import quoted
 
 PLACE = 10
@@ -130,7 +130,8 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
-    required=True,
+    default=Path("excitation.csv"),
+    show_default=True,
     help="File to write: .csv, .mat, .st or .h.",
 )
 @click.option(
@@ -139,11 +140,7 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     type=click.Choice(FORMAT_NAMES),
     help="What to write in it. [default: by its suffix]",
 )
-@click.option(
-    "--figure",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Picture of what it covers, PNG.",
-)
+@figure_option("what the signal covers")
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
 def command(
     output: Path, form: str | None, figure: Path | None, overwrite: bool, **request: Any
@@ -172,7 +169,7 @@ def command(
     and change points. Beside it a JSON file with what they are and their sha256 and, where the rig
     has to be set to something, a TOML file with it. `pamid simulate` reads CSV and TOML.
     """
-    from pamid.base.errors import FileError, UsageError
+    from pamid.base.errors import FileError
     from pamid.base.files import require_new
     from pamid.excitation.writers import format_of
 
@@ -184,11 +181,7 @@ def command(
             f"Write --output {quoted(output.with_suffix('.csv'))}.",
         )
     form = format_of(output, form)
-    if figure is not None and figure.suffix.lower() != ".png":
-        raise UsageError(
-            f"--figure {figure}: the picture is a PNG.",
-            f"Write --figure {quoted(figure.with_suffix('.png'))}.",
-        )
+    require_png_name(figure)
     request = settled(request)
     made = make(request)
     require_new(

@@ -68,8 +68,8 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
-    help="CSV file; several recordings are numbered. Or a folder. With --guess the TOML file "
-    "[default: printed].",
+    help="CSV file; several recordings are numbered. Or a folder. [default: recording.csv] With "
+    "--guess the TOML file [default: printed].",
 )
 @frame.overwrite_option("Replace outputs that exist.")
 def command(
@@ -104,15 +104,11 @@ def command(
         return _guess(logs[0], rig or "one-dof", asked, parse_known(known), output, overwrite)
     if angles or only:
         raise UsageError(f"{'--angles' if angles else '--only'} belongs to --guess.")
-    if mapping is None or output is None:
-        missing = "--mapping" if mapping is None else "--output"
-        hint = (
-            f"`pamid ingest --guess {quoted(logs[0])} --output {unused('map.toml')}` writes a "
-            "mapping."
-        )
+    if mapping is None:
         raise UsageError(
-            f"{missing} is missing.",
-            hint if mapping is None else f"For example --output {unused('recording.csv', logs)}.",
+            "--mapping is missing.",
+            f"`pamid ingest --guess {quoted(logs[0])} --output {unused('map.toml')}` writes a "
+            "mapping.",
         )
     with progress_line("reading logs", len(logs)) as progress:
         made = ingest(
@@ -123,7 +119,7 @@ def command(
             repair=repair,
             known=parse_known(known),
             kind=kind,
-            output=output,
+            output=output or Path("recording.csv"),
             overwrite=overwrite,
             progress=progress,
         )

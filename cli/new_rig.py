@@ -20,6 +20,8 @@ pamid new-rig rec.csv --like two-masses --column position_1_mm=x_mm --output my_
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.option(
     "--like",
+    "--rig",
+    "like",
     type=names.RIG_NAMES,
     help="Rig to start from. [default: the one whose columns fit best]",
 )

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from .terminal import quoted
+
 
 def parse_known(
     pairs: tuple[str, ...], hint: str = "For example inertia_kg_m2=0.0896."
@@ -55,18 +57,60 @@ def jobs_option(what: str = "Processes to use.", default: int = 2) -> Callable[.
     )
 
 
+def figure_option(what: str) -> Callable[..., Any]:
+    """--figure; what: for people, what the PNG shows."""
+    return click.option(
+        "--figure",
+        type=click.Path(dir_okay=False, path_type=Path),
+        help=f"PNG to draw: {what}.",
+    )
+
+
+def require_png(figure: Path | None, overwrite: bool) -> None:
+    """Before any work: UsageError where the picture would be no PNG, FileError where it is there
+    and may not be replaced."""
+    from pamid.base.files import require_new
+
+    require_png_name(figure)
+    require_new([figure] if figure else [], overwrite, "--figure")
+
+
+def require_png_name(figure: Path | None) -> None:
+    """UsageError where the picture would be no PNG."""
+    from pamid.base.errors import UsageError
+
+    if figure is not None and figure.suffix.lower() != ".png":
+        raise UsageError(
+            f"--figure {figure}: the picture is a PNG.",
+            f"Write --figure {quoted(figure.with_suffix('.png'))}.",
+        )
+
+
+def write_figure(figure: Path, png: bytes) -> str:
+    """Write it, folders included; the line that tells of it."""
+    from pamid.base.files import make_folder, write_atomically
+
+    make_folder(figure.parent)
+    write_atomically(figure, png)
+    return f"Figure: {figure}"
+
+
 no_check_option = click.option(
     "--no-check",
     is_flag=True,
     help="Fit recordings as they are, also where `pamid check` calls them wrong for the rig.",
 )
 
-run_output_option = click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Run folder to make.",
-)
+
+def run_output_option(default: str, what: str = "Run folder to make.") -> Callable[..., Any]:
+    """--output of a command that makes a folder."""
+    return click.option(
+        "--output",
+        type=click.Path(file_okay=False, path_type=Path),
+        default=Path(default),
+        show_default=True,
+        help=what,
+    )
 
 
 def recording_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -7,7 +7,15 @@ from pathlib import Path
 import click
 
 from . import frame
-from .options import jobs_option, noise_factor, parse_known, seed_option
+from .options import (
+    figure_option,
+    jobs_option,
+    noise_factor,
+    parse_known,
+    require_png,
+    seed_option,
+    write_figure,
+)
 from .terminal import progress_line, quoted
 
 PLACE = 22
@@ -49,11 +57,7 @@ pamid power --rig one-dof --excitation excitation.csv --figure power.png
 )
 @seed_option("Same seed, same noise.")
 @jobs_option()
-@click.option(
-    "--figure",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="PNG to write: effects by size.",
-)
+@figure_option("effects by size")
 @frame.overwrite_option("Replace the figure if it exists.")
 def command(
     rig: str | None,
@@ -75,15 +79,8 @@ def command(
     it: read the smallest sizes as the best case.
     """
     from pamid.api.planning import power
-    from pamid.base.errors import UsageError
-    from pamid.base.files import require_new, write_atomically
 
-    if figure is not None and figure.suffix.lower() != ".png":
-        raise UsageError(
-            f"--figure {figure}: the picture is a PNG.",
-            f"Write --figure {quoted(figure.with_suffix('.png'))}.",
-        )
-    require_new([figure] if figure else [], overwrite)
+    require_png(figure, overwrite)
     with progress_line("power") as progress:
         found = power(
             excitation,
@@ -97,7 +94,6 @@ def command(
         )
     text = found.summary()
     if figure is not None:
-        write_atomically(figure, found.picture())
-        text += f"\n\nFigure: {figure}"
+        text += f"\n\n{write_figure(figure, found.picture())}"
     follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig or found.rig)}"
     return frame.Result(found.to_dict(), f"{text}\nNext: {follow} --output rec.csv")

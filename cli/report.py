@@ -18,7 +18,7 @@ _BESIDE = "-"  # --pdf without a file
 
 
 @frame.command("report", example=EXAMPLE)
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN")
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path), metavar="RUN")
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -37,8 +37,19 @@ _BESIDE = "-"  # --pdf without a file
     is_flag=True,
     help="Put two or more runs side by side: causes, parameters, errors, what changed in the data.",
 )
+@click.option(
+    "--rig",
+    help="Path of the file of the run's rig (it is run), where that is not of the catalogue: for "
+    "the animation, which needs its pose.",
+)
+@frame.overwrite_option("Replace the page also where it is no report of pamid's.")
 def command(
-    runs: tuple[Path, ...], output: Path | None, pdf: str | None, compare: bool
+    runs: tuple[Path, ...],
+    output: Path | None,
+    pdf: str | None,
+    compare: bool,
+    rig: str | None,
+    overwrite: bool,
 ) -> frame.Result:
     """Turn the run folder RUN into one self-contained HTML page and figures; or that of a trial, or
     of a paper.
@@ -49,16 +60,22 @@ def command(
     """
     from pamid.base.errors import UsageError
 
+    if not runs:
+        raise UsageError("No run was named.", "`pamid runs` lists those in and below this folder.")
+    if compare and rig is not None:
+        raise UsageError("--compare draws no rig.", "Leave --rig out.")
     if compare:
-        return _comparison(runs, output, pdf)
+        return _comparison(runs, output, pdf, overwrite)
     if len(runs) > 1:
         raise UsageError(
             f"One run makes a page; {len(runs)} were named.", "To put them side by side: --compare."
         )
-    return _page(runs[0], output, pdf)
+    return _page(runs[0], output, pdf, rig, overwrite)
 
 
-def _page(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
+def _page(
+    run: Path, output: Path | None, pdf: str | None, rig: str | None, overwrite: bool
+) -> frame.Result:
     """The page of one run."""
     from pamid.report.recording_errors import recording_errors_text
     from pamid.report.tables import mae_text
@@ -67,7 +84,7 @@ def _page(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
 
     page = run / "report.html" if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
-    report = write_report(run, output, paper)
+    report = write_report(run, output, paper, rig=rig, overwrite=overwrite)
     found = WrittenReport(
         page=str(report.page),
         figures=tuple(map(str, report.figures)),
@@ -84,7 +101,9 @@ def _page(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     return frame.Result(found, f"{table}Page: {report.page}{written}")
 
 
-def _comparison(runs: tuple[Path, ...], output: Path | None, pdf: str | None) -> frame.Result:
+def _comparison(
+    runs: tuple[Path, ...], output: Path | None, pdf: str | None, overwrite: bool
+) -> frame.Result:
     """The page of several runs, side by side."""
     from pamid.report.comparison_page import changes_of, compared_runs, comparison_sentence
     from pamid.report.run_summaries import summary_of
@@ -94,7 +113,7 @@ def _comparison(runs: tuple[Path, ...], output: Path | None, pdf: str | None) ->
     found = compared_runs(runs)
     page = Path("comparison.html") if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
-    write_comparison(found, page, paper)
+    write_comparison(found, page, paper, overwrite=overwrite)
     changed = changes_of(found)
     told = WrittenComparison(
         page=str(page), runs=tuple(map(summary_of, runs)), changed=tuple(changed)

@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from . import frame, names
-from .options import jobs_option, seed_option
+from .options import jobs_option, run_output_option, seed_option
 from .terminal import progress_line
 
 PLACE = 90
@@ -60,13 +60,7 @@ def _owners(option: str) -> str:
     help=f"Length of the training record. {_owners('seconds')} [default: 200; 30 with --quick]",
 )
 @jobs_option(f"Processes for the diagnosis. {_owners('jobs')}")
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("paper-run"),
-    show_default=True,
-    help="Run folder to make.",
-)
+@run_output_option("paper-run")
 @click.option("--quick", is_flag=True, help="Short records and few iterations, to see it work.")
 @click.option(
     "--resume",
@@ -77,12 +71,15 @@ def _owners(option: str) -> str:
 def command(
     paper: str, output: Path, overwrite: bool, seed: int, quick: bool, **options: Any
 ) -> frame.Result:
+    from pamid.base.work_stages import WORK_STAGES
     from pamid.replications.reproducing import paper_named, reproduce_paper
 
     chosen = paper_named(paper)
     _refuse_strangers(paper, [name for name in options if name not in chosen.OPTIONS])
     known = {name: value for name, value in options.items() if name in chosen.OPTIONS}
-    with progress_line("reproduce-paper") as progress:
+    how = f"--paper {paper}" if paper != "joint" else "--quick" if quick else ""
+    stages = WORK_STAGES.get(f"reproduce-paper {how}".rstrip())
+    with progress_line("reproduce-paper", stages=stages) as progress:
         found = reproduce_paper(
             paper,
             output,

@@ -2,34 +2,56 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from . import frame, names
+from .options import figure_option, require_png, write_figure
 
 PLACE = 150
 EXAMPLE = """
 pamid rigs
-pamid rigs one-dof
+pamid rigs one-dof --figure joint.png
 """
 
 
 @frame.command("rigs", example=EXAMPLE)
 @click.argument("name", required=False, type=names.RIG_NAMES)
-def command(name: str | None) -> frame.Result:
+@click.option("--rig", "named", type=names.RIG_NAMES, help="The same as NAME.")
+@figure_option("the rig as a block diagram of its ports")
+@frame.overwrite_option("Replace the figure if it exists.")
+def command(
+    name: str | None, named: str | None, figure: Path | None, overwrite: bool
+) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 
     The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters
     with their sources, background terms, and its equations, in which whatever passes through a port
     bears the name of the port.
     """
+    from pamid.base.errors import UsageError
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.schemas.catalogue_files import RigCatalogue
 
+    name = name or named
+    if figure is not None and name is None:
+        raise UsageError("--figure draws one rig.", "Name it: pamid rigs one-dof --figure rig.png.")
+    require_png(figure, overwrite)
     if name is None:
         rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())
         lines = [f"{row.name:<20} {row.title}" for row in rows]
         lines += ["", f"One of them, or a file of yours: pamid rigs {rows[0].name}"]
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
-    said = catalogue.rig_story(library.rig_named(name), library.effects().values())
-    return frame.Result(RigCatalogue(rig=said), catalogue.rig_text(said))
+    rig = library.rig_named(name)
+    said = catalogue.rig_story(rig, library.effects().values())
+    text = catalogue.rig_text(said)
+    if figure is not None:
+        from pamid.model.port_flow import rig_map
+        from pamid.report.rig_figure import bare_rig_drawing
+        from pamid.report.style import png_of
+
+        drawing = bare_rig_drawing(rig_map(rig, rig.outputs))
+        text += f"\n{write_figure(figure, png_of(drawing))}"
+    return frame.Result(RigCatalogue(rig=said), text)

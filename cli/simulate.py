@@ -76,7 +76,8 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
-    required=True,
+    default=Path("simulated.csv"),
+    show_default=True,
     help="CSV file to write.",
 )
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)

@@ -19,6 +19,7 @@ import click
 
 if TYPE_CHECKING:
     from pamid.base.progress import ProgressLine
+    from pamid.base.work_stages import WorkStage
 
 #: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
 #: tags, half characters
@@ -57,11 +58,13 @@ def warning(text: str) -> None:
     aside(f"Warning: {text}")
 
 
-def progress_line(label: str, total: int | None = None) -> ProgressLine:
-    """Progress on stderr, in log files, too."""
+def progress_line(
+    label: str, total: int | None = None, *, stages: tuple[WorkStage, ...] | None = None
+) -> ProgressLine:
+    """Progress on stderr, in log files, too; see `pamid.base.progress.ProgressLine`."""
     from pamid.base.progress import ProgressLine
 
-    return ProgressLine(label, total, in_logs=True)
+    return ProgressLine(label, total, in_logs=True, stages=stages)
 
 
 def hang_up(stream: TextIO | None = None) -> None:

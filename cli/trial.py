@@ -10,7 +10,7 @@ import click
 
 from . import frame, names
 from .job import cluster_option, failed_text
-from .options import jobs_option, seed_option
+from .options import jobs_option, run_output_option, seed_option
 from .terminal import progress_line, quoted
 
 if TYPE_CHECKING:
@@ -25,12 +25,7 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 
 
 @frame.command("trial", example=EXAMPLE)
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Folder of the trial.",
-)
+@run_output_option("trial-run", "Folder of the trial.")
 @click.option(
     "--rig",
     default="one-dof",
@@ -72,6 +67,7 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     is_flag=True,
     help="Go on with the trial in the folder: cases that are finished stay.",
 )
+@frame.overwrite_option("Replace an earlier trial in that folder: all cases are run anew.")
 @click.option(
     "--only",
     type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]),
@@ -102,6 +98,7 @@ def command(
     cluster: str | None,
     index: str | None,
     resume: bool,
+    overwrite: bool,
     only: str | None,
     calibrate: Path | None,
     also: tuple[Path, ...],
@@ -143,6 +140,7 @@ def command(
 
     if calibrate is not None:
         _require_calibration(part)
+    _require_one_way(resume, overwrite, index)
     tried = _tried(rig, excitation)
     fixed = {"part": part, "seed": seed}
     if not isinstance(tried, str):
@@ -156,14 +154,18 @@ def command(
     with worker_pool(jobs, cluster) as pool:
         if index is not None:
             return _share(output, tried, fixed, options, inputs, _share_of(index), pool)
-        run = _begun(output, fixed, options, inputs, resume)
+        run = (
+            _replaced(output, fixed, options, inputs)
+            if overwrite
+            else _begun(output, fixed, options, inputs, resume)
+        )
         try:
-            with progress_line("trial") as progress:
+            with progress_line("trial", cases) as progress:
                 found = run_trial(
                     output,
                     CaseSelection(part, cases, seed, tried, only or ""),
                     pool,
-                    done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
+                    done=lambda i, n: progress.update(i, "cases", n),
                 )
         except BaseException as error:
             run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
@@ -235,7 +237,7 @@ def _share(
     ).draw()
     cases = every_case[number - 1 :: count]
     with progress_line("trial", len(cases)) as progress:
-        results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
+        results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases", n))
     failed = failed_jobs(results)
     found = TrialShare(
         index=number, of=count, cases=tuple(c.number for c in cases), failed_jobs=failed
@@ -278,11 +280,46 @@ def _begun(
     if not resume:
         raise FileError(
             f"{output} is taken: it already holds this trial, or a part of it.",
-            "Go on with it by --resume, or give --output another folder.",
+            "Go on with it by --resume, replace it by --overwrite, or give another --output.",
             code="run-folder",
         )
     run.begin_step(command=frame.command_line(), seed=fixed["seed"], options=options)
     return run
+
+
+def _replaced(
+    output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
+) -> Run:
+    """The trial's folder, without what an earlier trial has left in it; FileError if it holds
+    anything else."""
+    from pamid.base.run_folder import Run
+    from pamid.trial.case_runs import forget_cases
+
+    if (output / "run.json").is_file():
+        held = Run.open(output).record["options"].get("trial")
+        _same(Run.open(output), held if isinstance(held, dict) else fixed)
+    run = Run.create(
+        output,
+        command=frame.command_line(),
+        seed=fixed["seed"],
+        inputs=inputs,
+        options={"trial": fixed, **options},
+        overwrite=True,
+    )
+    forget_cases(output)
+    return run
+
+
+def _require_one_way(resume: bool, overwrite: bool, index: str | None) -> None:
+    """UsageError for two words about one folder."""
+    from pamid.base.errors import UsageError
+
+    if overwrite and (resume or index is not None):
+        raise UsageError(
+            f"--overwrite replaces the earlier trial, {'--resume' if resume else '--index'} goes "
+            "on with it.",
+            "Give one of them.",
+        )
 
 
 def _joined(

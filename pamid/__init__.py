@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     ) -> Report: ...
 
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME = {
     "Assembly": "pamid.model.assembly",

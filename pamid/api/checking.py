@@ -13,10 +13,12 @@ from pamid.base.errors import UsageError
 from pamid.checks.conformance import CheckOutcome
 from pamid.checks.inspection import Inspection, inspect, inspection_text
 from pamid.checks.recording_quality import QualityIssue
+from pamid.checks.rig_ports import checked_ports
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
+from pamid.schemas.rig_map import RigMap
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -37,6 +39,7 @@ class CheckResult:
     findings: tuple[CheckOutcome, ...]
     recording: Recording | None
     _inspection: Inspection
+    _rig: Path | type[Rig] | None = None
 
     @property
     def problems(self) -> tuple[CheckOutcome, ...]:
@@ -56,25 +59,45 @@ class CheckResult:
         """Problems first, then notes and what is as it should be, as lines of text."""
         return inspection_text(self._inspection.said)
 
-    def plot(self) -> NotebookFigure:
-        """Every channel of a recording with the places of each finding; UsageError for anything
-        else."""
-        from pamid.report.quality_figure import card_figure
+    @property
+    def drawable(self) -> bool:
+        """Is there a picture of it?"""
+        return self.recording is not None or self._ports() is not None
 
+    def plot(self) -> NotebookFigure:
+        """Every channel of a recording with the places of each finding; a rig as a block diagram of
+        its ports. UsageError for anything else."""
+        from pamid.report.quality_figure import card_figure
+        from pamid.report.rig_figure import bare_rig_drawing
+        from pamid.report.style import figure_of
+
+        ports = self._ports()
+        if ports is not None:
+            return figure_of(bare_rig_drawing(ports))
         return card_figure(*self._drawn())
 
     def plot_png(self) -> bytes:
         """The same as a small PNG file."""
         from pamid.report.quality_figure import card_png
+        from pamid.report.rig_figure import bare_rig_drawing
+        from pamid.report.style import png_of
 
+        ports = self._ports()
+        if ports is not None:
+            return png_of(bare_rig_drawing(ports))
         return card_png(*self._drawn())
+
+    def _ports(self) -> RigMap | None:
+        """The ports of a rig that was checked; None of anything else, or where it does not
+        build."""
+        return None if self.kind != "rig" or self._rig is None else checked_ports(self._rig)
 
     def _drawn(
         self,
     ) -> tuple[Recording, tuple[QualityIssue, ...], dict[str, dict[str, float]], list[str]]:
         if self.recording is None:
             what = "could not be read" if self.kind == "recording" else f"is a {self.kind} file"
-            raise UsageError(f"{self.subject} {what}: only recordings are drawn.")
+            raise UsageError(f"{self.subject} {what}: only recordings and sound rigs are drawn.")
         issues = self._inspection.issues
         told = {issue.text for issue in issues}
         others = [f.detail for f in self.problems if f.detail not in told]
@@ -128,4 +151,9 @@ def check(
         ),
         found.recording,
         found,
+        looked_at
+        if isinstance(looked_at, type) and issubclass(looked_at, Rig)
+        else looked_at
+        if isinstance(looked_at, Path)
+        else None,
     )

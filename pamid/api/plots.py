@@ -9,7 +9,7 @@ from pamid.report.evidence_figures import training_drawing
 from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing, window_drawing
 from pamid.report.load import RunData
 from pamid.report.rig_figure import rig_drawing
-from pamid.report.style import Drawing, figure_of
+from pamid.report.style import Drawing, figure_of, png_of
 
 PLOTTED_MODELS = ("data_sheet", "refitted", "cause", "network")
 
@@ -41,6 +41,10 @@ def rig_map_figure(run: RunData) -> NotebookFigure:
     return _shown(rig_drawing(run.diagnosis), "ports of its rig")
 
 
+def rig_map_png(run: RunData) -> bytes:
+    return png_of(_required(rig_drawing(run.diagnosis), "ports of its rig"))
+
+
 def ports_figure(run: RunData) -> NotebookFigure:
     drawing = ports_drawing(run.diagnosis) if run.diagnosis is not None else None
     return _shown(drawing, "shares of ports")
@@ -57,6 +61,10 @@ def training_figure(run: RunData) -> NotebookFigure:
 
 
 def _shown(drawing: Drawing | None, what: str) -> NotebookFigure:
+    return figure_of(_required(drawing, what))
+
+
+def _required(drawing: Drawing | None, what: str) -> Drawing:
     if drawing is None:
         raise DataError(f"This run holds no {what}.", "`pamid.report` shows all that it holds.")
-    return figure_of(drawing)
+    return drawing

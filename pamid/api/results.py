@@ -24,8 +24,10 @@ from pamid.diagnosis.verdict_words import size_of, weight_of
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
+from pamid.report.captions import reason_text
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
+from pamid.report.rig_card import rig_svg
 from pamid.schemas.diagnosis_file import (
     Candidate,
     GapShare,
@@ -319,6 +321,12 @@ class DiagnosisResult(FitResult):
 
         return rig_map_figure(self.data)
 
+    def rig_png(self) -> bytes:
+        """The same as a PNG file."""
+        from pamid.api.plots import rig_map_png
+
+        return rig_map_png(self.data)
+
     def plot_ports(self) -> NotebookFigure:
         """The share of the gap that enters at every port; DataError where there is no gap."""
         from pamid.api.plots import ports_figure
@@ -338,7 +346,7 @@ class DiagnosisResult(FitResult):
     def _repr_html_(self) -> str:
         if self.remark:
             return card(self.verdict, paragraph(self.remark), self._errors_html())
-        where = ", ".join(f"{port} {share:.0%}" for port, share in self.ports if share >= 0.005)
+        where = ", ".join(f"{port} {percent_text(s)}" for port, s in self.ports if s >= 0.005)
         causes = [
             (
                 c.effect,
@@ -351,7 +359,7 @@ class DiagnosisResult(FitResult):
             for c in self.causes[:MOST_CARD_ROWS]
         ]
         gains = [
-            f"{name}: {e.shrinkage:.0%} ({e.low:.0%} .. {e.high:.0%})"
+            f"{name} {percent_text(e.shrinkage)} ({percents_text(e.low, e.high)})"
             for name, e in self.errors.items()
             if e.shrinkage is not None and e.low is not None and e.high is not None
         ]
@@ -359,11 +367,12 @@ class DiagnosisResult(FitResult):
         return card(
             self.sentence or self.verdict,
             paragraph(f"Where: {where}" if where else ""),
+            rig_svg(self.data.diagnosis),
             html_table((CAUSE_HEADS, causes)),
             paragraph(self._left()),
             paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
             self._errors_html(),
-            paragraph(f"Measure next: {following.name}. {following.why}" if following else ""),
+            paragraph(f"Measure next: {_short(following)}." if following else ""),
         )
 
     def _left(self) -> str:
@@ -372,6 +381,12 @@ class DiagnosisResult(FitResult):
             return ""
         size = size_of(self.remainder, beside=bool(self.causes))
         return f"Left: {size}; {weight_of(self.remainder)}."
+
+
+def _short(following: NextExperiment) -> str:
+    """Its name and what it is; what it was weighed by is left to the page."""
+    why = reason_text(following)
+    return f"{following.name}: {why}" if why else following.name
 
 
 def result_of(

@@ -12,11 +12,17 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Literal, Protocol, TextIO, TypeAlias, runtime_checkable
 
+from pamid.base.work_stages import WORK_STAGES, WorkStage
+
 Progress: TypeAlias = Callable[[str], None]
 
 
 def silent(text: str) -> None:
     """The callback of those who do not want to know."""
+
+
+class Settled(str):
+    """A line of progress that stays: a result that is final while the rest of the work goes on."""
 
 
 @runtime_checkable
@@ -34,6 +40,7 @@ _LIVE_S = 0.1
 _LOG_S = 15.0
 _FIRST_S = 3.0  # a log gets its first line sooner than the next ones
 _WIDTH = 100
+_EARLY = 0.1  # share of the work before which nothing is said of the time that is left
 _COUNTED = re.compile(r"(.+?) (\d+)/(\d+)")  # "screening 15/33: coulomb-friction"
 
 
@@ -64,8 +71,10 @@ class ProgressLine:
 
     On a terminal and in a notebook a line on stderr that updates itself and is wiped at the end;
     log files and pipes get a line after 3 s, then every 15 s, where `in_logs`, else nothing. Quick
-    work says nothing. Stages that count (`screening 15/33: ...`) say how much of them is done, and
-    how long the rest of them takes if it goes as fast.
+    work says nothing. Work whose stages are known (by default those of the label in
+    `WORK_STAGES`) lists them once, and says how much of the whole is done and about how long the
+    rest takes; other stages that count (`screening 15/33: ...`) the same of themselves. A `Settled`
+    text stays on a line of its own.
     """
 
     def __init__(
@@ -75,6 +84,7 @@ class ProgressLine:
         *,
         in_logs: bool = False,
         stream: TextIO | None = None,
+        stages: tuple[WorkStage, ...] | None = None,
     ) -> None:
         self._label, self._total = label, total
         self._stream = stream if stream is not None else sys.stderr
@@ -83,6 +93,11 @@ class ProgressLine:
         self._begun = self._shown = time.monotonic()
         self._length = 0
         self._stage = ("", 0, self._begun)  # its name, what was done, and when it was first told
+        self._stages = WORK_STAGES.get(label, ()) if stages is None else stages
+        self._listed = False
+        self._settled: list[str] = []
+        self._reached, self._share = 0, 0.0  # the stage, and how much of the whole is done
+        self._again = False  # is it a stage that has come before?
 
     def __enter__(self) -> ProgressLine:
         return self
@@ -100,30 +115,73 @@ class ProgressLine:
         """Say what is going on."""
         self.update(0, text)
 
-    def update(self, done: int, text: str = "") -> None:
-        """Say that `done` of the total are finished; `text` is what is going on. The rest is taken
-        to go as fast, and may not be needed."""
+    def update(self, done: int, text: str = "", total: int | None = None) -> None:
+        """Say that `done` of the total are finished (total: where only now it is known); `text` is
+        what is going on. The rest is taken to go as fast, and may not be needed."""
+        self._total = self._total if total is None else total
         if self._silent:
             return
         now = time.monotonic()
+        if isinstance(text, Settled):
+            self._settled.append(text)
+            self._say_what_stays(now - self._begun)
+            return
         stage = self._counted(text, now)
+        self._count_stages(text)
         wait = _LIVE_S if self._live else _LOG_S if self._length else _FIRST_S
         if now - self._shown < wait:
             return
         self._shown = now
+        self._say_what_stays(now - self._begun)
         count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
         spent = now - self._begun
-        left = (
-            f", at most {spent * (self._total - done) / done:.0f} s left"
-            if self._total and done > 0
-            else stage
-        )
+        if self._stages:
+            count = f"{self._reached + 1} of {len(self._stages)}, "
+            # how many rounds are still to come nobody knows before they are done
+            stage = f", a further round{stage}" if self._again else self._overall(spent)
+        elif self._total and done > 0:
+            left = spent * (self._total - done) / done
+            stage = f", {100 * done // self._total} %, at most {_time_text(left)} left"
         said = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
-        plain = "".join(c if c.isprintable() else " " for c in said)
-        line = f"{plain} ({spent:.0f} s{left})"
+        line = f"{_plain(said)} ({_time_text(spent)}{stage})"
         # blanks over the rest of the line before: notebooks do not know the terminal's codes
         self._write("\r" + line.ljust(self._length) if self._live else line + "\n")
         self._length = len(line)
+
+    def _say_what_stays(self, spent: float) -> None:
+        """The list of stages, once, and results that are final. Not of quick work: it ends before
+        anybody has read them."""
+        if spent < _FIRST_S:
+            return
+        lines = []
+        if self._stages and not self._listed:
+            self._listed = True
+            titles = ", ".join(one.title for one in self._stages)
+            lines.append(f"{self._label}: {len(self._stages)} stages: {titles}")
+        lines += [f"{self._label}: {_plain(one)}" for one in self._settled]
+        self._settled = []
+        for line in lines:
+            self._write(("\r" + line.ljust(self._length) if self._live else line) + "\n")
+
+    def _count_stages(self, text: str) -> None:
+        """Which stage the text tells of, and how much of the whole is done then: never less than
+        before, as some stages come again."""
+        own = [k for k, one in enumerate(self._stages) if text.startswith(one.begins)]
+        if not own:
+            return
+        self._again = own[0] < self._reached
+        self._reached = max(self._reached, own[0])
+        found = _COUNTED.match(text)
+        part = min(1.0, int(found[2]) / int(found[3])) if found and int(found[3]) else 0.0
+        before = sum(one.share for one in self._stages[: own[0]])
+        self._share = max(self._share, before + part * self._stages[own[0]].share)
+
+    def _overall(self, spent: float) -> str:
+        """Percent of the whole, and about how long the rest takes, if shares are as usual."""
+        if self._share < _EARLY:
+            return ""
+        left = spent * (1.0 - self._share) / self._share
+        return f", {100 * self._share:.0f} %, about {_time_text(left)} left"
 
     def _counted(self, text: str, now: float) -> str:
         """How much of a stage that counts is done, and what of it is left; else nothing."""
@@ -137,13 +195,27 @@ class ProgressLine:
         said = f", {100 * done // total} % of this stage"
         if done <= before or done >= total:
             return said
-        return f"{said}, about {(now - since) * (total - done) / (done - before):.0f} s of it left"
+        left = (now - since) * (total - done) / (done - before)
+        return f"{said}, about {_time_text(left)} of it left"
 
     def _write(self, text: str) -> None:
         with contextlib.suppress(OSError):  # a closed or full stderr stops no work
             if self._stream is not None:
                 self._stream.write(text)
                 self._stream.flush()
+
+
+def _plain(text: str) -> str:
+    """Nothing that a terminal obeys."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _time_text(seconds: float) -> str:
+    """ "40 s", "7 min", "2 h 5 min"."""
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
 def _updates(stream: TextIO) -> bool:

@@ -277,6 +277,8 @@ def judge(
     _check_size(points, sets, every)
     said = {name: forces(law, points) for name, law in LAWS.items()}
 
+    ways = [0, every + BANDS]  # trainings done, and in all
+
     def held_out(group: NDArray[np.intp], names: range) -> HeldOutForces:
         held = HeldOutForces(
             np.isin(group, names),
@@ -285,7 +287,8 @@ def judge(
         )
         for rows in (group == name for name in names if name in group):
             rest = {law: values[~rows] for law, values in said.items()}
-            progress(f"{rows.sum()} of {len(points)} points held out")
+            progress(f"training {ways[0]}/{ways[1]}: {rows.sum()} of {len(points)} held out")
+            ways[0] += 1
             held.anfis[rows] = pulls(
                 ForceLaw(_train(points.part(~rows), rest, sets, seed)), points.part(rows)
             )

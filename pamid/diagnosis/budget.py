@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress
+from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -53,6 +54,17 @@ class Budget:
     def channel_losses(self, absolutes: Array) -> Array:
         """One loss per window: channels added in units of their floors."""
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
+
+    def error_text(self) -> str:
+        """Of every channel, in its unit: the error with the data sheet, refitted, the floor."""
+        before, after, floor = (
+            seen_mean(one) for one in (self.data_sheet, self.baseline.absolutes, self.floor)
+        )
+        return "; ".join(
+            f"{name} {column_size(name, before[k]):.3g} -> {column_size(name, after[k]):.3g} "
+            f"(floor {column_size(name, floor[k]):.3g})"
+            for k, name in enumerate(self.model.evidence.channels)
+        )
 
 
 def gap_budget(

@@ -8,13 +8,13 @@ from typing import Any
 
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
-from pamid.base.progress import Progress, silent
+from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.diagnosis.next_experiment import Proposing
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import described, find_missing, left_over, missing_csv
-from pamid.diagnosis.verdict import diagnosis_json
+from pamid.diagnosis.verdict import completed, drafted
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
@@ -46,9 +46,11 @@ def diagnose_into(
         progress("describing the missing term")
         missing = find_missing(found, seed=seed, pool=pool)
         unknown = described(found, missing)
+    draft = drafted(found, unknown, seed)
+    progress(Settled(f"verdict: {draft.remark or draft.sentence}"))
     progress("looking for the next experiment")
     proposal = pool.one(Proposing(), found)
-    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": pool.failed_jobs}
+    result = completed(found, draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found, seed))
     write_atomically(
         run.path(RESIDUAL_FILE),

@@ -43,8 +43,14 @@ def diagnosis_json(
 def diagnosis_file(
     d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
 ) -> result.DiagnosisFile:
-    """The same as the model that describes it. unknown: of what is missing beside the causes, or
-    altogether where none is named (`pamid.diagnosis.unknown`)."""
+    """The same as the model that describes it."""
+    return completed(d, drafted(d, unknown, seed), proposal)
+
+
+def drafted(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> result.DiagnosisFile:
+    """All but the next experiment, which takes its time to find, and what is said of
+    contradictions. unknown: of what is missing beside the causes, or altogether where none is named
+    (`pamid.diagnosis.unknown`)."""
     shares = _where_shares(d)
     causes = _causes(d)
     isolable = isolability(d.evidence.rig, d.evidence.channels)
@@ -59,7 +65,6 @@ def diagnosis_file(
         where=_where(d, isolable, port, shares),
         how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
         transfer=tuple(result.Transfer(**one) for one in transfer(d)),
-        next_experiment=proposal_result(proposal),
         parameters=_rig_parameters(d.cause or d.budget.baseline),
         background=_background(d, d.cause or d.budget.baseline),
         unknown=result.Unknown(**unknown, free_forms=family_forms(d))
@@ -69,7 +74,14 @@ def diagnosis_file(
         rig=rig_map(d.evidence.rig, d.evidence.channels),
         **_judgement(d),
     )
-    said = found.model_copy(update={"sentence": sentence(found)})
+    return found.model_copy(update={"sentence": sentence(found)})
+
+
+def completed(
+    d: Diagnosis, draft: result.DiagnosisFile, proposal: Proposal | None
+) -> result.DiagnosisFile:
+    """A draft with what to measure next, and with notes on where it contradicts itself."""
+    said = draft.model_copy(update={"next_experiment": proposal_result(proposal)})
     against = [f"{CONTRADICTS}: {one}." for one in inconsistencies(said, d.settings)]
     held_back = [
         f"{m.effect} is probable (P {chance_figure(m.probability or 0.0)}), but not named: "

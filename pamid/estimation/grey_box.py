@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.progress import Progress, silent
-from pamid.estimation.intervals import bootstrap
-from pamid.estimation.multiple_shooting import fit_robustly
+from pamid.base.progress import Progress, Settled, silent
+from pamid.estimation.intervals import bootstrap, estimates
+from pamid.estimation.multiple_shooting import FIRST_STEPS, ITERATIONS, ROUNDS, fit_robustly
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.posterior import EarlierPosterior
 from pamid.estimation.problem import Fit, Problem, free_parameters
@@ -78,9 +79,7 @@ def fit_model(
         problem = replace(problem, prior=earlier.prior(problem))
     progress("fitting")
     fitted = escape_local_minimum(
-        fit_robustly(
-            problem, progress=lambda i, cost: progress(f"fitting, step {i}, cost {cost:.5g}")
-        ),
+        fit_robustly(problem, progress=_counting(progress)),
         evidence.noise,
     )
     if is_failed(fitted):
@@ -104,6 +103,8 @@ def fit_model(
         replay_track(assembly, assembly.data_sheet(), t, fitted.stepping, evidence.noise)
         for t in held
     )
+    if draws:
+        progress(Settled(f"fitted, intervals follow: {_values_text(fitted)}"))
     return GreyBox(
         evidence,
         assembly,
@@ -112,9 +113,32 @@ def fit_model(
         replays,
         sheet,
         floor,
-        bootstrap(fitted, draws, seed=seed, jobs=jobs, pool=pool) if draws else None,
+        bootstrap(fitted, draws, seed=seed, jobs=jobs, pool=pool, progress=progress)
+        if draws
+        else None,
         earlier,
     )
+
+
+def _values_text(fitted: Fit) -> str:
+    """The fitted parameters in one line."""
+    return ", ".join(f"{one.name} {one.value:.4g}" for one in estimates(fitted))
+
+
+def _counting(progress: Progress) -> Callable[[int, float], None]:
+    """Tells how many of the most steps of all rounds are done, as a round begins at step 1 again;
+    most fits need fewer."""
+    most = (FIRST_STEPS, *[ITERATIONS] * (ROUNDS - 1))
+    at = [0, 0]  # round, step before
+
+    def told(step: int, cost: float) -> None:
+        if step <= at[1]:
+            at[0] = min(at[0] + 1, len(most) - 1)
+        at[1] = step
+        done = sum(most[: at[0]]) + step
+        progress(f"fitting {done}/{sum(most)}: round {at[0] + 1}, cost {cost:.5g}")
+
+    return told
 
 
 def rechecked(

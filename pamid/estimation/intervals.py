@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.progress import Progress, silent
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem
 from pamid.model.bound_parameter import Bound
@@ -85,7 +86,13 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[FittedParameter]:
 
 
 def bootstrap(
-    fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, pool: WorkerPool | None = None
+    fitted: Fit,
+    count: int,
+    *,
+    seed: int = 0,
+    jobs: int = 1,
+    pool: WorkerPool | None = None,
+    progress: Progress = silent,
 ) -> Array:
     """Refits with windows drawn with replacement (a block bootstrap: residuals are correlated
     within a window), and with the priors drawn anew: the data sheet and an earlier fit's. Without
@@ -95,7 +102,7 @@ def bootstrap(
 
     Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
     Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
-    found = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count))
+    found = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count), progress)
     return np.array([draw for draw in found if not isinstance(draw, Failed)])
 
 

@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
 ITERATIONS, TOLERANCE = 40, 1e-4
+ROUNDS, FIRST_STEPS = 3, 15  # of a fit whose weights follow the residuals
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
 
 
@@ -429,7 +430,7 @@ def fit_robustly(
     problem: Problem,
     *,
     progress: Progress | None = None,
-    rounds: int = 3,
+    rounds: int = ROUNDS,
     stepping: Stepping | None = None,
 ) -> Fit:
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the
@@ -454,7 +455,7 @@ def fit_robustly(
         weights=weights,
         progress=progress,
         tolerance=1e-2,
-        iterations=15,
+        iterations=FIRST_STEPS,
         stepping=fitted.stepping,
     )
     for _ in range(rounds - 1):

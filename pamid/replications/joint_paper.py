@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
-from pamid.base.progress import Progress, silent
+from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
@@ -238,8 +238,8 @@ def train_elman(
         checkpoint=run.path(CHECKPOINT_FILE),
         resume=resume,
         progress=lambda step, start: progress(
-            f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
-            f"{plan.iterations}, MSE {step.mse:.3g}"
+            f"training {step.iteration}/{plan.iterations}: start {start + 1} of {plan.starts}, "
+            f"MSE {step.mse:.3g}"
         ),
     )
     run.claim(WEIGHTS_FILE, NETWORK_FILE)
@@ -314,6 +314,11 @@ def explain(
     return rows, found
 
 
+def _errors_text(row: ModelRow) -> str:
+    """Errors of the angle in the test cases."""
+    return ", ".join(f"{case} {mae:.3f} deg" for case, mae in row.mae.items() if mae is not None)
+
+
 # ---- the table ---------------------------------------------------------------------------------
 
 
@@ -333,7 +338,9 @@ def reproduce(
         ANALYTIC_MODEL,
         {case: records.analytic[case][derived(ANGLE_COLUMN, "loop")] for case in records.steps},
     )
+    progress(Settled(f"analytic model: {_errors_text(analytic)}"))
     elman, network = train_elman(run, records, plan, resume=resume, progress=progress)
+    progress(Settled(f"with the Elman network: {_errors_text(elman)}"))
     (refitted, *named), diagnosis = explain(run, records, plan, progress)
     rows = [analytic, refitted, elman, *named]
     table = tuple(table_row(row, analytic) for row in rows)

@@ -21,11 +21,15 @@ class _CallableReport(ModuleType):
         output: str | os.PathLike[str] | None = None,
         *,
         pdf: str | os.PathLike[str] | None = None,
+        rig: str | os.PathLike[str] | None = None,
+        overwrite: bool = False,
     ) -> Any:
         """Write the page of a run and its figures; see `pamid.report.writing.write_report`.
 
         run: the folder of a run, a trial or a paper, or a result that has one; output: the page
-        [default: report.html in that folder]; pdf: a file for the same on paper.
+        [default: report.html in that folder]; pdf: a file for the same on paper; rig: the file of
+        the run's rig, which is run, for the animation of its pose; overwrite: replace the page also
+        where it is no report.
         """
         from pamid.report.writing import write_report
 
@@ -33,6 +37,8 @@ class _CallableReport(ModuleType):
             Path(getattr(run, "folder", run)),
             None if output is None else Path(output),
             None if pdf is None else Path(pdf),
+            rig=None if rig is None else os.fspath(rig),
+            overwrite=overwrite,
         )
 
 

@@ -13,7 +13,9 @@ from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
     causes_label,
+    closest,
     over_channels,
+    reason_text,
     regime_label,
     runner_up,
     sensor_label,
@@ -49,6 +51,7 @@ PROBABILITY_MEANS = (
 )
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
+_NOT_APART = "nothing on the menu"  # in the reason for an experiment that shows little
 _SETTLED = 0.95  # share of a port beside which nothing is left to be told apart
 
 
@@ -294,7 +297,7 @@ def _beside(diagnosis: DiagnosisFile) -> list[str]:
         for group in diagnosis.look_alikes
         if len(group) > 1 and (not named or named & set(group))
     ]
-    second = runner_up(diagnosis)
+    second = runner_up(diagnosis) if named else closest(diagnosis)
     if second is None:
         return [*details, "No other candidate was refitted."]
     which = "Runner-up" if named else "The candidate that comes closest"
@@ -425,7 +428,7 @@ def next_answer(run: RunData) -> Answer:
         return Answer("The diagnosis asks for no further experiment.")
     separated = formatting.join(map(effect_label, experiment.separates))
     details = [
-        sentence(formatting.clean(experiment.why)),
+        sentence(reason_text(experiment)),
         sentence(f"it separates {separated}") if separated else "",
         _expected(experiment),
     ]
@@ -458,6 +461,7 @@ def _expected(experiment: NextExperiment) -> str:
         texts.append(
             "the nearest two of these models are expected to differ there by "
             f"{times_text(experiment.expected_separation)} times the noise of the sensors"
+            + (", too little to set them apart clearly" if _NOT_APART in experiment.why else "")
         )
     if experiment.minutes is not None:
         takes = minutes_text(experiment.minutes).replace(" ", formatting.SPACE)

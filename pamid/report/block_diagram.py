@@ -111,7 +111,8 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
         if other in group and group[one.port] != group[other]
     }
     every = {(a, b) for a, b in every if a in stage and b in stage}
-    forward = {(a, b) for a, b in every if stage[a] < stage[b]}
+    beside = {(a, b) for a, b in every if stage[a] == stage[b] and (b, a) not in every}
+    forward = {(a, b) for a, b in every if stage[a] < stage[b]} | beside
     kept = {(a, b) for a, b in forward if not _leads(a, b, forward - {(a, b)})}
     reached = {b for _, b in forward}
     back = {
@@ -161,8 +162,9 @@ def gathered(
             continue
         name = f"{kind} others"
         share = sum(texts[g].weight for g in quiet)
+        called = "ports" if len(quiet) == len(groups) else "others"
         texts[name] = BlockText(
-            f"{len(quiet)} others", texts[quiet[0]].lines[:1], share, tuple(quiet)
+            f"{len(quiet)} {called}", texts[quiet[0]].lines[:1], share, tuple(quiet)
         )
         found[kind] = [g for g in groups if g not in quiet] + [name]
     return found, texts
@@ -195,6 +197,7 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
     columns, texts = gathered(columns_of(rig), texts)
     placed: list[Box] = []
     links: list[Link] = []
+    led = {(a, b) for a, b, _ in links_of(rig, columns_of(rig))}
     y = 0.0
     for k, groups in enumerate(columns.values()):
         if k:
@@ -204,10 +207,24 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
         for start in range(0, len(groups), 2):
             row = [_box(g, texts[g], each) for g in groups[start : start + 2]]
             high = max(box.tall for box in row)
-            placed += [_moved(box, j * (each + GAP_Y), y, tall=high) for j, box in enumerate(row)]
+            stood = [_moved(box, j * (each + GAP_Y), y, tall=high) for j, box in enumerate(row)]
+            links += _within_row(stood, led)
+            placed += stood
             y += high + GAP_Y
         y -= GAP_Y
     return Diagram(wide, y + 2.0, tuple(placed), tuple(links))
+
+
+def _within_row(row: list[Box], led: set[tuple[str, str]]) -> list[Link]:
+    """Between two blocks of one column that stand side by side, where one leads to the other."""
+    found = []
+    for a, b in zip(row, row[1:], strict=False):
+        y = a.y + 0.5 * a.tall
+        if (a.name, b.name) in led:
+            found.append(Link((a.x + a.wide + 1.0, y), (b.x - 2.0, y)))
+        elif (b.name, a.name) in led:
+            found.append(Link((b.x - 1.0, y), (a.x + a.wide + 2.0, y)))
+    return found
 
 
 def _stack_height(boxes: Sequence[Box]) -> float:
@@ -271,11 +288,22 @@ def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> l
     ]
 
 
+def _within_column(a: Box, b: Box, both: bool) -> Link:
+    """Straight to the next block; past others it is drawn from edge to edge as well, behind
+    them."""
+    middle = a.x + 0.5 * a.wide
+    if a.y < b.y:
+        return Link((middle, a.y + a.tall + 1.0), (middle, b.y - 2.0), both)
+    return Link((middle, a.y - 1.0), (middle, b.y + b.tall + 2.0), both)
+
+
 def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
     begin_y, end_y = a.y + 0.5 * a.tall, b.y + 0.5 * b.tall
     left, right = (a, b) if a.x < b.x else (b, a)
     between = [one for one in boxes if left.x + left.wide < one.x and one.x + one.wide < right.x]
     low, high = min(begin_y, end_y) - PAD, max(begin_y, end_y) + PAD
+    if a.x == b.x:
+        return _within_column(a, b, both)
     if any(one.y < high and one.y + one.tall > low for one in between):
         below = max(one.y + one.tall for one in (*between, a, b)) + GAP_Y
         return Link(

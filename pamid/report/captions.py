@@ -4,6 +4,8 @@ content is trusted here to be more than text; escaping happens where the page is
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from pamid.diagnosis.verdict_words import Spelling, free_families, sentence
@@ -18,9 +20,19 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
-from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, FamilyForm, Regime, Sensor, Where
+from pamid.schemas.diagnosis_file import (
+    Candidate,
+    DiagnosisFile,
+    FamilyForm,
+    NextExperiment,
+    Regime,
+    Sensor,
+    Where,
+)
 from pamid.schemas.network_file import NetworkFile
 
+#: where the reason for an experiment goes on with its settings, or with what it was weighed by
+_WEIGHED = re.compile(r"; (?:with \w+ =|simulated on )")
 #: names in the sentence of a verdict
 SPELLING = Spelling(effect_label, formatting.port_label)
 
@@ -66,6 +78,17 @@ def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
     others = [one for one in diagnosis.ranking if one.effect not in named]
     different = [one for one in others if one.effect not in alike]
     return (different or others or [None])[0]  # type: ignore[list-item]
+
+
+def reason_text(experiment: NextExperiment) -> str:
+    """What an experiment is and shows; its settings and what it was weighed by stand beside it."""
+    return _WEIGHED.split(formatting.clean(experiment.why), maxsplit=1)[0].rstrip(".")
+
+
+def closest(diagnosis: DiagnosisFile) -> Candidate | None:
+    """Where no effect is named: the candidate that is there most probably, the best ranked of those
+    that are as probable."""
+    return max(diagnosis.ranking, key=lambda one: one.probability or 0.0, default=None)
 
 
 def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
@@ -194,13 +217,14 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
     falls short."""
     best, second = diagnosis.ranking[0], runner_up(diagnosis)
     if not diagnosis.causes:
+        best = closest(diagnosis) or best
         tail = {
             "unknown-effect": "not enough to be named",
             "no-structural-gap": "no effect is needed",
         }.get(diagnosis.verdict, "these recordings do not suffice to confirm it")
         return formatting.sentence(
-            f"the best candidate, {effect_label(best.effect)}, removes {percent(best.shrinkage)} "
-            f"of the held-out error{over_channels(diagnosis)}; {tail}"
+            f"the most probable candidate, {effect_label(best.effect)}, removes "
+            f"{percent(best.shrinkage)} of the held-out error{over_channels(diagnosis)}; {tail}"
         ).removesuffix(".")
     first = effect_label(best.effect)
     text = (
@@ -238,7 +262,7 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
     return (
         text
         if row.noise_floor is None
-        else f"{text}; the noise floor is {formatting.short(row.noise_floor)}"
+        else f"{text}; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"
     )
 
 

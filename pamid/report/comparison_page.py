@@ -224,7 +224,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
         )
     if not body:
         return ()
-    heads = _heads(runs, "parameter", "unit", last="beyond its intervals")
+    heads = _heads(runs, "parameter", "unit", last="compared")
     return (
         table(heads, body, range(2, 2 + len(runs))),
         notes(

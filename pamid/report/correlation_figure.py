@@ -29,10 +29,10 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         count = len(names)
-        for row in range(count):
-            for column in range(row + 1):
+        for row in range(1, count):
+            for column in range(row):
                 _cell(axes.add_patch, row, column, float(found[row, column]))
-                written = row != column and abs(found[row, column]) >= _WRITTEN
+                written = abs(found[row, column]) >= _WRITTEN
                 if written:
                     axes.text(
                         column,
@@ -44,10 +44,12 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
                         color=colour("ink"),
                     )
         shown = [label(formatting.port_label(one), 22) for one in names]
-        axes.set_yticks(range(count), shown)
-        axes.set_xticks(range(count), shown, rotation=40, ha="right", rotation_mode="anchor")
-        axes.set_xlim(-0.5, count - 0.5)
-        axes.set_ylim(count - 0.5, -0.5)
+        axes.set_yticks(range(1, count), shown[1:])
+        axes.set_xticks(
+            range(count - 1), shown[:-1], rotation=40, ha="right", rotation_mode="anchor"
+        )
+        axes.set_xlim(-0.5, count - 1.5)
+        axes.set_ylim(count - 0.5, 0.5)
         axes.tick_params(length=0, labelsize=7.5 if narrow else 8.5)
         for side in ("left", "bottom"):
             axes.spines[side].set_visible(False)
@@ -63,7 +65,7 @@ def _cell(add, row: int, column: int, value: float) -> None:  # type: ignore[no-
             0.94,
             0.94,
             facecolor=colour("with_cause" if value > 0.0 else "refitted"),
-            alpha=0.0 if row == column else 0.75 * abs(value),
+            alpha=0.75 * abs(value),
             linewidth=0.0,
         )
     )

@@ -63,6 +63,14 @@ class Table:
     numeric: frozenset[int] = frozenset()
     fixed: bool = False
 
+    def again(self, row: int, column: int) -> bool:
+        """Does this cell, with all to its left, say what stands above it already?"""
+        return (
+            row > 0
+            and column not in self.numeric
+            and self.rows[row][: column + 1] == self.rows[row - 1][: column + 1]
+        )
+
 
 @dataclass(frozen=True)
 class FigureBlock:

@@ -6,6 +6,7 @@ it.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +23,7 @@ from pamid.model.rig import Port
 from pamid.report import formatting
 from pamid.report.document import Equation
 from pamid.report.formatting import channel_unit, effect_label, port_label
-from pamid.report.formula import FormulaError, formula_html
+from pamid.report.formula import FormulaError, formula_html, formula_text
 from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
@@ -177,7 +178,7 @@ def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
         return ()  # the sentence above has it as text
     at = f" at the {port_label(unknown.port)} port" if unknown.port else ""
     title = f"The term that is missing{at}, as it is described best"
-    return (Equation(title, (math,), (formula,)),)
+    return (Equation(title, (math,), (formula_text(formula),)),)
 
 
 def _cause_equation(rig: str, cause: Cause) -> Equation | None:
@@ -266,8 +267,6 @@ def _meaning(function: str) -> str:
     if function in _CALLED:
         return _CALLED[function]
     of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
-    return (
-        (inspect.getdoc(of) or "").partition("\n")[0].rstrip(".").replace("+-", "±")
-        if of is not None
-        else ""
-    )
+    said = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
+    said = re.split(r"[;.](?:\s|$)", said, maxsplit=1)[0]
+    return said.replace("+-", "± ").replace("half_width", "its second value")

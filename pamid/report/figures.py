@@ -36,6 +36,7 @@ MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
 _NOTHING = 0.005
 _HUGE = 4.0
+_LONG, _LONG_NARROW = 34, 22  # letters of a model's name beside its bar
 _POINTS = 1500
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
 NO_SIGNALS = ("time", "recording", "missing")
@@ -266,7 +267,11 @@ def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
         ]
         axes.set_xticks(ticks)
         axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
-        what = f"held-out error removed{'' if narrow else over_channels(diagnosis)} [%]"
+        what = (
+            "error removed [%]"
+            if narrow
+            else f"held-out error removed{over_channels(diagnosis)} [%]"
+        )
         failed = not all(one.converged for one in shown)
         notes = ([] if narrow else ["line: 95 % interval"]) + (
             ["open: not converged"] if failed else []
@@ -285,7 +290,6 @@ def budget_drawing(
     if not rows:
         return None
     fields = [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
-    names = [label(model_label(field, diagnosis), 30) for field in fields]
     columns = min(3, len(rows))
     deep = -(-len(rows) // columns)
 
@@ -297,6 +301,7 @@ def budget_drawing(
                 axes.set_visible(False)
                 continue
             _budget(axes, rows[position], fields)
+            names = [_model_name(field, diagnosis, narrow) for field in fields]
             _rows(axes, names if position % shape[1] == 0 else [""] * len(names))
 
     each = 0.62 + 0.24 * len(fields)
@@ -322,7 +327,7 @@ def window_drawing(
         below.axhline(0.0, color=colour("ink"), linewidth=0.8)
         for kind, trace in traces.items():
             role, width, dashes = MODEL_LINES[kind]
-            name = label(model_label(role, diagnosis), 30)
+            name = _model_name(role, diagnosis, narrow)
             above.plot(
                 *_thinned(time, trace),
                 color=colour(role),
@@ -368,6 +373,14 @@ def _large_shares(where: Where) -> list[tuple[str, float]]:
             sum(share for port, share in ordered if (port, share) not in large),
         ),
     ]
+
+
+def _model_name(field: str, diagnosis: DiagnosisFile | None, narrow: bool) -> str:
+    """A model beside its bar or in a legend; a cause that would be cut off goes by that word."""
+    name = model_label(field, diagnosis)
+    if field == "with_cause" and len(name) > (_LONG_NARROW if narrow else _LONG):
+        name = MODEL_NAMES[field]
+    return label(name, _LONG)
 
 
 def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:

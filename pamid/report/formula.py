@@ -21,6 +21,8 @@ _TOKEN = re.compile(
     r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))"
 )
 _DEEPEST_BRACKET = 20
+_ONE = ("number", "1")
+_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class FormulaError(ValueError):
@@ -30,6 +32,19 @@ class FormulaError(ValueError):
 def formula_html(text: str) -> Markup:
     """The formula set; FormulaError where it is none."""
     return _Reader(text).formula()
+
+
+def formula_text(text: str) -> str:
+    """The formula in a line of prose: signs apart, powers raised, a constant by itself."""
+    shown = re.sub(rf"({_DECIMAL}) 1(?= [-+]|$)", r"\1", text)
+    shown = re.sub(r"(?<=[^\s=]) -(?=[\d.])", " − ", shown)
+    shown = re.sub(r"\^(\d+)", lambda found: found[1].translate(_POWERS), shown)
+    return shown.replace("-", "−") if "[" not in shown else _minus_after_unit(shown)
+
+
+def _minus_after_unit(text: str) -> str:
+    head, sign, rest = text.partition("]")
+    return head + sign + rest.replace("-", "−")
 
 
 class _Reader:
@@ -89,6 +104,9 @@ class _Reader:
 
     def _term(self) -> Markup:
         found = self._factor()
+        # a constant is written as a number times 1
+        if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _ONE:
+            self._at += 1
         while True:
             if self._take("/"):
                 found = fraction(found, self._factor())

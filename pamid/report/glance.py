@@ -6,7 +6,7 @@ from pamid.base.share_words import minutes_text
 from pamid.diagnosis import verdict_words
 from pamid.diagnosis.verdict_words import chance_figure
 from pamid.report import formatting
-from pamid.report.captions import SPELLING, regime_label, set_figures
+from pamid.report.captions import SPELLING, closest, regime_label, set_figures
 from pamid.report.channel_errors import ChannelErrors, headline
 from pamid.report.document import AnswerCard
 from pamid.report.formatting import (
@@ -127,17 +127,18 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
         return AnswerCard("Which", "No effect", lines, "which", True)
     if diagnosis.verdict == "unknown-effect" or not diagnosis.causes:
         families = verdict_words.free_families(diagnosis, SPELLING)
-        lines = (sentence(families),) if families else ("No effect of the catalogue explains it.",)
-        return AnswerCard("Which", "None of the catalogue", lines, "which")
+        told = sentence(families) if families else "No effect of the catalogue explains it."
+        closest_one = _closest_line(diagnosis)
+        return AnswerCard("Which", "None of the catalogue", (told, *closest_one), "which")
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
-    told = [_grounds_line(one, len(shown) > 1) for one in shown]
-    told += _look_alikes(diagnosis)
+    texts = [_grounds_line(one, len(shown) > 1) for one in shown]
+    texts += _look_alikes(diagnosis)
     return AnswerCard(
         "Which",
         sentence(lead).removesuffix("."),
-        tuple(filter(None, told)),
+        tuple(filter(None, texts)),
         "which",
     )
 
@@ -147,6 +148,17 @@ def _best_guess(diagnosis: DiagnosisFile) -> tuple[str, ...]:
     if best is None or best.probability is None:
         return ("These recordings do not suffice.",)
     return (f"{effect_label(best.effect)} may be missing (P {chance_figure(best.probability)}).",)
+
+
+def _closest_line(diagnosis: DiagnosisFile) -> tuple[str, ...]:
+    """What came closest, with what speaks for it."""
+    best = closest(diagnosis)
+    if best is None or best.probability is None or best.shrinkage is None:
+        return ()
+    return (
+        f"closest: {effect_label(best.effect)}, P {chance_figure(best.probability)}, removes "
+        f"{percent(best.shrinkage)} of the held-out error",
+    )
 
 
 def _with_value(cause: Cause) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pamid.report import formatting
 from pamid.report.formatting import percent
+from pamid.report.formula import formula_text
 from pamid.schemas.diagnosis_file import DiagnosisFile, Unknown
 
 
@@ -64,7 +65,7 @@ def formula_texts(one: Unknown) -> list[str]:
     at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
     texts = [
         f"The missing term{at} is described best, as a function{of}, by "
-        f"`{formatting.clean(one.formula)}`."
+        f"{formula_text(formatting.clean(one.formula))}."
     ]
     if one.inclusion is not None:
         texts.append(

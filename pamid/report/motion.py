@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +98,11 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
             code="rig",
         )
     if type(rig).pose is Rig.pose:
-        hint = "Give the rig a method pose(self, y, p) that returns its polylines in metres."
+        hint = (
+            "A model file states none: leave --rig out."
+            if named is not None and Path(named).suffix not in ("", ".py")
+            else "Give the rig a method pose(self, y, p) that returns its polylines in metres."
+        )
         raise FileError(f"The rig {rig.name!r} has no pose to draw.", hint, code="rig")
     return rig
 

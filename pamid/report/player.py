@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from pamid.base.errors import PamidError
+from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.load import RunData
 from pamid.report.markup import joined, prose, tag
@@ -31,12 +32,14 @@ def player_script() -> str:
     return asset("player.js")
 
 
-def player_html(run: RunData) -> Markup:
+def player_html(run: RunData, rig: Rig | None = None) -> Markup:
     """The figure; nothing where the run is of no catalogued rig with a pose or lacks what the pose
-    needs."""
+    needs. rig: the one that draws it, of whoever calls; then PamidError says why it cannot."""
     try:
-        motion = motion_of(run, rig_of_run(run), 1.0 / PLAYER_HZ)
+        motion = motion_of(run, rig or rig_of_run(run), 1.0 / PLAYER_HZ)
     except PamidError:
+        if rig is not None:
+            raise
         return Markup("")
     still = _widest(motion)
     several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1

@@ -4,6 +4,8 @@ its evidence, and with matplotlib for PNG, PDF and notebooks."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from markupsafe import Markup
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
@@ -14,6 +16,7 @@ from pamid.report import formatting
 from pamid.report.block_diagram import (
     LINE,
     PAD,
+    BlockText,
     Box,
     Diagram,
     Link,
@@ -27,9 +30,9 @@ from pamid.report.style import NARROW_IN, WIDE_IN, Drawing, colour
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.rig_map import RigMap
 
-_DIAGRAM_WIDE, _DIAGRAM_NARROW = 920.0, 340.0
-_TINT = 0.5  # opacity of a block that holds the whole gap
-_BASE = 11.0  # from the top of a line to its letters' foot
+DIAGRAM_WIDE, _DIAGRAM_NARROW = 920.0, 340.0
+TINT = 0.5  # opacity of a block that holds the whole gap
+BASE = 11.0  # from the top of a line to its letters' foot
 
 
 def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
@@ -38,29 +41,57 @@ def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
         return None
     rig, texts = diagnosis.rig, block_texts(diagnosis, diagnosis.rig)
     wide, narrow = (
-        wide_diagram(rig, texts, _DIAGRAM_WIDE),
+        wide_diagram(rig, texts, DIAGRAM_WIDE),
         narrow_diagram(rig, texts, _DIAGRAM_NARROW),
     )
 
+    svgs = (_svg(wide, "wide"), _svg(narrow, "narrow"))
+    return replace(_drawing(rig_title(diagnosis, rig), wide, narrow), own=svgs)
+
+
+def bare_rig_drawing(rig: RigMap) -> Drawing:
+    """The rig by itself, before anything was recorded: its ports with their units."""
+    units: dict[str, list[str]] = {}
+    for one in rig.ports:
+        units.setdefault(one.group or one.port, []).append(formatting.unit_label(one.unit))
+    texts = {
+        group: BlockText(
+            formatting.port_label(group),
+            tuple((f"[{unit}]", "") for unit in dict.fromkeys(own) if unit),
+        )
+        for group, own in units.items()
+    }
+    return _drawing(
+        _plain_title(rig),
+        wide_diagram(rig, texts, DIAGRAM_WIDE),
+        narrow_diagram(rig, texts, _DIAGRAM_NARROW),
+    )
+
+
+def _drawing(title: str, wide: Diagram, narrow: Diagram) -> Drawing:
     def draw(figure: Figure, is_narrow: bool) -> None:
         _drawn(figure, narrow if is_narrow else wide)
 
     return Drawing(
         "rig",
-        rig_title(diagnosis, rig),
+        title,
         draw,
         WIDE_IN * wide.tall / wide.wide,
         NARROW_IN * narrow.tall / narrow.wide,
-        (_svg(wide, "wide"), _svg(narrow, "narrow")),
     )
+
+
+def _plain_title(rig: RigMap) -> str:
+    return f"The rig {formatting.clean(rig.name)}, from what is sent to it to what is measured"
 
 
 def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
     """ "The rig one-dof and where the gap enters it: joint 60 %, muscle 20 %"."""
     name = formatting.clean(rig.name)
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
-        return f"The rig {name}, from what is sent to it to what is measured"
-    shares = sorted(diagnosis.where.ports, key=lambda one: -one.share)
+        return _plain_title(rig)
+    where = diagnosis.where  # of shares that read alike the named port's comes first
+    shares = sorted(where.ports, key=lambda one: (-round(one.share, 2), one.port != where.port))
     told = [
         f"{formatting.port_label(one.port)} {percent(one.share)}"
         for one in shares[:3]
@@ -140,14 +171,14 @@ def _arrow(one: Link, head: str) -> Markup:
     more = {"marker_start": f"url(#{head})"} if one.both else {}
     return tag(
         "path",
-        d=_curve(one),
+        d=link_path(one),
         class_="link broad" if one.broad else "link",
         marker_end=f"url(#{head})",
         **more,
     )
 
 
-def _curve(one: Link) -> str:
+def link_path(one: Link) -> str:
     (x, y), (u, v) = one.begin, one.end
     if one.below is not None:
         turn = 10.0 if u > x else -10.0
@@ -169,7 +200,7 @@ def _block(box: Box) -> Markup:
             "text",
             text,
             x=middle,
-            y=f"{box.y + PAD + LINE * k + _BASE:.1f}",
+            y=f"{box.y + PAD + LINE * k + BASE:.1f}",
             class_=style or "share",
             text_anchor="middle",
         )
@@ -182,7 +213,7 @@ def _block(box: Box) -> Markup:
         "height": f"{box.tall:.1f}",
         "rx": "6",
     }
-    tint = tag("rect", class_="tint", fill_opacity=f"{_TINT * min(1.0, box.weight):.2f}", **place)
+    tint = tag("rect", class_="tint", fill_opacity=f"{TINT * min(1.0, box.weight):.2f}", **place)
     frame = tag("rect", class_="frame named" if box.named else "frame", **place)
     return tag(
         "a",
@@ -202,7 +233,7 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set_aspect("equal")
-    axes.set_xlim(0.0, diagram.wide)
+    axes.set_xlim(-1.5, diagram.wide + 1.5)  # frames have a width of their own
     axes.set_ylim(diagram.tall, 0.0)
     points = 72.0 * figure.get_figwidth() / diagram.wide  # per unit of the diagram
     for x, y, text in diagram.heads:
@@ -229,7 +260,7 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
                 box.wide - 10.0,
                 box.tall - 10.0,
                 boxstyle="round,pad=5",
-                facecolor=_blended(_TINT * min(1.0, box.weight)),
+                facecolor=_blended(TINT * min(1.0, box.weight)),
                 edgecolor=colour("with_cause" if box.named else "muted"),
                 linewidth=(2.0 if box.named else 1.0) * points,
             )
@@ -237,7 +268,7 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
         for k, (text, style) in enumerate(box.texts):
             axes.text(
                 box.x + 0.5 * box.wide,
-                box.y + PAD + LINE * k + _BASE,
+                box.y + PAD + LINE * k + BASE,
                 text,
                 ha="center",
                 fontsize=(11.5 if style == "title" else 10.5) * points,

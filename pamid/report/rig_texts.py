@@ -9,6 +9,7 @@ from pamid.report import formatting
 from pamid.report.block_diagram import BlockText
 from pamid.report.captions import sensor_label
 from pamid.report.formatting import channel_label, channel_unit, effect_label, percent, sentence
+from pamid.report.formula import formula_text
 from pamid.schemas.diagnosis_file import Cause, CauseParameter, DiagnosisFile
 from pamid.schemas.rig_map import RigMap
 
@@ -99,7 +100,9 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
             texts.append(_cause_text(cause))
     rest = diagnosis.remainder
     if rest is not None and rest.real and rest.port == group and rest.formula:
-        texts.append(f"What is left here looks like {formatting.clean(rest.formula)}.")
+        texts.append(
+            f"What is left here looks like {formula_text(formatting.clean(rest.formula))}."
+        )
     return [*texts, _tried(diagnosis, group)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.answers import (
     Answer,
@@ -51,11 +52,16 @@ from pamid.schemas.fit_file import FitFile
 
 
 def run_document(
-    run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]
+    run: RunData,
+    rows: tuple[ChannelErrors, ...],
+    pictures: dict[str, Picture],
+    drawn_by: Rig | None = None,
 ) -> Document:
-    """The report of a run with the pictures that were drawn of it."""
+    """The report of a run with the pictures that were drawn of it; drawn_by: the rig whose pose is
+    played, where the catalogue does not have it."""
     verdict = verdict_sentence(run, rows)
-    rig, player, traces = formatting.clean(run.rig), player_html(run), traces_of(run, rows)
+    player, traces = player_html(run, drawn_by), traces_of(run, rows)
+    rig = formatting.clean(run.rig)
     samples = [Interactive(traces.section, "All samples", "samples")] if traces.section else []
     return Document(
         title=f"{rig}: {verdict}" if rig else verdict,
@@ -239,7 +245,7 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
         texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
     yield notes(*texts)
     if recordings := held_out_errors(run):
-        yield Heading("The same per recording", 3)
+        yield Heading("Errors by recording and model", 3)
         yield recording_errors_table(recordings)
         yield notes(
             "Replay: the held-out windows, on the recorded command. Closed loop: the held-out part "
@@ -308,7 +314,8 @@ def _sensors(run: RunData) -> Iterator[Block]:
     if where is None or not where.sensors:
         return
     checks = (
-        f"These sensors allow {formatting.count(where.redundancy)} independent checks. "
+        f"These sensors allow {formatting.count(where.redundancy)} independent "
+        f"check{'' if where.redundancy == 1 else 's'}. "
         if where.redundancy
         else ""
     )
@@ -349,8 +356,8 @@ def _stepping(fit: FitFile) -> str:
     )
     if steps.recheck is not None:
         text += (
-            f"; doubled steps change no output by more than {formatting.number(steps.recheck, 2)} "
-            "noise standard deviations"
+            "; with steps half as long no output changes by more than "
+            f"{formatting.number(steps.recheck, 2)} times its noise"
         )
     return f"{text}."
 

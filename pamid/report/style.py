@@ -76,6 +76,7 @@ DRAWING_SETTINGS: dict[Any, Any] = {
 }
 _STYLE_ATTRIBUTE = re.compile(r'style="[^"]*"')
 _NAMED_GROUP = re.compile(r'<g id="[A-Za-z]+[A-Za-z0-9_.]*">')
+_EMPTY_GROUP = re.compile(r'<g id="[A-Za-z0-9_.]+"\s*/>')  # of a line without a point in view
 _SVG_FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
@@ -121,7 +122,7 @@ def render(drawing: Drawing) -> Picture:
         svg=_METADATA.sub("", wide),
         wide=shown[0],
         narrow=shown[1],
-        png=_png(drawing),
+        png=png_of(drawing),
         linked=drawing.own is not None,
     )
 
@@ -202,7 +203,8 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
     return figure
 
 
-def _png(drawing: Drawing) -> bytes:
+def png_of(drawing: Drawing) -> bytes:
+    """The drawing with its title as a PNG file; the same drawing gives the same bytes."""
     with settings(drawing.name):
         buffer = io.BytesIO()
         figure_of(drawing).savefig(
@@ -218,7 +220,7 @@ def _png(drawing: Drawing) -> bytes:
 def _for_page(svg: str) -> str:
     """Without comments, metadata, rules and repeated ids; colours and font taken from the page."""
     svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
-    svg = _NAMED_GROUP.sub("<g>", svg)
+    svg = _NAMED_GROUP.sub("<g>", _EMPTY_GROUP.sub("", svg))
     svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
     svg = _SIZE.sub(
         r'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true">',

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 
 from pamid.base.units import split_column
 from pamid.report import formatting
@@ -260,12 +261,18 @@ def provenance(
     )
 
 
+def _typed(words: Sequence[str]) -> str:
+    """The command as it was typed: the program by its name, wherever it lies."""
+    first, *rest = words or ("",)
+    return " ".join([PurePath(first.replace("\\", "/")).name, *rest])
+
+
 def _steps_table(steps: tuple[Step, ...]) -> Table:
     """Every command that worked on the run."""
     heads = ["command", "seed", "begun", "ended", "outcome"]
     body: list[list[str | TableCell]] = [
         [
-            TableCell(formatting.clean(" ".join(one.command)), "code"),
+            TableCell(formatting.clean(_typed(one.command)), "code"),
             count(one.seed),
             _moment(one.begun) or formatting.DASH,
             _moment(one.ended or "") or "did not end",

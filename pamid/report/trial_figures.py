@@ -112,8 +112,8 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
             )
             axes.annotate(
                 formatting.count(one.right.of),
-                (one.said, one.right.high),
-                xytext=(0, 3),
+                (one.said, max(one.right.high, one.right.share or 0.0)),
+                xytext=(0, 5),
                 ha="center",
                 textcoords="offset points",
                 fontsize=8.0,
@@ -188,7 +188,7 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
         axes.set_xlim(-0.5, len(answers) - 0.5)
         axes.set_ylim(len(rows) - 0.5, -0.5)
         axes.set_xlabel("answer [cases]")
-        axes.set_ylabel("planted family [cases]")
+        axes.set_ylabel("planted [cases]" if narrow else "planted family [cases]")
 
     height = 1.9 + 0.27 * len(rows)
     return Drawing("confusion", confusion_title(trial), draw, height, 1.4 + 0.2 * len(rows))
@@ -246,10 +246,10 @@ def strata_drawing(trial: Trial) -> Drawing | None:
                 color=colour("muted"),
                 clip_on=False,
             )
-        legend_above(axes, 2)
+        legend_above(axes, 1 if narrow else 2)
 
     height = 0.95 + 0.26 * (places[-1] + 1.0)
-    return Drawing("strata", strata_title(trial), draw, height, height)
+    return Drawing("strata", strata_title(trial), draw, height, height + 0.2)
 
 
 def _point(axes: Axes, place: float, share: Rate, role: str, marker: str) -> None:

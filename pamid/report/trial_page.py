@@ -21,7 +21,7 @@ from pamid.report.document import (
 from pamid.report.formatting import effect_label
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
-from pamid.report.trial_results import Trial, reached_text
+from pamid.report.trial_results import Trial, bin_label, reached_text, signs
 from pamid.schemas.run_file import Step
 from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
 
@@ -90,8 +90,8 @@ def _targets(trial: Trial) -> tuple[Block, ...]:
         )
         if one.reached is not None:
             outcome = "reached" if one.reached else TableCell("missed", "strong")
-        body.append([*(text.replace(" .. ", " to ") for text in one.texts), outcome])
-    return (table([*TABLE_HEAD, "outcome"], body, (1, 2, 3, 4)),)
+        body.append([*(signs(text.replace(" .. ", " to ")) for text in one.texts), outcome])
+    return (table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4)),)
 
 
 def _confusion(trial: Trial) -> tuple[Block, ...]:
@@ -112,7 +112,7 @@ def _strata(trial: Trial) -> tuple[Block, ...]:
     for name, rows in strata(dict(trial.content)).items():
         unit_text = formatting.channel_unit(name)
         head = f"{formatting.channel_label(name)}{f' [{unit_text}]' if unit_text else ''}"
-        body = [[formatting.clean(key), *rates] for key, rates in rows]
+        body = [[bin_label(name, key), *rates] for key, rates in rows]
         tables.append(table([head, *TITLES.values()], body, range(1, 1 + len(TITLES))))
     return tuple(tables)
 

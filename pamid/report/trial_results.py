@@ -104,16 +104,16 @@ def reached_text(trial: Trial) -> str:
     """ "9 of 12 targets are reached"."""
     judged = [one.reached for one in trial.scored if one.reached is not None]
     return (
-        f"{sum(judged)} of {len(judged)} targets are reached"
+        f"{sum(judged)} of {len(judged)} targets {'is' if sum(judged) == 1 else 'are'} reached"
         if judged
         else "No case counts for a target"
     )
 
 
 def targets_title(trial: Trial) -> str:
-    """ "9 of 12 targets are reached; missed: family named first (81.0 %, target >= 92 %)"."""
+    """ "9 of 12 targets are reached; missed: family named first (81.0 %, target ≥ 92 %)"."""
     missed = [
-        f"{one.row.title.removeprefix('... ')} ({one.texts[1]}, target {one.texts[4]})"
+        f"{one.row.title.removeprefix('... ')} ({one.texts[1]}, target {signs(one.texts[4])})"
         for one in trial.scored
         if one.reached is False
     ]
@@ -126,11 +126,11 @@ def targets_title(trial: Trial) -> str:
 
 
 def reliability_title(trial: Trial) -> str:
-    """ "Stated probabilities are off by 0.042 on average (target <= 0.05)"."""
+    """ "Stated probabilities are off by 0.042 on average (target ≤ 0.05)"."""
     one = trial.of("ece")
     if one is None or one.value is None:
         return "Stated probabilities against the share that was right"
-    aim = f" (target {one.texts[4]})" if one.row.target is not None else ""
+    aim = f" (target {signs(one.texts[4])})" if one.row.target is not None else ""
     return f"Stated probabilities are off by {one.texts[1]} on average{aim}"
 
 
@@ -162,7 +162,7 @@ def confusion_title(trial: Trial) -> str:
 
 
 def strata_title(trial: Trial) -> str:
-    """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility >= 2) of the
+    """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility ≥ 2) of the
     cases"."""
     found = [
         (rates["family_first"].share, stratum_label(name, key))
@@ -181,7 +181,23 @@ def strata_title(trial: Trial) -> str:
 
 def stratum_label(dimension: str, key: str) -> str:
     """ "inertia_kg_m2", "0.014" -> "inertia 0.014 kg m²"."""
-    return f"{formatting.channel_label(dimension)} {formatting.clean(key)} {formatting.channel_unit(dimension)}".strip()  # noqa: E501
+    unit_text = formatting.channel_unit(dimension)
+    return f"{formatting.channel_label(dimension)} {bin_label(dimension, key)} {unit_text}".strip()
+
+
+def bin_label(dimension: str, key: str) -> str:
+    """ "1.1 to 1.3", "≥ 2"; of channels "without current"."""
+    shown = formatting.clean(key)
+    left_out = shown.removeprefix("no-")
+    if dimension == "channels" and left_out != shown:
+        return f"without {formatting.channel_label(left_out)}"
+    return signs(shown)
+
+
+def signs(text: str) -> str:
+    """Signs as they are printed: no more than, at least, minus."""
+    shown = text.replace(">=", "≥").replace("<=", "≤")
+    return f"{formatting.MINUS}{shown[1:]}" if shown[:1] == "-" and shown[1:] else shown
 
 
 def _total(row: Mapping[str, float]) -> float:

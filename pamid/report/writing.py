@@ -31,6 +31,7 @@ from pamid.report.figures import (
 )
 from pamid.report.free_form_figure import free_form_drawing
 from pamid.report.load import RunData, load_run, read_steps
+from pamid.report.motion import rig_of_run
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
@@ -97,16 +98,26 @@ class Content:
     recordings: tuple[RecordingError, ...] = ()
 
 
-def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None = None) -> Report:
+def write_report(
+    run_folder: Path,
+    output: Path | None = None,
+    pdf: Path | None = None,
+    *,
+    rig: str | None = None,
+    overwrite: bool = False,
+) -> Report:
     """Read a run, a trial or a reproduced paper, write `report.html` (or `output`) and
-    RUN/figures/*.png; the same folder gives the same bytes. pdf: a file for the same on paper.
+    RUN/figures/*.png; the same folder gives the same bytes. pdf: a file for the same on paper; rig:
+    the file of the run's rig (it is run), whose pose is played; overwrite: replace `output` and
+    `pdf` whatever they are.
 
-    FileError if the folder is no run, holds no result, a file of it is damaged, or `output` or
-    `pdf` exists and is no report.
+    FileError if the folder is no run, holds no result, a file of it is damaged, `output` or `pdf`
+    exists and is no report, or `rig` is another rig or has no pose.
     """
     page = run_folder / "report.html" if output is None else output
-    content = content_of(run_folder)
-    _require_ours(page, pdf)
+    content = content_of(run_folder, rig)
+    if not overwrite:
+        _require_ours(page, pdf)
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document)
@@ -128,7 +139,7 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     return Report(page, tuple(figures), content.errors, pdf, content.recordings)
 
 
-def content_of(run_folder: Path) -> Content:
+def content_of(run_folder: Path, rig: str | None = None) -> Content:
     """What the folder holds, read and checked; FileError as above."""
     trial = read_trial(run_folder / TRIAL)
     paper = read_paper(run_folder)
@@ -141,9 +152,10 @@ def content_of(run_folder: Path) -> Content:
         return _paper_content(run_folder, paper, steps)
     run = load_run(run_folder)
     rows = errors_of(run)
-    return Content(
-        rows, drawings_of(run, rows), partial(run_document, run, rows), held_out_errors(run)
+    document_of = partial(
+        run_document, run, rows, drawn_by=None if rig is None else rig_of_run(run, rig)
     )
+    return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run))
 
 
 def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
@@ -194,10 +206,13 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
     return found
 
 
-def write_comparison(runs: Sequence[ComparedRun], page: Path, pdf: Path | None = None) -> None:
+def write_comparison(
+    runs: Sequence[ComparedRun], page: Path, pdf: Path | None = None, *, overwrite: bool = False
+) -> None:
     """The page of several runs, and the same on paper; FileError if one of them exists and is no
-    report."""
-    _require_ours(page, pdf)
+    report, unless it may be overwritten."""
+    if not overwrite:
+        _require_ours(page, pdf)
     document = comparison_document(runs)
     html = html_of(document).encode(errors="replace")
     for one in filter(None, (page, pdf)):
@@ -226,5 +241,7 @@ def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
         ) from error
     if not own:
         raise FileError(
-            f"{page} exists and is not a report.", "Choose another name.", code="exists"
+            f"{page} exists and is not a report.",
+            "Choose another name, or replace it by --overwrite.",
+            code="exists",
         )

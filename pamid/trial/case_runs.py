@@ -113,6 +113,12 @@ def run_trial(
     return found
 
 
+def forget_cases(folder: Path) -> None:
+    """Take away the results of cases, and nothing else."""
+    for path in (folder / "cases").glob("[0-9]*.json"):
+        path.unlink()
+
+
 def run_cases(
     cases: Sequence[Case],
     folder: Path,

@@ -124,7 +124,8 @@ def trial_text(found: dict[str, Any]) -> str:
             + f"{b['said']:18.2f}{_share(b['right']):>18s}"
             for b in found["reliability"]
         ]
-    lines += ["", "planted -> named first (visible single effects)"]
+    if found["confusion"]:
+        lines += ["", "planted -> named first (visible single effects)"]
     lines += [
         f"{family:24s} " + ", ".join(f"{answer} {n}" for answer, n in answers.items())
         for family, answers in found["confusion"].items()
@@ -143,7 +144,7 @@ def summary(found: dict[str, Any]) -> str:
     return (
         f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
         f"{failed} failed; {unseen['hits']} of {unseen['of']} planted gaps do not show and count "
-        "for nothing but detection."
+        "for detection only."
     )
 
 

@@ -115,7 +115,7 @@ def test_unknown_command_offers_the_nearest(capsys: pytest.CaptureFixture[str]) 
 USAGE = [
     ["diagnos"],
     [],
-    ["generate-aprbs"],
+    ["simulate"],
     ["generate-aprbs", "--seeed", "1"],
     ["generate-aprbs", "--levels", "two"],
     ["generate-aprbs", "--loop", "half", "--output", "x.csv"],
@@ -239,8 +239,8 @@ def test_progress_on_a_terminal_and_in_a_log(monkeypatch: pytest.MonkeyPatch) ->
         for done in range(4):
             progress.update(done, "x")
     assert (
-        log.getvalue()
-        == "fitting: 1/4 x (16 s, at most 48 s left)\nfitting: 3/4 x (40 s, at most 13 s left)\n"
+        log.getvalue() == "fitting: 1/4 x (16 s, 25 %, at most 48 s left)\n"
+        "fitting: 3/4 x (40 s, 75 %, at most 13 s left)\n"
     )
 
     class Terminal(StringIO):

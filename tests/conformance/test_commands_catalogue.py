@@ -7,9 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from pamid_cli.frame import run
+from pamid_cli.table import every_command
 
 from pamid.checks.conformance import (
     EveryPortRig,
@@ -420,3 +422,40 @@ def test_clock_skew_leads_an_early_reading_by_its_slope() -> None:
     plain = ExcitedRig(rig).run(Assembly(rig).values(), trial.stepping(p))[:, 0]
     early = trial.run(p, trial.stepping(p))[:, 0]
     assert np.abs(early[:-1] - plain[1:]).max() < 0.05 * np.abs(plain[1:] - plain[:-1]).max()
+
+
+# ---- options alike -----------------------------------------------------------------------------
+
+
+def options_of(command: click.Command) -> dict[str, click.Option]:
+    """Name as it is typed -> option, of those that the help shows."""
+    return {
+        name: one
+        for one in command.params
+        if isinstance(one, click.Option) and not one.hidden
+        for name in one.opts
+    }
+
+
+def test_whoever_writes_may_be_told_where_and_need_not_be() -> None:
+    """--output has a default everywhere, stands beside --overwrite, and so does --figure."""
+    for command in every_command():
+        options = options_of(command)
+        for name in {"--output", "--figure"} & set(options):
+            assert not options[name].required, (command.name, name)
+            assert "--overwrite" in options, (command.name, name)
+        assert {"--json", "--debug"} <= set(options), command.name
+
+
+def test_whatever_is_about_a_rig_takes_one() -> None:
+    """All but what lists runs, settings and schemas, and the papers, which have twins of their
+    own."""
+    without = {str(c.name) for c in every_command() if "--rig" not in options_of(c)}
+    assert without == {"reproduce-paper", "runs", "schema", "config", "completion"}
+
+
+def test_what_can_be_interrupted_can_be_gone_on_with_or_replaced() -> None:
+    for command in every_command():
+        options = options_of(command)
+        if "--cluster" in options:
+            assert {"--resume", "--overwrite", "--jobs", "--seed"} <= set(options), command.name

@@ -347,6 +347,12 @@ def test_a_rig_file_is_run_only_when_it_is_named(
     assert told["mean_gap"]["position_m"]["data_sheet"] == pytest.approx(0.02, rel=0.1)
     assert told["bytes"] == out.stat().st_size
     assert [path.name for path in out.parent.iterdir()] == ["cart.gif"]
+    assert run_command(["report", str(folder), "--rig", str(file)]) == 0
+    assert 'class="motion"' in (folder / "report.html").read_text(encoding="utf-8")
+    capsys.readouterr()
+    assert run_command(["report", str(folder), "--rig", "one-dof"]) == 3
+    assert "is 'one-dof'" in capsys.readouterr().err
+    assert run_command(["report", "--compare", str(folder), str(folder), "--rig", str(file)]) == 2
 
 
 def test_fitted_parameters_shape_the_pose(tmp_path: Path) -> None:

@@ -280,7 +280,7 @@ def test_a_diagnosis_answers_where_which_how_far(found: pamid.DiagnosisResult) -
     assert cause.removes is not None and 0.0 < cause.removes.low <= cause.removes.share
     assert found.remainder is not None and not found.remainder.real
     shown = (escaped(found.sentence), "Where: force", "coulomb-friction", "position", "Left: ")
-    for words in (*shown, cause.removes_text()):
+    for words in (*shown, cause.removes_text(), "<svg", "◆"):
         assert words in card, words
     assert "DiagnosisResult explained" in repr(found) and "coulomb-friction" in repr(found)
 
@@ -289,9 +289,10 @@ def test_a_diagnosis_is_the_commands(
     found: pamid.DiagnosisResult, recorded: Path, tmp_path: Path
 ) -> None:
     folder, words = tmp_path / "run", [w for name in LEFT_OUT for w in ("--without", name)]
-    assert (
-        frame.run(["diagnose", str(recorded), "--rig", RIG, "--output", str(folder), *words]) == 0
-    )
+    drawn = tmp_path / "pictures" / "rig.png"
+    words += ["--output", str(folder), "--figure", str(drawn)]
+    assert frame.run(["diagnose", str(recorded), "--rig", RIG, *words]) == 0
+    assert drawn.read_bytes() == found.rig_png()
     saved = found.save(tmp_path / "saved")
     assert sorted(p.name for p in folder.iterdir()) == sorted(p.name for p in saved.iterdir())
     for path in folder.iterdir():
@@ -403,9 +404,11 @@ def test_a_check_lists_what_is_wrong(recorded: Path) -> None:
         pamid.fit(backwards, PushedCart, progress=False)
     of_rig = pamid.check(PushedCart)
     assert (of_rig.kind, of_rig.subject) == ("rig", "PushedCart") and of_rig.ok
-    assert pamid.check(ConstantPull).kind == "effect"
-    with pytest.raises(UsageError, match="only recordings are drawn"):
-        of_rig.plot()
+    assert of_rig.plot().get_suptitle().startswith("The rig pushed-cart, from what is sent")
+    of_effect = pamid.check(ConstantPull)
+    assert of_effect.kind == "effect" and not of_effect.drawable
+    with pytest.raises(UsageError, match="only recordings and sound rigs are drawn"):
+        of_effect.plot()
 
 
 def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) -> None:

@@ -9,9 +9,12 @@ from typing import Any
 
 import pytest
 from pamid_cli import frame
+from small_cart import RIG, record_cart
 
+import pamid
 from pamid.base.errors import DataError
-from pamid.base.progress import ProgressLine
+from pamid.base.progress import ProgressLine, Settled
+from pamid.base.work_stages import WORK_STAGES, WorkStage
 
 
 class Terminal(io.StringIO):
@@ -38,7 +41,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def test_a_stage_that_counts_says_how_much_is_done_and_left(clock: Clock) -> None:
     stream = Terminal()
-    with ProgressLine("diagnose", stream=stream) as line:
+    with ProgressLine("anything", stream=stream) as line:
         clock.now = 110.0
         line.say("screening 5/25: leak")
         assert stream.getvalue().endswith("screening 5/25: leak (10 s, 20 % of this stage)")
@@ -54,13 +57,93 @@ def test_a_stage_that_counts_says_how_much_is_done_and_left(clock: Clock) -> Non
         assert stream.getvalue().rstrip().endswith("noise floor (40 s)")
 
 
+def test_known_stages_are_listed_once_and_say_what_is_left_of_all(clock: Clock) -> None:
+    stages = (WorkStage("one", 0.2, "the first"), WorkStage("two", 0.6), WorkStage("three", 0.2))
+    stream = Terminal()
+    with ProgressLine("anything", stream=stream, stages=stages) as line:
+        clock.now = 104.0
+        line.say("one")
+        assert stream.getvalue().startswith("\ranything: 3 stages: the first, two, three\n")
+        assert stream.getvalue().endswith("anything: 1 of 3, one (4 s)")
+        clock.now = 120.0
+        line.say("two 5/10: x")  # 0.2 + 0.3 of the whole in 20 s
+        told = "anything: 2 of 3, two 5/10: x (20 s, 50 %, about 20 s left)"
+        assert stream.getvalue().rstrip().endswith(told)
+        clock.now = 130.0
+        line.say("one more time")  # what was reached stays reached
+        assert "2 of 3, one more time (30 s, a further round)" in stream.getvalue()
+        clock.now = 132.0
+        line.say("one 1/4: y")
+        assert "one 1/4: y (32 s, a further round, 25 % of this stage)" in stream.getvalue()
+        clock.now = 1000.0
+        line.say("three")
+        assert "3 of 3, three (15 min, 80 %, about 4 min left)" in stream.getvalue()
+    assert stream.getvalue().count("3 stages") == 1
+
+
+def test_a_final_result_stays_while_the_rest_runs(clock: Clock) -> None:
+    stream = io.StringIO()
+    with ProgressLine("anything", in_logs=True, stream=stream) as line:
+        line.say("fitting")
+        line.say(Settled("mass 1.2 kg"))  # quick work says nothing
+        clock.now = 104.0
+        line.say("intervals")
+        clock.now = 105.0
+        line.say("intervals")
+        line.say(Settled("friction\x1b[2J 0.8 N"))
+    assert stream.getvalue().splitlines() == [
+        "anything: mass 1.2 kg",
+        "anything: intervals (4 s)",
+        "anything: friction [2J 0.8 N",
+    ]
+
+
+def test_stages_share_the_whole_among_them() -> None:
+    """Fitting begins each diagnosis; a stage is found by how its text begins, the first that
+    does."""
+    for label, stages in WORK_STAGES.items():
+        assert sum(one.share for one in stages) == pytest.approx(1.0), label
+        begins = [one.begins for one in stages]
+        assert not [(a, b) for k, a in enumerate(begins) for b in begins[:k] if a.startswith(b)], (
+            label
+        )
+
+
+def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path: Path) -> None:
+    said: list[str] = []
+    pamid.diagnose(record_cart(tmp_path), RIG, check=False, progress=said.append)
+    begins = [one.begins for one in WORK_STAGES["diagnose"]]
+    told = [next((b for b in begins if text.startswith(b)), None) for text in said]
+    known = [b for b in told if b is not None]
+    assert {"fitting", "noise floor", "black box", "screening", "refitting"} <= set(known)
+    first = [known.index(b) for b in begins if b in known]
+    assert first == sorted(first)
+    stay = [str(text) for text in said if isinstance(text, Settled)]
+    assert stay[0].startswith("refitted, held-out errors: ") and stay[-1].startswith("verdict: ")
+
+
+def test_a_bootstrap_counts_its_draws_after_the_fit_has_been_told(tmp_path: Path) -> None:
+    said: list[str] = []
+    pamid.fit(record_cart(tmp_path), RIG, bootstrap=3, check=False, progress=said.append)
+    (fitted,) = [k for k, text in enumerate(said) if isinstance(text, Settled)]
+    assert said[fitted].startswith("fitted, intervals follow: mass_kg 1.")
+    draws = [k for k, text in enumerate(said) if text.startswith("bootstrap draw")]
+    assert (
+        len(draws) == 3 and draws[0] > fitted and said[draws[-1]].startswith("bootstrap draw 3/3")
+    )
+    assert any(text.startswith("fitting ") and "/" in text for text in said[:fitted])
+
+
 def test_a_log_gets_its_first_line_soon(clock: Clock) -> None:
     stream = io.StringIO()
-    with ProgressLine("demo", in_logs=True, stream=stream) as line:
+    with ProgressLine("anything", in_logs=True, stream=stream) as line:
         for second in range(1, 20):
             clock.now = 100.0 + second
             line.say("fitting")
-    assert stream.getvalue().splitlines() == ["demo: fitting (3 s)", "demo: fitting (18 s)"]
+    assert stream.getvalue().splitlines() == [
+        "anything: fitting (3 s)",
+        "anything: fitting (18 s)",
+    ]
 
 
 def test_the_demo_says_what_it_begins_with(

@@ -587,7 +587,6 @@ def test_an_unknown_column_is_kept_and_a_text_cell_is_told(
     "words",
     [
         ["log.csv"],
-        ["log.csv", "--mapping", "map.toml"],
         ["--guess", "a.csv", "b.csv"],
         ["--guess", "a.csv", "--mapping", "m.toml"],
     ],

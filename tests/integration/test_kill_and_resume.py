@@ -150,7 +150,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
 
     folder, store = tmp_path / "run", Store(tmp_path / "run" / "jobs")
     with monkeypatch.context() as patched:
-        patched.setattr(whole, "diagnosis_json", broken)
+        patched.setattr(whole, "completed", broken)
         assert frame.run(words(recording, folder)) == 1
     assert read_json(folder / "run.json")["outcome"] == "failed"
     done = Counter(line["key"] for line in store.journal())
@@ -162,7 +162,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
     files[0].write_bytes(files[1].read_bytes())
     files[2].write_bytes(files[2].read_bytes()[:100])
     with monkeypatch.context() as patched:
-        patched.setattr(whole, "diagnosis_json", broken)
+        patched.setattr(whole, "completed", broken)
         assert frame.run(words(recording, folder, "--resume")) == 1
     again = Counter(line["key"] for line in store.journal())
     assert again - done == Counter({files[0].stem: 1, files[2].stem: 1})

@@ -1,18 +1,21 @@
 """The page for everybody: what stands above the fold, the diagram by mouse and by keyboard, names
 for everything that can be focused, contrast in both colours, no id twice, what is folded in print.
 
-Where PAMID_AXE names the file axe.min.js of axe-core, that judges the page as well.
+axe-core, of the package axe-core-python or of the file axe.min.js that PAMID_AXE names, judges the
+pages of a diagnosis, a trial and a comparison as well.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, Browser, Page, browser
-from synthetic_run import make_run
+from pamid_cli import frame
+from synthetic_run import make_run, make_trial
 
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
@@ -23,7 +26,17 @@ from pamid.report.web_page import html_of
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 
-AXE = os.environ.get("PAMID_AXE", "")
+
+def axe_file() -> Path | None:
+    """axe.min.js; of the package it is read, nothing of the package is run."""
+    named = os.environ.get("PAMID_AXE", "")
+    package = find_spec("axe_core_python")
+    places = [Path(one) for one in (package.submodule_search_locations or ())] if package else []
+    found = [Path(named)] if named else [place / "axe.min.js" for place in places]
+    return next((one for one in found if one.is_file()), None)
+
+
+AXE = axe_file()
 TEXT_CONTRAST = 4.5  # WCAG 2.2, 1.4.3, level AA
 SIDEWAYS = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 #: contrast of every visible text with the first opaque colour behind it; what is drawn over tints
@@ -74,6 +87,26 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pictures = {"rig": render(drawing)}
     path.write_text(html_of(run_document(run, errors_of(run), pictures)), encoding="utf-8")
     return path
+
+
+@pytest.fixture(scope="module")
+def pages(page: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One of every kind that people look at, as the command writes it."""
+    place = tmp_path_factory.mktemp("pages")
+    first, second = make_run(place / "first"), make_run(place / "second", "unknown-effect")
+    trial = make_trial(place / "trial")
+    for words in (["report", str(first)], ["report", str(second)], ["report", str(trial)]):
+        assert frame.run(words) == 0
+    compared = place / "comparison.html"
+    words = ["report", "--compare", str(first), str(second), "--output", str(compared)]
+    assert frame.run(words) == 0
+    return {
+        "partly-explained": page,
+        "explained": first / "report.html",
+        "unknown-effect": second / "report.html",
+        "trial": trial / "report.html",
+        "comparison": compared,
+    }
 
 
 def opened(chromium: Browser, page: Path, width: int = 1280, *, dark: bool = False) -> Page:
@@ -224,11 +257,45 @@ def test_print_opens_what_is_folded(page: Path, chromium: Browser) -> None:
     assert tab.evaluate("document.querySelectorAll('details[open]').length") == 0
 
 
-@pytest.mark.skipif(not AXE, reason="PAMID_AXE names no axe.min.js")
-@pytest.mark.parametrize("dark", [False, True])
-def test_axe_finds_nothing(dark: bool, page: Path, chromium: Browser) -> None:
-    tab = opened(chromium, page, dark=dark)
-    tab.evaluate(Path(AXE).read_text(encoding="utf-8") + ";0")
+def test_a_phone_shows_that_a_table_goes_on_and_keeps_its_first_column(
+    pages: dict[str, Path], chromium: Browser
+) -> None:
+    tab = opened(chromium, pages["trial"], 390)
+    assert tab.evaluate(SIDEWAYS) == 0
+    wide = "document.querySelector('.scroll')"
+    assert tab.evaluate(f"{wide}.scrollWidth > {wide}.clientWidth")
+    tab.wait("getComputedStyle(document.querySelector('.copy .more')).visibility === 'visible'")
+    where = f"{wide}.querySelector('td').getBoundingClientRect().left"
+    before = tab.evaluate(where)
+    assert tab.evaluate(f"{wide}.scrollLeft = 60, {wide}.scrollLeft") == 60
+    assert tab.evaluate(where) == before
+    desk = opened(chromium, pages["trial"], 1280)
+    desk.settle()
+    cue = "[...document.querySelectorAll('.copy .more')].map(e => getComputedStyle(e).visibility)"
+    assert set(desk.evaluate(cue)) == {"hidden"}
+
+
+def test_what_stands_above_already_is_quiet(page: Path, chromium: Browser) -> None:
+    tab = opened(chromium, page)
+    rows = (
+        "[...document.querySelector('#errors-by-recording-and-model').parentElement"
+        ".querySelectorAll('td.again')].length"
+    )
+    assert tab.evaluate(rows) > 0
+    assert tab.evaluate("document.querySelectorAll('td.n.again').length") == 0
+
+
+@pytest.mark.skipif(AXE is None, reason="neither axe-core-python nor PAMID_AXE is there")
+@pytest.mark.parametrize("look", ["1280", "1280 dark", "390"])
+@pytest.mark.parametrize(
+    "kind", ["partly-explained", "explained", "unknown-effect", "trial", "comparison"]
+)
+def test_axe_finds_nothing(kind: str, look: str, pages: dict[str, Path], chromium: Browser) -> None:
+    assert AXE is not None
+    wide, _, dark = look.partition(" ")
+    tab = opened(chromium, pages[kind], int(wide), dark=bool(dark))
+    tab.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    tab.evaluate(AXE.read_text(encoding="utf-8") + ";0")
     found = tab.evaluate(
         "axe.run(document, {resultTypes: ['violations']}).then(told => told.violations.map("
         "one => [one.id, one.nodes[0].html.slice(0, 200)]))"

@@ -93,7 +93,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "That is more than noise and ordinary tolerances (P 0.97 that it is more); of 100 "
             "machines on which nothing is missing, 1 would leave as much or more.",
             "The missing term at the muscle port is described best, as a function, by",
-            "-0.42 sign(velocity) + 0.11 contraction^2",
+            "−0.42 sign(velocity) + 0.11 contraction²",
         ],
         "ambiguous": [
             "Coulomb friction at the joint port (P 0.91) or leak at the pressure port (P 0.38) "
@@ -108,7 +108,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "What is left The whole gap, at the joint port. Left over: 10 times the noise floor",
             "A function of the velocity at the muscle port removes 71 % of the held-out error "
             "(95 % interval 62 to 78 %), whatever its curve.",
-            "-0.42 sign(velocity) + 0.11 contraction^2",
+            "−0.42 sign(velocity) + 0.11 contraction²",
             "83 % of the fits",
             "velocity and contraction",
         ],
@@ -464,6 +464,9 @@ def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
         write_report(folder, notes)
     assert notes.read_text(encoding="utf-8") == "mine"
     assert not (folder / "report.html").exists()
+    assert run_command(["report", str(folder), "--output", str(notes)]) == 3
+    assert run_command(["report", str(folder), "--output", str(notes), "--overwrite"]) == 0
+    assert notes.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
 @pytest.mark.usefixtures("undrawn")

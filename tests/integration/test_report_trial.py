@@ -56,9 +56,9 @@ def test_one_page_with_four_figures(folder: Path) -> None:
     text = re.sub(r" (?=[,.):;])", "", flat(page.text))
     for told in (
         "Blind trial, part test, seed 7: 240 cases, 1 failed; 12 of 160 planted gaps do not show",
-        "family named first 87.3 % 79.8 to 92.3 110 >= 90 % missed",
-        "known effect called unknown 6.4 % 3.1 to 12.6 110 <= 10 % reached",
-        "each of them visible beside the other - 0 >= 65 % no cases",
+        "family named first 87.3 % 79.8 to 92.3 110 ≥ 90 % missed",
+        "known effect called unknown 6.4 % 3.1 to 12.6 110 ≤ 10 % reached",
+        "each of them visible beside the other - 0 ≥ 65 % no cases",
         "1.1 to 1.3 67 % (20/30) 60 % (18/30) 93 % (28/30) 5 % (1/20)",
         "inertia [kg m²]",
         "Case 17: the joint ran into its stop <b>hard</b>",
@@ -86,7 +86,7 @@ def test_every_row_of_the_table_is_judged_by_its_own_direction(trial: Trial) -> 
     assert drawing is not None
     assert drawing.title.startswith(
         f"{sum(judged)} of {len(judged)} targets are reached; missed: family named first "
-        "(87.3 %, target >= 90 %), at least one of two"
+        "(87.3 %, target ≥ 90 %), at least one of two"
     )
 
 
@@ -113,7 +113,7 @@ def test_targets_that_are_all_reached_say_so(tmp_path: Path) -> None:
 
 def test_reliability_shows_what_was_said_and_what_was_right(trial: Trial) -> None:
     drawing = reliability_drawing(trial)
-    assert drawing is not None and "(target <= 0.05)" in drawing.title
+    assert drawing is not None and "(target ≤ 0.05)" in drawing.title
     figure = Figure()
     drawing.draw(figure, False)
     said, right = figure.axes[0].get_lines()[-1].get_data()
@@ -143,7 +143,7 @@ def test_strata_name_the_worst_and_the_best(trial: Trial) -> None:
     assert drawing is not None
     title = drawing.title.replace("\u00a0", " ")
     assert title == (
-        "The family is named first in 67 % (inertia 0.014 kg m²) to 98 % (visibility >= 2) of the "
+        "The family is named first in 67 % (inertia 0.014 kg m²) to 98 % (visibility ≥ 2) of the "
         "visible faults"
     )
 

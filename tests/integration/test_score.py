@@ -192,4 +192,4 @@ def test_the_report_has_the_same_table_of_what_was_held_out(
     pooled = data.fit.mae["angle_deg"]["refitted"]
     assert row(found, "rec", "replay")["mae"]["refitted"] == pytest.approx(pooled, rel=1e-3)
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert "The same per recording" in page and "inertia_kg_m2 0.0896" in page
+    assert "Errors by recording and model" in page and "inertia_kg_m2 0.0896" in page

@@ -59,7 +59,8 @@ def test_every_value_tells_where_it_comes_from(
     assert diagnose["jobs"] == {"value": 4, "origin": f"{project} [diagnose]"}
     assert diagnose["seed"] == {"value": 9, "origin": "environment, PAMID_DIAGNOSE_SEED"}
     assert diagnose["without"]["value"] == ["clock-skew"]
-    assert diagnose["output"]["origin"] == "required"
+    assert diagnose["output"] == {"value": "diagnose-run", "origin": "default"}
+    assert told["commands"]["simulate"]["excitation"]["origin"] == "required"
     assert fit["seed"] == {"value": 7, "origin": f"{project} [defaults]"}
     assert fit["overwrite"] == {"value": False, "origin": "default"}
 

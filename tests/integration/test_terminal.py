@@ -273,7 +273,7 @@ def test_the_old_word_for_overwriting_is_heard_and_not_shown(
         told = capsys.readouterr().out
         assert "--force" not in told.replace("--force-", "")
         overwriting += [command.name] if "--overwrite" in told else []
-    assert len(overwriting) == 13
+    assert len(overwriting) == 16
     assert frame.run(["config", "simulate", "--json"]) == 0
     options = json.loads(capsys.readouterr().out)["commands"]["simulate"]
     assert "overwrite" in options and "force" not in options

@@ -15,6 +15,7 @@ from pamid_cli import frame
 from pamid.base.errors import DataError, UsageError
 from pamid.base.json_file import read_json
 from pamid.base.metrics import wilson_interval
+from pamid.base.run_folder import Run
 from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
@@ -554,6 +555,28 @@ def test_a_finished_case_is_not_run_again(
     capsys.readouterr()
     assert trial(tmp_path / "run", 5, "--seed", "1", "--json") == 3
     assert "seed 0" in json.loads(capsys.readouterr().out)["message"] and len(examined) == 6
+
+
+def test_a_trial_is_replaced_as_a_whole_and_nothing_else_is(
+    tmp_path: Path, examined: list[int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, notes = tmp_path / "run", tmp_path / "run" / "cases" / "notes.txt"
+    assert trial(folder, 4) == 0 and len(examined) == 4
+    notes.write_text("mine")
+    assert trial(folder, 2, "--overwrite", "--resume") == 2 and len(examined) == 4
+    assert trial(folder, 2, "--overwrite", "--seed", "1") == 0
+    assert examined[4:] and len(examined) == 6, "results of the earlier trial count for nothing"
+    assert sorted(path.name for path in (folder / "cases").iterdir()) == [
+        "0000.json",
+        "0001.json",
+        "notes.txt",
+    ]
+    assert read_json(folder / "run.json")["seed"] == 1
+    other = tmp_path / "other"
+    Run.create(other, command=["pamid", "fit"], seed=0)
+    capsys.readouterr()
+    assert trial(other, 2, "--overwrite") == 3
+    assert "it holds no trial" in capsys.readouterr().err and len(examined) == 6
 
 
 def test_only_one_stratum(tmp_path: Path, examined: list[int]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from pathlib import Path
 
 import pytest
 from synthetic_run import diagnosis_json
@@ -19,11 +20,15 @@ from pamid.report.block_diagram import (
     narrow_diagram,
     wide_diagram,
 )
-from pamid.report.rig_figure import anchor, panels_html, rig_drawing
+from pamid.report.rig_card import rig_svg
+from pamid.report.rig_figure import anchor, bare_rig_drawing, panels_html, rig_drawing, rig_title
 from pamid.report.rig_texts import block_texts
+from pamid.report.style import figure_of
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.model import read
 from pamid.schemas.rig_map import RigMap
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def map_of(name: str) -> RigMap:
@@ -84,6 +89,24 @@ def test_blocks_never_overlap_and_stay_inside(name: str) -> None:
         assert shown == {one.group or one.port for one in rig.ports}
 
 
+def test_blocks_of_one_column_are_joined_where_one_leads_to_the_other() -> None:
+    """Two tanks: what runs out of the upper one runs into the lower one."""
+    rig = map_of(str(ROOT / "data" / "rigs" / "tanks.py"))
+    texts = plain_texts(rig)
+    pairs = {(a, b) for a, b, _ in links_of(rig, columns_of(rig))}
+    assert ("upper", "lower") in pairs and ("lower", "upper") not in pairs
+    wide = wide_diagram(rig, texts, 920.0)
+    boxes = {box.name: box for box in wide.boxes}
+    upper, lower = boxes["upper"], boxes["lower"]
+    assert upper.x == lower.x
+    assert any(
+        one.begin[0] == one.end[0] and upper.y + upper.tall < one.begin[1] < one.end[1] < lower.y
+        for one in wide.links
+    )
+    narrow = narrow_diagram(rig, texts, 340.0)
+    assert any(one.begin[1] == one.end[1] for one in narrow.links)
+
+
 def test_a_long_column_is_taken_together_but_for_what_matters() -> None:
     ports = [
         {"port": f"joint_{k}", "group": "", "kind": "motion", "unit": "N m", "leads_to": []}
@@ -133,11 +156,29 @@ def test_every_block_leads_to_a_panel_that_is_there() -> None:
     assert f'class="port-panel shown" id="{anchor("joint")}"' in panels
 
 
+def test_the_diagram_of_a_notebook_leads_nowhere_and_has_its_text() -> None:
+    found = diagnosis_of("explained")
+    svg = rig_svg(found)
+    assert "href=" not in svg and "class=" not in svg and "<script" not in svg
+    title = rig_title(found, found.rig)  # type: ignore[arg-type]
+    assert f'aria-label="{title}"' in svg and 'role="img"' in svg
+    assert ">◆ Coulomb<" in svg or ">◆ Coulomb friction<" in svg
+    assert svg.count("<g>") == 5
+
+
+def test_a_rig_by_itself_shows_its_units_and_no_share() -> None:
+    drawing = bare_rig_drawing(map_of("one-dof"))
+    figure = figure_of(drawing)
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert "joint" in texts and "[N m]" in texts and not [one for one in texts if "%" in one]
+    assert drawing.own is None and drawing.title.startswith("The rig one-dof, from what is sent")
+
+
 def test_a_run_of_an_earlier_version_has_no_diagram() -> None:
     content = diagnosis_json("explained")
     del content["rig"]
     found = read(DiagnosisFile, content)
-    assert rig_drawing(found) is None and str(panels_html(found)) == ""
+    assert rig_drawing(found) is None and str(panels_html(found)) == "" == rig_svg(found)
 
 
 def test_names_from_a_file_are_text() -> None:
@@ -146,4 +187,4 @@ def test_names_from_a_file_are_text() -> None:
     found = read(DiagnosisFile, content)
     drawing = rig_drawing(found)
     assert drawing is not None and drawing.own is not None
-    assert "<script" not in "".join(drawing.own) + str(panels_html(found))
+    assert "<script" not in "".join(drawing.own) + str(panels_html(found)) + rig_svg(found)

@@ -26,6 +26,7 @@ Make = Callable[..., Recording]
 
 ROOT = Path(__file__).resolve().parents[2]
 CART = str(ROOT / "data" / "rigs" / "cart.py")
+EFFECT = str(ROOT / "pamid" / "effects" / "leak.py")
 EXAMPLE = ROOT / "data" / "example" / "joint.csv"
 PERIOD = 0.003
 P1, P2, ANGLE = "pressure_1_kpa", "pressure_2_kpa", "angle_deg"
@@ -456,10 +457,25 @@ def test_the_card_is_drawn_on_request(
         run(["check", str(spoilt), "--figure", str(card), "--overwrite"]) == 0
         and card.read_bytes() == png
     )
-    assert (
-        run(["check", CART, "--figure", str(tmp_path / "rig.png")]) == 2
-        and not (tmp_path / "rig.png").exists()
-    )
+
+
+def test_a_rig_is_drawn_as_blocks_and_an_effect_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = tmp_path / "new" / "rig.png"
+    assert run(["check", CART, "--figure", str(drawn), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["figure"] == str(drawn)
+    assert drawn.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    again = tmp_path / "again.png"
+    assert run(["rigs", CART, "--figure", str(again)]) == 0
+    assert f"Figure: {again}" in capsys.readouterr().out
+    assert again.read_bytes() == drawn.read_bytes()
+    assert run(["rigs", CART, "--figure", str(again)]) == 3
+    for words in (["check", EFFECT, "--figure", "x.png"], ["rigs", "--figure", "x.png"]):
+        assert run(words) == 2 and not Path("x.png").exists()
+        assert "--figure draws" in capsys.readouterr().err
+    assert run(["check", CART, "--figure", str(tmp_path / "rig.svg")]) == 2
+    assert "rig.png" in capsys.readouterr().err and not (tmp_path / "rig.svg").exists()
 
 
 def test_the_title_states_what_was_found(spoilt: Path) -> None:

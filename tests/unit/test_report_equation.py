@@ -16,7 +16,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.report.document import Equation
 from pamid.report.equation import acting, cause_equations, model_equations, remainder_equations
 from pamid.report.formatting import SPACE
-from pamid.report.formula import FormulaError, formula_html
+from pamid.report.formula import FormulaError, formula_html, formula_text
 from pamid.report.load import RunData, load_run
 from pamid.report.mathml import Typeset, name
 from pamid.symbolic.expression import Expr, symbol, symbols
@@ -155,6 +155,13 @@ def test_a_rig_from_a_file_has_no_equation(tmp_path: Path) -> None:
 # ---- formulas --------------------
 
 
+def test_a_formula_in_a_sentence_has_printed_signs_and_no_times_one() -> None:
+    told = "missing [V/s] = -0.25 stored/(7.1 V) -0.0753 (stored/(7.1 V))^3 -0.0379 1 -0.03 x"
+    assert formula_text(told) == (
+        "missing [V/s] = −0.25 stored/(7.1 V) − 0.0753 (stored/(7.1 V))³ − 0.0379 − 0.03 x"
+    )
+
+
 @pytest.mark.parametrize(
     "text, expected",
     [
@@ -163,7 +170,8 @@ def test_a_rig_from_a_file_has_no_equation(tmp_path: Path) -> None:
             "missing [N m] = -12.3 velocity/(37.1 deg/s) |velocity/(37.1 deg/s)| -0.2 (x/0.17)^3",
             "missing [N m]=−12.3⋅velocity37.1deg/s⋅|velocity37.1deg/s|−0.2⋅(x0.17)3",
         ),
-        ("+1.2e-05 1", "1.2×10−5⋅1"),
+        ("+1.2e-05 1", "1.2×10−5"),
+        ("0.3 x -0.04 1 -0.1 x^3", "0.3⋅x−0.04−0.1⋅x3"),
     ],
 )
 def test_a_formula_is_typeset(text: str, expected: str) -> None:

@@ -88,7 +88,10 @@
   }
   for (const table of document.querySelectorAll(".scroll > table")) {
     const bar = make("div", {className: "copy"});
-    bar.append("copy as ");
+    bar.append(make("span", {className: "more", textContent: "more to the right →"}), "copy as ");
+    // a cue beside the shadow at the edge: touch screens show no scroll bar
+    new ResizeObserver(() => bar.classList.toggle("sideways", table.parentElement.scrollWidth > table.parentElement.clientWidth + 1))
+      .observe(table.parentElement);
     for (const form of Object.keys(FORMS)) {
       const button = make("button", {type: "button", textContent: form});
       button.addEventListener("click", () => copy(table, form, button));

@@ -137,6 +137,7 @@
   /** The values at the cursor, in this panel's head. */
   function tell(chart, panel) {
     const {idx, left} = chart.cursor, blank = idx === null || idx === undefined || left < 0;
+    panel.box.classList.toggle("read", !blank);
     panel.values.forEach((output, k) => {
       const y = blank ? null : chart.data[k + 1][idx];
       output.value = y === null || y === undefined ? "–" : signed(y.toFixed(panel.digits));

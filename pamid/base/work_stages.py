@@ -1,0 +1,84 @@
+"""The stages of long work and their usual shares of its time, by the label of its progress line.
+
+A stage is known by how its texts begin. Shares are those of a virtual joint on one core; work that
+goes otherwise makes the time left wrong, never what is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class WorkStage:
+    """begins: of its texts; share: of the whole, 0 to 1; called: what people read, where that is
+    something else."""
+
+    begins: str
+    share: float
+    called: str = ""
+
+    @property
+    def title(self) -> str:
+        return self.called or self.begins
+
+
+def _within(stages: Iterable[WorkStage], share: float) -> tuple[WorkStage, ...]:
+    """The same stages as a part of other work."""
+    return tuple(WorkStage(one.begins, share * one.share, one.called) for one in stages)
+
+
+_DIAGNOSE = (
+    WorkStage("fitting", 0.10),
+    WorkStage("noise floor", 0.01),
+    WorkStage("black box", 0.07),
+    WorkStage("looking where", 0.08, "where something is missing"),
+    WorkStage("screening", 0.33),
+    WorkStage("refitting", 0.28),
+    WorkStage("looking for the family", 0.03, "unknown effects"),
+    WorkStage("looking for the next experiment", 0.10, "next experiment"),
+)
+_RECORDING = "recording"
+#: label of the progress line -> its stages, in order
+WORK_STAGES: dict[str, tuple[WorkStage, ...]] = {
+    "diagnose": _DIAGNOSE,
+    "fit": (WorkStage("fitting", 0.8), WorkStage("noise floor", 0.2)),
+    "fit --bootstrap": (
+        WorkStage("fitting", 0.14),
+        WorkStage("noise floor", 0.02),
+        WorkStage("bootstrap", 0.84),
+    ),
+    "power": (
+        WorkStage("fitting", 0.15, "fitting without effects"),
+        WorkStage("response to", 0.8, "response to every effect"),
+        WorkStage("comparing", 0.05),
+    ),
+    "demo": (
+        WorkStage(_RECORDING, 0.06),
+        *_within(_DIAGNOSE, 0.7),
+        WorkStage("training a network", 0.14),
+        WorkStage("writing", 0.1, "writing the page"),
+    ),
+    "reproduce-paper": (
+        WorkStage(_RECORDING, 0.01),
+        WorkStage("training", 0.89, "training the network"),
+        *_within(_DIAGNOSE, 0.1),
+    ),
+    "reproduce-paper --quick": (
+        WorkStage(_RECORDING, 0.02),
+        WorkStage("training", 0.1, "training the network"),
+        *_within(_DIAGNOSE, 0.88),
+    ),
+    "reproduce-paper --paper arm": (
+        WorkStage(_RECORDING, 0.05),
+        WorkStage("gravity-without-payload:", 0.1, "gravity tests without payload"),
+        WorkStage("gravity:", 0.1, "gravity tests"),
+        WorkStage("force map", 0.05, "force map of a muscle"),
+        WorkStage("pulses-analytic-alone:", 0.15, "valve pulses, analytic law"),
+        WorkStage("pulses-anfis-alone:", 0.15, "valve pulses, ANFIS"),
+        WorkStage("pulses-analytic:", 0.15, "both with corrections"),
+        WorkStage("pulses-anfis:", 0.15, "ANFIS with corrections"),
+        WorkStage("free runs", 0.1),
+    ),
+}
