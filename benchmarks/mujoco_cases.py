@@ -1,6 +1,6 @@
 """Blind cases with MuJoCo as the truth: does `pamid diagnose` name what the model file lacks?
 
-    python benchmarks/mujoco_cases.py --cases 40 --seed 1 --output FOLDER [--joints 1 2 7] [--kinds K]
+    python benchmarks/mujoco_cases.py --cases 40 --seed 1 --output FOLDER [--joints 1 2 7]
 
 Every case is an arm that MuJoCo simulates (`mujoco_truth.py`) with one planted difference or none,
 a log of it, and a model file that lacks the difference and has every mass 10 to 20 % off. `pamid
