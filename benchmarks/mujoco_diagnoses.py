@@ -59,7 +59,7 @@ def main() -> None:
             folder = Path(place)
             joint = write_case(folder, name)
             before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-            words = "diagnose rec.csv --rig model.xml --output run --jobs".split()
+            words = ["diagnose", "rec.csv", "--rig", "model.xml", "--output", "run", "--jobs"]
             done = subprocess.run(
                 [PAMID, *words, str(options.jobs)],
                 cwd=folder,
