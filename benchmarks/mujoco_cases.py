@@ -71,6 +71,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--joints", type=int, nargs="*", default=[1, 2, 7])
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="only these")
     parser.add_argument("--score-only", action="store_true")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
@@ -78,6 +79,7 @@ def main() -> int:
         number
         for number in range(options.cases)
         if BLOCKS[number // len(KINDS) % len(BLOCKS)] in options.joints
+        and kind_of(options.seed, number) in options.kinds
     ]
     # in an order of their own, so that the share done by any moment is not a share of some kinds
     for number in np.random.default_rng([options.seed, 5]).permutation(chosen).tolist():
@@ -87,6 +89,12 @@ def main() -> int:
     labels = json.loads((options.output / "labels.json").read_text())
     print_table([score(options.output, labels[str(n)], n) for n in chosen])
     return 0
+
+
+def kind_of(seed: int, number: int) -> str:
+    """What is planted in a case: every kind once in a block, in an order of its own."""
+    block, place = divmod(number, len(KINDS))
+    return KINDS[np.random.default_rng([seed, block]).permutation(len(KINDS))[place]]
 
 
 def folder_of(output: Path, number: int) -> Path:
@@ -103,8 +111,7 @@ def make_case(output: Path, seed: int, number: int) -> None:
     known = json.loads(labels.read_text()) if labels.exists() else {}
     if str(number) in known and (folder / "rec.csv").exists():
         return
-    block, place = divmod(number, len(KINDS))
-    kind = KINDS[np.random.default_rng([seed, block]).permutation(len(KINDS))[place]]
+    block, kind = number // len(KINDS), kind_of(seed, number)
     random = np.random.default_rng([seed, number, 7])
     joints = BLOCKS[block % len(BLOCKS)]
     machine = arm(joints, random)

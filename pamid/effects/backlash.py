@@ -23,15 +23,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pamid.effects.two_mass import DAMPING, LOAD_SHARE, with_outboard
-from pamid.model.effect import Effect, State
+from pamid.effects.two_mass import DAMPING
+from pamid.model.effect import State
+from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, smooth_step, where
 
 TAKE_UP = 0.25  # of the half gap, over which the damping sets in
 
 
-class Backlash(Effect):
+class Backlash(OutboardEffect):
     """Outboard inertia behind a gap."""
 
     family = "flexible-transmission"
@@ -74,5 +75,5 @@ class Backlash(Effect):
         spring = w * w * beyond + 2.0 * p.damping * w * loaded * z.twisting
         pull = where(beyond > 0.0, maximum(spring, 0.0), minimum(spring, 0.0))
         pull = where(absolute(beyond) > 0.0, pull, 0.0)
-        torque, twisting = with_outboard(value, at, p.share, pull)
+        torque, twisting = self.outboard(value, at, p.share, z).moved(pull)
         return torque, {"twist": z.twisting, "twisting": twisting}

@@ -12,9 +12,11 @@ Looks like it
     frequency that follows the pressure; backlash, whose frequency falls at small amplitude.
 Equation
     q'' = -w^2 q - 2 damping w q' - a + g, w = 2 pi frequency; a = T_out/J,
-    T_out = (T + share J (w^2 q + 2 damping w q' - g)) / (1 - share);
-    g: the acceleration `free_fall` of what is let go, 0 where the port does not offer it: weight is
-    borne by what is behind the spring
+    T_out = (T + share J (w^2 q + 2 damping w q' - g)) / (1 - share); g = 0.
+    Where the port offers `behind`, a joint of an arm that carries J - A beside its motor A: T, J
+    and g, the acceleration of what it carries when let go, are those of the pose turned by share q;
+    share is that of J - A, and so share (J - A)/J of J; w^2 and w are multiplied by the usual J - A
+    over that in this pose, so that the stiffness is one number
 References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319.
 """
@@ -24,20 +26,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pamid.model.effect import Effect, State
+from pamid.model.effect import State
+from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
-LOAD_SHARE = Parameter(
-    "share",
-    0.6,
-    low=0.0,
-    high=0.95,
-    spread=0.35,
-    null=0.0,
-    tries=(0.85,),
-    source="load behind the joint: 0.5-0.92 of the inertia",
-)
 DAMPING = Parameter(
     "damping",
     0.02,
@@ -50,19 +43,7 @@ DAMPING = Parameter(
 )
 
 
-def with_outboard(torque: Expr, at: Any, share: Expr, pull: Expr) -> tuple[Expr, Expr]:
-    """Torque that accelerates the whole inertia as the joint moves, and the acceleration of the
-    twist.
-
-    pull: what the outboard part exerts on the joint, per unit of its inertia (rad/s2 or m/s2).
-    """
-    if at.offers("free_fall"):
-        pull = pull - at.free_fall
-    total = (torque + share * at.inertia * pull) / (1.0 - share)
-    return total, -pull - total / at.inertia
-
-
-class TwoMass(Effect):
+class TwoMass(OutboardEffect):
     """Outboard inertia on a damped spring; `frequency` is its own with the joint held."""
 
     family = "flexible-transmission"
@@ -90,5 +71,5 @@ class TwoMass(Effect):
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:
         w = (2.0 * math.pi) * p.frequency
         pull = w * w * z.twist + 2.0 * p.damping * w * z.twisting
-        torque, twisting = with_outboard(value, at, p.share, pull)
+        torque, twisting = self.outboard(value, at, p.share, z).moved(pull)
         return torque, {"twist": z.twisting, "twisting": twisting}

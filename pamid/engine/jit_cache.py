@@ -28,11 +28,11 @@ import llvmlite.binding as llvm
 from pamid.base.trust import is_shared
 from pamid.engine.cache_folder import user_cache
 
-_VERSION = "1"
-LONG_MODULE = 5000  # lines
+_VERSION = "2"
+LONG_MODULE = 5000  # lines; an arm of seven joints has 14000 to 40000
 _lock = threading.Lock()
 _loaded: dict[str, llvm.ExecutionEngine] = {}
-_machine: list[llvm.TargetMachine] = []
+_machines: dict[int, llvm.TargetMachine] = {}
 
 
 def cache_folder() -> Path:
@@ -41,22 +41,21 @@ def cache_folder() -> Path:
     return Path(chosen) if chosen else user_cache() / "pamid"
 
 
-def _target() -> llvm.TargetMachine:
-    if not _machine:
+def _target(level: int) -> llvm.TargetMachine:
+    """What writes machine code, with so much effort (0 to 3)."""
+    if level not in _machines:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         features = llvm.get_host_cpu_features().flatten()
-        _machine.append(
-            llvm.Target.from_default_triple().create_target_machine(
-                cpu=llvm.get_host_cpu_name(),
-                features=features,
-                opt=2,
-                reloc="pic",
-                codemodel="jitdefault",
-                jit=True,
-            )
+        _machines[level] = llvm.Target.from_default_triple().create_target_machine(
+            cpu=llvm.get_host_cpu_name(),
+            features=features,
+            opt=level,
+            reloc="pic",
+            codemodel="jitdefault",
+            jit=True,
         )
-    return _machine[0]
+    return _machines[level]
 
 
 def _key(ir_text: str) -> str:
@@ -74,15 +73,16 @@ def _key(ir_text: str) -> str:
 
 
 def _compile(ir_text: str) -> bytes:
-    machine = _target()
+    # common subexpressions are found before; in long straight lines LLVM's passes and its second
+    # level of code take nearly as long again as all else and make nothing faster
+    long = ir_text.count("\n") > LONG_MODULE
+    machine = _target(1 if long else 2)
     module = llvm.parse_assembly(ir_text)
     module.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    # merging scalars to vectors gains little in straight lines, and its time grows with the square
-    # of their length
-    options.slp_vectorization = ir_text.count("\n") < LONG_MODULE
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
+    if not long:
+        options = llvm.create_pipeline_tuning_options(speed_level=2)
+        builder = llvm.create_pass_builder(machine, options)
+        builder.getModulePassManager().run(module, builder)
     return bytes(machine.emit_object(module))
 
 
@@ -146,7 +146,7 @@ def addresses(ir_text: str, names: list[str]) -> list[int]:
             if code is None:
                 code = _compile(ir_text)
                 _write(path, code)
-            _target()
+            _target(2)
             empty = llvm.parse_assembly("")
             engine = llvm.create_mcjit_compiler(empty, _new_machine())
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))

@@ -27,7 +27,7 @@ from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
-from pamid.symbolic.vocabulary import Expr
+from pamid.symbolic.vocabulary import Expr, held
 
 Array = NDArray[np.float64]
 
@@ -212,7 +212,10 @@ class Assembly:
         return outputs[0]
 
     def program_with(self, extra: dict[str, Expr]) -> Executable:
-        """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
+        """Compiled equations with further outputs, in the order of `extra`, after the rig's own.
+        These have no sensitivities, and where there are any, no parameter has."""
         t = self.traced
-        outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
-        return program_of(self.rig, t, outputs, tuple(self.keys), self.sensitive)
+        outputs = {k: t.outputs[k] for k in self.outputs or t.outputs}
+        outputs |= {k: held(value) for k, value in extra.items()}
+        sensitive = frozenset[str]() if extra else self.sensitive
+        return program_of(self.rig, t, outputs, tuple(self.keys), sensitive)

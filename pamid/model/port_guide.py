@@ -73,6 +73,7 @@ SIGNALS = {
     "pressure": "of the fluid behind the value, gauge",
     "inertia": "mass or moment of inertia of what the port drives",
     "free_fall": "acceleration of what the port drives, let go: by its weight, say",
+    "behind": "what the port drives in a pose turned against it, as a function of an angle",
     "stored": "what is in the store: pressure, level, temperature",
     "upstream": "what is in the store that runs over into this one; the other port offers "
     "`downstream`",

@@ -10,8 +10,9 @@ Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
@@ -33,6 +34,26 @@ from pamid.symbolic.vocabulary import (
 )
 
 DELAY_ROOM = 5.0  # times the delay that the file states
+LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
+#: an angle (or way) and its rate
+Turn: TypeAlias = tuple[Expr, Expr]
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a joint drives while all other joints give way: torque that accelerates it, its inertia,
+    that of it without the motor's (carried), the acceleration of this part with no spring at its
+    joint, and its usual inertia, a number (kg m2 or kg; N m or N)."""
+
+    torque: Expr
+    inertia: Expr
+    carried: Expr
+    free_fall: Expr
+    usual: float
+
+    def under(self, more: Expr) -> Load:
+        """With more torque."""
+        return replace(self, torque=self.torque + more)
 
 
 class CompiledMechanism(Rig):
@@ -260,8 +281,12 @@ class MechanismEquations:
             for j, f in enumerate(found)
         ]
 
-    def tree(self) -> Tree:
+    def tree(self, turned: Mapping[int, Turn] | None = None) -> Tree:
+        """Links and motors; turned: by how much links stand beyond the motor of their joint."""
         value = self.rig.value
+        q, qd = list(self.q), list(self.qd)
+        for j, (angle, rate) in (turned or {}).items():
+            q[j], qd[j] = q[j] + angle, qd[j] + rate
         armature = []
         for j, joint in enumerate(self.m.joints):
             total = value(self.p, "joint", j, "armature", joint.armature)
@@ -273,12 +298,12 @@ class MechanismEquations:
         masses = [
             value(self.p, "body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)
         ]
-        return Tree(self.m, self.q, self.qd, masses, armature)
+        return Tree(self.m, q, qd, masses, armature)
 
     def rates(self) -> dict[str, Number]:
         """Of every state."""
-        tree, applied = self.tree(), self.applied()
-        passed = self.carried(tree, applied)
+        applied = self.applied()
+        tree, passed = self.carried(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
         qdd = accelerations(tree, applied, passed, rubbing)
         found: dict[str, Number] = {}
@@ -290,38 +315,62 @@ class MechanismEquations:
                 found[actuator.state] = self.activation_rate(i)
         return found
 
-    def carried(self, tree: Tree, applied: list[Expr]) -> list[Expr | None]:
-        """What reaches the joints where an effect lets what one of them carries move against its
-        motor, by a twist t: with M' the inertias without that motor's,
+    def carried(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
+        """The tree, and what reaches its joints where an effect lets what one of them carries move
+        against its motor, by an angle t: with M' the inertias without that motor's, at q + t,
 
             sum_k M_ik q_k'' = force_i - c_i - M'_ij t''
 
-        None where nothing does. All other joints give way (1 / (M^-1)_jj is what joint j feels of
-        them), so that the effect sees one inertia behind one motor. Exact for one such joint.
+        None where nothing does. All other joints give way, so that the effect sees one inertia
+        behind one motor. Exact for one such joint.
         """
-        passed: list[Expr | None] = [None] * tree.n
-        rigid = accelerations(tree, applied, passed, [None] * tree.n)
-        for j, force in enumerate(applied):
-            inertia = tree.felt_inertia(j)
-            outboard = maximum(inertia - tree.armature[j], 1e-12)
-            moving = inertia * rigid[j]
+        turned: dict[int, Turn] = {}
+        tree = rigid = self.tree()
+        twisting: dict[int, Expr] = {}
+        for j in range(tree.n):
+            met = [self.load(rigid, applied, j)]
+
+            def behind(
+                torque: Expr, angle: Expr, rate: Expr, j: int = j, met: list[Load] = met
+            ) -> Load:
+                before = turned.get(j, (ZERO, ZERO))
+                turned[j] = before[0] + angle, before[1] + rate
+                here, there = met[-1], self.load(self.tree(turned), applied, j)
+                met.append(there)
+                return there if torque is here.torque else there.under(torque - here.torque)
+
             reaching = self.port(
                 self.rig.port_of("joint", j, "transmission"),
-                moving,
+                met[0].torque,
                 position=self.q[j],
                 velocity=self.qd[j],
-                inertia=inertia,
-                free_fall=(moving - force) / outboard,
+                inertia=met[0].inertia,
+                free_fall=met[0].free_fall,
+                behind=behind,
             )
-            if reaching is moving:
-                continue
-            twisting = (moving - reaching) / outboard
+            if reaching is not met[0].torque:
+                twisting[j] = (met[-1].torque - reaching) / met[-1].carried
+        if turned:
+            tree = self.tree(turned)
+        passed: list[Expr | None] = [None] * tree.n
+        for j, one in twisting.items():
             for i in range(tree.n):
                 link = tree.link_inertia(i, j)
                 if link is not None:
-                    before = passed[i] if passed[i] is not None else applied[i] - tree.holding[i]
-                    passed[i] = before - link * twisting
-        return passed
+                    before = passed[i]
+                    before = applied[i] - tree.holding[i] if before is None else before
+                    passed[i] = before - link * one
+        return tree, passed
+
+    def load(self, tree: Tree, applied: list[Expr], j: int) -> Load:
+        """What joint j carries, all other joints giving way."""
+        moving = accelerations(tree, applied, [None] * tree.n, [None] * tree.n)[j]
+        inertia = tree.felt_inertia(j)
+        carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
+        joint = self.m.joints[j]
+        usual = max(joint.typical_inertia - joint.armature, LEAST_INERTIA)
+        torque = inertia * moving
+        return Load(torque, inertia, carried, (torque - applied[j]) / carried, usual)
 
     # ---- readings --------------------------------------------------------------------------------
 

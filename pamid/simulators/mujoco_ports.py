@@ -56,7 +56,7 @@ def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
             f"{joint.name}_transmission",
             "transmission",
             joint.force_unit,
-            (*motion, ("inertia", inertia), ("free_fall", f"{joint.unit}/s2")),
+            (*motion, ("inertia", inertia), ("free_fall", f"{joint.unit}/s2"), ("behind", "")),
             "joint",
             i,
         ),

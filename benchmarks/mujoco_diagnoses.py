@@ -1,0 +1,81 @@
+"""What a diagnosis of a MuJoCo model costs: 60 s of one joint as equations and stepped by MuJoCo
+(a wall that the joint never reaches keeps it from becoming equations), and of an arm of seven
+joints as equations; each with dry friction that the model lacks and masses 10 to 20 % off, with an
+empty cache of compiled models. CPU seconds, of the processes together, and seconds waited.
+
+    OMP_NUM_THREADS=1 .venv/bin/python benchmarks/mujoco_diagnoses.py [one stepped seven] [--jobs 2]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from mujoco_truth import Planted, arm, misjudged, model_text, record
+
+SECONDS, SEED = 60.0, 5
+CASES = {"one": (1, 0), "stepped": (1, 0), "seven": (7, 3)}  # joints, and the one that rubs
+PAMID = Path(sys.executable).with_name("pamid")
+WALL = '<geom type="box" pos="{x} 0 0" size="0.01 0.2 1" contype="1" conaffinity="1"/>'
+TIP = '<geom type="sphere" pos="0 0 {z}" size="0.01" mass="0" contype="1" conaffinity="1"/>'
+
+
+def write_case(folder: Path, name: str) -> str:
+    """model.xml and rec.csv; the joint that rubs."""
+    joints, at = CASES[name]
+    random = np.random.default_rng(SEED)
+    machine = arm(joints, random)
+    while not machine.links[0].kp:  # a servo stays where it is sent
+        machine = arm(joints, random)
+    link = machine.links[at]
+    columns, _ = record(machine, Planted("frictionloss", at, 0.03 * link.limit), SECONDS, SEED)
+    text = model_text(misjudged(machine, random))
+    if name == "stepped":
+        tip, wall = TIP.format(z=-link.length), WALL.format(x=0.9 * link.length + 0.02)
+        text = text.replace("<inertial", f"{tip}<inertial", 1)
+        text = text.replace("<worldbody>", f"<worldbody>{wall}", 1)
+    (folder / "model.xml").write_text(text)
+    table = np.column_stack(list(columns.values()))
+    header = ",".join(columns)
+    np.savetxt(folder / "rec.csv", table, "%.9g", ",", header=header, comments="")
+    return link.joint
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", nargs="*", default=[*CASES])
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    for name in options.cases:
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place)
+            joint = write_case(folder, name)
+            before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+            words = ["diagnose", "rec.csv", "--rig", "model.xml", "--output", "run", "--jobs"]
+            done = subprocess.run(
+                [PAMID, *words, str(options.jobs)],
+                cwd=folder,
+                env={**os.environ, "PAMID_CACHE": str(folder / "cache")},
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            after, waited = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begun
+            spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            said = done.stderr[-300:]
+            if done.returncode == 0:
+                said = json.loads((folder / "run/diagnosis.json").read_text())["sentence"]
+            print(f"{name}, friction at {joint}: {spent:.0f} s CPU, {waited:.0f} s: {said}")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
