@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
@@ -151,11 +151,17 @@ def refit(
     explains the gap these are smaller, and its parameters follow the recordings more and their
     priors less.
     """
-    begun = begun_from(base, assembly)
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     p = assembly.values() if p is None else p.copy()
+    typical = p.copy()
     set_within_bounds(assembly, p, first or {})
+    begun = begun_from(base, assembly)
+    if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
+        found = [fit_robustly(problem, p=q) for q in (p, typical)]
+        return max(
+            found, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
+        )
     done = fit(
         problem,
         p=p,
