@@ -3,8 +3,8 @@
 What it is
     A damper with a magnetised or an electrified fluid, a brake with a film: below the yield the
     force grows with speed, above it the level holds, which a current, a voltage, a pressure or a
-    load sets. The port offers the signal under `level`, or under its own name: load, pressure,
-    current, voltage, temperature (the first of these counts).
+    load sets. The port offers the signal under `level`, or under its own name: current, voltage,
+    pressure, temperature, load (the first of these counts; a load has an effect of its own).
 What it looks like
     Rounded steps of force over speed, higher where the signal is larger; at reversals nothing
     sticks.

@@ -217,3 +217,11 @@ def test_a_unit_that_is_refused_is_told_once(tmp_path: Path) -> None:
     path = tmp_path / "warm.py"
     path.write_text('from pamid import Parameter\n\nParameter("room_degc", 20.0, 10.0, 30.0)\n')
     assert pamid.check(path).summary().count("Give it in K") == 1
+
+
+def test_a_coil_comes_before_the_load_that_it_presses() -> None:
+    """The damper bench offers both: its friction follows the current."""
+    from pamid.effects.signal_dependent_friction import SignalDependentFriction as Friction
+
+    assert Friction.offered_as("level", {"load", "current", "velocity"}) == "current"
+    assert Friction.offered_as("level", {"load", "position"}) == "load"
