@@ -31,11 +31,14 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "mm": (1e-3, 0.0, (0, 1, 0, 0, 0, 0)),
     "um": (1e-6, 0.0, (0, 1, 0, 0, 0, 0)),
     "l": (1e-3, 0.0, (0, 3, 0, 0, 0, 0)),
+    "ml": (1e-6, 0.0, (0, 3, 0, 0, 0, 0)),
     "s": (1.0, 0.0, (0, 0, 1, 0, 0, 0)),
     "ms": (1e-3, 0.0, (0, 0, 1, 0, 0, 0)),
     "us": (1e-6, 0.0, (0, 0, 1, 0, 0, 0)),
     "min": (60.0, 0.0, (0, 0, 1, 0, 0, 0)),
+    "h": (3600.0, 0.0, (0, 0, 1, 0, 0, 0)),
     "Hz": (1.0, 0.0, (0, 0, -1, 0, 0, 0)),
+    "kHz": (1e3, 0.0, (0, 0, -1, 0, 0, 0)),
     "rad": (1.0, 0.0, (0, 0, 0, 0, 0, 1)),
     "mrad": (1e-3, 0.0, (0, 0, 0, 0, 0, 1)),
     "deg": (0.017453292519943295, 0.0, (0, 0, 0, 0, 0, 1)),
@@ -44,11 +47,14 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "kN": (1e3, 0.0, (1, 1, -2, 0, 0, 0)),
     "Pa": (1.0, 0.0, (1, -1, -2, 0, 0, 0)),
     "kPa": (1e3, 0.0, (1, -1, -2, 0, 0, 0)),
+    "hPa": (1e2, 0.0, (1, -1, -2, 0, 0, 0)),
     "MPa": (1e6, 0.0, (1, -1, -2, 0, 0, 0)),
     "mbar": (1e2, 0.0, (1, -1, -2, 0, 0, 0)),
     "bar": (1e5, 0.0, (1, -1, -2, 0, 0, 0)),
     "J": (1.0, 0.0, (1, 2, -2, 0, 0, 0)),
+    "kJ": (1e3, 0.0, (1, 2, -2, 0, 0, 0)),
     "W": (1.0, 0.0, (1, 2, -3, 0, 0, 0)),
+    "kW": (1e3, 0.0, (1, 2, -3, 0, 0, 0)),
     "A": (1.0, 0.0, (0, 0, 0, 1, 0, 0)),
     "mA": (1e-3, 0.0, (0, 0, 0, 1, 0, 0)),
     "V": (1.0, 0.0, (1, 2, -3, -1, 0, 0)),
@@ -299,7 +305,8 @@ def known_symbols() -> tuple[str, ...]:
 def suffixes_for(symbol: str) -> tuple[str, ...]:
     """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad",
     "rad")."""
-    return tuple(sorted(atom.lower() for atom in _ATOMS if compatible(atom, symbol)))
+    words = (atom.lower() for atom in _ATOMS if compatible(atom, symbol))
+    return tuple(sorted(word for word in words if _read_suffix([word])))
 
 
 def _quantity(dimension: Dimension, symbol: str) -> str:
@@ -350,13 +357,24 @@ def _factors(part: str, text: str) -> list[tuple[str, int]]:
 
 
 def _read_suffix(words: list[str]) -> str:
-    """The symbol spelt by the words of a suffix, or "" when they are no unit."""
-    if words.count("per") > 1 or words[-1] == "per":
+    """The symbol spelt by the words of a suffix, or "" when they are no unit.
+
+    What follows a `per` divides, however many there are: "mm_per_s_per_v" is mm/(s V).
+    """
+    groups: list[list[str]] = [[]]
+    for word in words:
+        if word == "per":
+            groups.append([])
+        else:
+            groups[-1].append(word)
+    if not all(groups[1:]):
         return ""
-    split = words.index("per") if "per" in words else len(words)
-    above, below = _read_words(words[:split]), _read_words(words[split + 1 :])
+    above = _read_words(groups[0])
+    below = _read_words([word for group in groups[1:] for word in group], divides=True)
     if above is None or below is None:
         return ""
+    if above and len(groups) > 2:  # "m_per_s_per_s" divides twice by the same
+        below = [(atom, sum(n for a, n in below if a == atom)) for atom in dict(below)]
     # "mass_g_kg" is a mass called g in kg, not a product of two masses
     kinds = [_ATOMS[atom][2] for atom, _ in above + below]
     if len(set(kinds)) < len(kinds):
@@ -364,13 +382,14 @@ def _read_suffix(words: list[str]) -> str:
     return _join_symbol(above, below)
 
 
-def _read_words(words: list[str]) -> list[tuple[str, int]] | None:
+def _read_words(words: list[str], *, divides: bool = False) -> list[tuple[str, int]] | None:
     factors: list[tuple[str, int]] = []
     for word in words:
         match = _FACTOR.fullmatch(word)
         if word == "nm":
             factors += [("N", 1), ("m", 1)]
-        elif match is None or match.group(1) not in _BY_TOKEN:
+        # a name may end in an h; a rate says "per_h"
+        elif match is None or match.group(1) not in _BY_TOKEN or (word == "h" and not divides):
             return None
         else:
             factors.append((_BY_TOKEN[match.group(1)], int(match.group(2) or 1)))

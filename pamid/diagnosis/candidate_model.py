@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
@@ -117,6 +118,23 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
+class Beginning(NamedTuple):
+    """Where the windows of a fit begin: states per track (None: to be estimated), and how firmly
+    they are tied to the window before."""
+
+    starts: tuple[Array, ...] | None
+    continuity: tuple[Array, ...]
+
+
+def begun_from(base: Fit, assembly: Assembly) -> Beginning:
+    """The windows' states that another model's fit has found, unless this model reads the size of a
+    state of which the other reads the sign: a fit then never leaves the signs that the other's
+    readings seemed to show, and they are estimated anew."""
+    if set(assembly.even_states) - set(base.problem.assembly.even_states):
+        return Beginning(None, ())
+    return Beginning(base.starts, base.continuity)
+
+
 def refit(
     evidence: DataSplit,
     assembly: Assembly,
@@ -136,13 +154,20 @@ def refit(
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     p = assembly.values() if p is None else p.copy()
+    typical = p.copy()
     set_within_bounds(assembly, p, first or {})
+    begun = begun_from(base, assembly)
+    if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
+        found = [fit_robustly(problem, p=q) for q in (p, typical)]
+        return max(
+            found, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
+        )
     done = fit(
         problem,
         p=p,
-        starts=base.starts,
+        starts=begun.starts,
         weights=base.weights,
-        continuity=base.continuity,
+        continuity=begun.continuity,
         iterations=settings.refit_iterations,
         tolerance=settings.refit_tolerance,
     )

@@ -13,7 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
-from pamid.diagnosis.candidate_model import CandidateModel, set_within_bounds, transferred
+from pamid.diagnosis.candidate_model import (
+    CandidateModel,
+    begun_from,
+    set_within_bounds,
+    transferred,
+)
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.program import Stepping
@@ -198,13 +203,14 @@ def screen(
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
     here = hints.at(attachment.ports[0])
+    starts = begun_from(baseline.fit, assembly).starts and reference.starts
     for first, steps in starting_points(assembly, attachment, here, settings):
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        done = _probed(reference, problem, p, reference.starts, steps, baseline.fit.stepping)
+        done = _probed(reference, problem, p, starts, steps, baseline.fit.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(done.cost):
-            done = _probed(reference, problem, p, reference.starts, steps, None)
+            done = _probed(reference, problem, p, starts, steps, None)
         if reference.cost - done.cost > best.gain:
             best, found = Screened(attachment, assembly, first, reference.cost - done.cost), done
     if found is None:
@@ -226,7 +232,7 @@ def _probed(
     reference: ScreeningBaseline,
     problem: Problem,
     p: Array,
-    starts: tuple[Array, ...],
+    starts: tuple[Array, ...] | None,
     steps: int,
     stepping: Stepping | None,
 ) -> Fit:
@@ -236,7 +242,7 @@ def _probed(
         p=p,
         starts=starts,
         weights=base.weights,
-        continuity=base.continuity,
+        continuity=begun_from(base, problem.assembly).continuity,
         iterations=steps,
         probe=True,
         stepping=stepping,

@@ -4,8 +4,8 @@ What it is
     Something sets how hard the surfaces hold each other: the current of a brake, the voltage at the
     coil of a damper with a magnetised fluid, the pressure behind a seal, the load on a guide. The
     level of friction is a part that is always there and a part in proportion to that signal. The
-    port offers the signal under `level`, or under its own name: load, pressure, current, voltage,
-    temperature (the first of these counts).
+    port offers the signal under `level`, or under its own name: current, voltage,
+    pressure, temperature, load (the first of these counts; a load has an effect of its own).
 What it looks like
     The width of the loop between motion back and forth differs between stretches at another
     current, pressure or load; within one stretch it looks like plain dry friction.
@@ -36,7 +36,7 @@ class SignalDependentFriction(Effect):
     general_kinds = ("motion",)
     signals = ("position", "level")
     stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {
-        "level": ("load", "pressure", "current", "voltage", "temperature")
+        "level": ("current", "voltage", "pressure", "temperature", "load")
     }
     parameters = (
         Parameter(

@@ -429,12 +429,13 @@ def careful_stepping(problem: Problem, p: Array) -> Stepping:
 def fit_robustly(
     problem: Problem,
     *,
+    p: Array | None = None,
     progress: Progress | None = None,
     rounds: int = ROUNDS,
     stepping: Stepping | None = None,
 ) -> Fit:
-    """Fit with weights that follow the residuals: from the data sheet's misfit down to what the
-    model leaves.
+    """Fit with weights that follow the residuals: from the misfit at p (default: the data sheet)
+    down to what the model leaves.
 
     Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
     weights come from a single step: with those of the sensor noise, a long fit of a model that is
@@ -442,7 +443,7 @@ def fit_robustly(
     """
     noise = problem.noise
     fitted = fit(
-        problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping
+        problem, p=p, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping
     )
     weights = (
         residual_weights(fitted.residuals, noise, problem.window)
@@ -452,6 +453,7 @@ def fit_robustly(
     )
     fitted = fit(
         problem,
+        p=p,
         weights=weights,
         progress=progress,
         tolerance=1e-2,

@@ -4,9 +4,15 @@ A free run of the data sheet from the rig's own start says little where the star
 recording, where the parameters are guesses or where the inputs rest. The states in which windows
 begin are therefore estimated from what was measured (moving-horizon estimation), and the model runs
 from these, window by window, never far from the machine.
+
+Where the model lets nothing pass at all (a valve that is shut, a joint that nothing drives), what
+may be missing there is as large as what would have to pass to move the outputs as far as they were
+recorded to move.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +21,15 @@ from pamid.estimation.multiple_shooting import careful_stepping, initial_states
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import longest_time, port_probes, port_sizes, sizes_of
 from pamid.simulation.replay import run_windows
 from pamid.simulation.windows import Runner
+from pamid.symbolic.vocabulary import Expr, Number
 
 
 def observed_sizes(evidence: DataSplit) -> Sizes:
@@ -45,7 +55,55 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
     if all((port, name) in found for port, _, name in probes):
         return found | time
     runs = [(t.u, Runner(plain, t, Stepping()).parameters(p), t.period_s) for t in problem.tracks]
-    return port_sizes(plain, runs) | found | time
+    found = port_sizes(plain, runs) | found | time
+    pushed = {
+        (name, "value"): _push_that_moves(evidence, name, starts, stepping)
+        for name in unsized(evidence, found)
+    }
+    return found | {key: size for key, size in pushed.items() if size}
+
+
+class Push(Effect):
+    """A constant beside the value, by which outputs are differentiated."""
+
+    name = "push"
+    family = "push"
+    kinds = ()
+    parameters = (Parameter("push", 0.0, low=-1.0, high=1.0, null=0.0),)
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return value + p.push
+
+
+def _push_that_moves(
+    evidence: DataSplit, port: str, starts: tuple[np.ndarray, ...], stepping: Stepping
+) -> float:
+    """The constant value (SI) at a port that would move an output as far, over the windows, as it
+    was recorded to move; of several outputs the one that it takes least for. 0 where it moves none.
+
+    starts: of every track, the rig's states at its windows' starts.
+    """
+    pushed = Assembly(
+        evidence.rig, (Attachment(Push(), (port,), "push"),), outputs=evidence.channels
+    )
+    problem = Problem(pushed, evidence.tracks(pushed), ())
+    place, p = len(pushed.parameters) - 1, pushed.values()
+    moved, slope = (np.zeros(len(evidence.channels)) for _ in range(2))
+    for track, x in zip(problem.tracks, starts, strict=True):
+        runner = Runner(pushed, track, stepping, free=(place,))
+        own = runner.parameters(p)
+        memory = runner.memory(own)
+        for window, entered in zip(problem.windows(track), x, strict=True):
+            runner.enter(memory, entered)
+            Y, J, ok = runner.run(memory, window, own, True)
+            if not ok:
+                return 0.0
+            y = track.y[window.start : window.stop]
+            moved += np.nansum((y - y[:1]) ** 2, axis=0)
+            slope += (J[:, 0].reshape(Y.shape) ** 2).sum(axis=0)
+    needed = np.sqrt(moved[slope > 0.0] / slope[slope > 0.0])
+    needed = needed[np.isfinite(needed) & (needed > 0.0)]
+    return float(needed.min(initial=np.inf)) if needed.size else 0.0
 
 
 def unsized(evidence: DataSplit, sizes: Sizes) -> list[str]:

@@ -105,7 +105,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
     try:
         exec(loader.source_to_code(source, str(path)), module.__dict__)
     except PamidError as error:
-        raise FileError(f"{path}: {error}", error.hint) from error
+        raise FileError(f"{path}: {error.message}", error.hint) from error
     except SyntaxError as error:
         raise FileError(
             f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax"

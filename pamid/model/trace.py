@@ -108,7 +108,7 @@ class _Tracer:
         except PamidError as error:
             if error.code == "simulation":  # says itself where it was
                 raise
-            raise FileError(f"{where_}: {error}", error.hint) from error
+            raise FileError(f"{where_}: {error.message}", error.hint) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
@@ -201,7 +201,7 @@ class _Tracer:
         try:
             result = effect.act(value, at, p, z)
         except PamidError as error:
-            raise FileError(f"{where_}: {error}", error.hint) from error
+            raise FileError(f"{where_}: {error.message}", error.hint) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(

@@ -68,7 +68,6 @@ _FOREIGN_UNITS = (
     "mmhg",
     "barg",
     "bara",
-    "hpa",
     "degree",
     "degrees",
     "radian",

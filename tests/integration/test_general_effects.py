@@ -28,6 +28,8 @@ from pamid.simulation.free_runs import port_sizes
 
 BENCH: dict[str, Callable[..., Rig]] = {
     "signal-dependent-friction": carts,
+    "signal-dependent-yield": carts,
+    "yielding-friction": carts,
     "directional-friction": carts,
     "directional-damping": carts,
     "cogging": carts,
@@ -132,6 +134,8 @@ TANKS = {"fill": 0.33, "outlet": 0.14}
 # what is planted, and how near (share of it) each parameter has to come back
 PLANTED: dict[str, tuple[dict[str, float], float]] = {
     "signal-dependent-friction": ({"base": 0.4, "slope": 1.5}, 0.05),
+    "signal-dependent-yield": ({"base": 0.4, "slope": 1.5, "speed": 0.03}, 0.05),
+    "yielding-friction": ({"level": 1.1, "speed": 0.03}, 0.05),
     "directional-friction": ({"forward": 0.5, "backward": 1.2}, 0.05),
     "directional-damping": ({"forward": 0.8, "backward": 3.0}, 0.1),
     "cogging": ({"sine": 0.8, "cosine": -0.5, "period": 0.061}, 0.05),

@@ -136,7 +136,13 @@ def test_the_page_names_every_unit_and_what_it_says_of_names_holds() -> None:
     page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
     listed = page.partition("Units are written with these: ")[2].partition(".")[0].split()
     assert sorted(listed) == sorted(known_symbols())
-    told = {"torque_n_m": "N m", "speed_rad_per_s": "rad/s", "drag_n_s_per_m": "N s/m"}
+    told = {
+        "torque_n_m": "N m",
+        "speed_rad_per_s": "rad/s",
+        "drag_n_s_per_m": "N s/m",
+        "gain_mm_per_s_per_v": "mm/(s V)",
+        "flow_l_per_h": "l/h",
+    }
     for name, symbol in told.items():
         assert f"`{name}`" in page and split_column(name)[1] == symbol
 
@@ -205,3 +211,17 @@ def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:
     assert said.to_dict()["ok"], said.summary()
     assert [f for f in said.to_dict()["findings"] if f["advice"] and not f["ok"]] == []
     assert Gain("all", tolerance=0.02).parameters[0].spread == 0.02
+
+
+def test_a_unit_that_is_refused_is_told_once(tmp_path: Path) -> None:
+    path = tmp_path / "warm.py"
+    path.write_text('from pamid import Parameter\n\nParameter("room_degc", 20.0, 10.0, 30.0)\n')
+    assert pamid.check(path).summary().count("Give it in K") == 1
+
+
+def test_a_coil_comes_before_the_load_that_it_presses() -> None:
+    """The damper bench offers both: its friction follows the current."""
+    from pamid.effects.signal_dependent_friction import SignalDependentFriction as Friction
+
+    assert Friction.offered_as("level", {"load", "current", "velocity"}) == "current"
+    assert Friction.offered_as("level", {"load", "position"}) == "load"

@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.diagnosis.candidate_model import begun_from, refit
 from pamid.engine.program import Stepping
+from pamid.estimation.grey_box import fit_model
 from pamid.estimation.multiple_shooting import initial_states
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.registry import rig_named
+from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
@@ -100,10 +103,36 @@ def test_windows_begin_with_the_sign_of_the_motion(begun: float) -> None:
 
 @pytest.mark.parametrize("begun", [-2.5, 2.5])
 def test_a_fit_comes_out_alike_whichever_way_the_motion_goes(begun: float) -> None:
-    from pamid.estimation.grey_box import fit_model
-
     recording, _ = driven(begun)
     found = fit_model(split_recordings(Drive(), [recording], []))
     values = dict(zip(found.assembly.keys, found.fit.p, strict=True))
     assert values["inertia"] == pytest.approx(INERTIA, rel=0.02)
     assert values["viscous"] == pytest.approx(FRICTION, rel=0.02)
+
+
+class Trusting(Drive):
+    """The same, its tachometer taken to show the sign."""
+
+    ports = Drive.ports | {"tacho": Port("reading", "")}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"read": port("tacho", x.speed)}
+
+
+@pytest.mark.parametrize("begun, fold", [(-2.5, 0.1), (-2.5, 1.0), (2.5, 0.1)])
+def test_a_reading_that_folds_signs_begins_its_windows_anew(begun: float, fold: float) -> None:
+    """The model without the effect has found every window begin forwards."""
+    recording, speed = driven(begun)
+    evidence = split_recordings(Trusting(), [recording], [])
+    plain = fit_model(evidence)
+    label = "full-wave-rectification"
+    blind = Assembly(evidence.rig, (attach(evidence.rig, label, effects()),))
+    assert begun_from(plain.fit, plain.assembly).starts is plain.fit.starts
+    assert begun_from(plain.fit, blind).starts is None
+    found = refit(evidence, blind, plain.fit, first={f"{label}:fold": fold})
+    values = dict(zip(blind.keys, found.p, strict=True))
+    assert values[f"{label}:fold"] == pytest.approx(1.0, abs=0.02)
+    assert values["inertia"] == pytest.approx(INERTIA, rel=0.03)
+    windows = found.problem.windows(found.problem.tracks[0])
+    true = speed[[w.start for w in windows]]
+    np.testing.assert_allclose(found.starts[0][:, 0], true, atol=20.0 * NOISE)

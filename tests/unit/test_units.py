@@ -51,6 +51,14 @@ COLUMNS = {
     "deg": ("deg", "1"),
     "_deg": ("_deg", "1"),
     "speed_per_s_per_s": ("speed_per_s", "1/s"),
+    "gain_mm_per_s_per_v": ("gain", "mm/(s V)"),
+    "acceleration_m_per_s_per_s": ("acceleration", "m/s2"),
+    "capacity_j_per_kg_per_k": ("capacity", "J/(kg K)"),
+    "flow_l_per_h": ("flow", "l/h"),
+    "bessel_h": ("bessel_h", "1"),
+    "x_per_per_s": ("x_per", "1/s"),
+    "dose_ml": ("dose", "ml"),
+    "power_kw": ("power", "kW"),
 }
 
 
@@ -136,6 +144,12 @@ FACTORS = {
     "percent": 1e-2,
     "J": 1.0,
     "W": 1.0,
+    "kW": 1e3,
+    "kJ": 1e3,
+    "kHz": 1e3,
+    "hPa": 1e2,
+    "ml": 1e-6,
+    "l/h": 1e-3 / 3600,
 }
 
 
@@ -194,7 +208,8 @@ def test_suffixes() -> None:
         and suffix_of("1/deg") == "per_deg"
         and suffix_of("1") == ""
     )
-    assert set(suffixes_for("kPa")) == {"pa", "kpa", "mpa", "mbar", "bar"}
+    assert set(suffixes_for("kPa")) == {"pa", "hpa", "kpa", "mpa", "mbar", "bar"}
+    assert set(suffixes_for("s")) == {"s", "ms", "us", "min"}
 
 
 def test_a_second_slash_divides_by_one_more() -> None:
