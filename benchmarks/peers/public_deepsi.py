@@ -14,7 +14,7 @@ import torch
 from public_sets import asked, judge, read_set, tell
 
 # order of the state, steps of Adam, samples a training section is long
-SIZES = {"cascaded_tanks": (4, 3000, 60), "emps": (4, 2000, 80), "silverbox": (4, 4000, 50)}
+SIZES = {"cascaded_tanks": (4, 1500, 60), "emps": (4, 800, 80), "silverbox": (4, 1500, 50)}
 
 
 def main() -> None:
