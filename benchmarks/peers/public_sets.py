@@ -148,9 +148,7 @@ def tell(version: str, errors: list[float], remark: str = "") -> None:
 
 def judge(one: PublicSet, tests: list[Record], simulate: Simulate) -> list[float]:
     """Errors of a model that sees no more of a test's output than it may."""
-    return [
-        rmse(t.y, simulate(t.u, t.y[: one.start].copy()), one.start, one.scale) for t in tests
-    ]
+    return [rmse(t.y, simulate(t.u, t.y[: one.start].copy()), one.start, one.scale) for t in tests]
 
 
 def asked() -> tuple[PublicSet, Path, bool]:
