@@ -4,7 +4,7 @@
 
 Tanks: the rig of data/rigs with what a plumber would add (a pump that begins to deliver above some
 volts and delivers less at the top, outlets below the sensor's zero, outflow between turbulent and
-laminar) and overflow of both tanks, the upper one partly into the lower one. EMPS: data/rigs/emps.py
+laminar) and overflow of both tanks, of the upper one partly into the lower one. EMPS: its shipped rig
 with the Coulomb friction that `pamid diagnose` names. Silverbox: the oscillator with a hardening
 spring; its drive runs on between samples as a band-limited signal does.
 """
