@@ -2,11 +2,11 @@
 
     python public_ours.py SET FOLDER [quick]
 
-Tanks: the rig of data/rigs with what a plumber would add (a pump that begins to deliver above some
-volts and delivers less at the top, outlets below the sensor's zero, outflow between turbulent and
-laminar) and overflow of both tanks, of the upper one partly into the lower one. EMPS: its shipped rig
-with the Coulomb friction that `pamid diagnose` names. Silverbox: the oscillator with a hardening
-spring; its drive runs on between samples as a band-limited signal does.
+Tanks: the shipped rig with what a plumber would add (a pump that begins to deliver above some
+volts and less and less towards the top, outlets away from the sensor's zero, outflow between
+turbulent and laminar) and overflow of both tanks, of the upper one partly into the lower one.
+EMPS: the shipped rig with the Coulomb friction that `pamid diagnose` names. Silverbox: the
+oscillator with a hardening spring, driven by what a band-limited signal does between samples.
 """
 
 import tempfile
