@@ -19,7 +19,7 @@ from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
-from pamid.rigs.muscle import LAWS, law_named
+from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number
@@ -170,9 +170,10 @@ class OneDof(Rig):
     usual = True
     actuators = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)
+    static_force = StaticForce()
 
     def __init__(self, law: str = "exponential") -> None:
-        # a rig file may put another here, such as networks.force_law
+        # a rig file may put another here, such as `force_law_of` a network
         self.static_force = law_named(law)
 
     def start(self, p: Any) -> dict[str, float]:
