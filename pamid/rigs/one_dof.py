@@ -197,10 +197,14 @@ class OneDof(Rig):
         first, second = (pull_of(m, self.static_force, p, port) for m in self.muscles(x, p))
         return first, second
 
+    def opened(self, command: Expr, p: Any) -> Expr:
+        """How far a command opens the valves, signed like it: here they follow it at once."""
+        return command
+
     def pressure_rates(self, x: Any, u: Any, p: Any, port: Any) -> tuple[Expr, Expr]:
         """dP/dt of both muscles, Pa/s."""
         muscles = self.muscles(x, p)
-        valves = valves_of(muscles, port("command", u.command), p)
+        valves = valves_of(muscles, self.opened(port("command", u.command), p), p)
         drawn = valves[0].drawn + valves[1].drawn
         first, second = (
             pressure_rate(m, v, drawn, force, p, port)
