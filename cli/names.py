@@ -40,7 +40,7 @@ class Catalogued(click.ParamType):
 
 #: folder of the package that is scanned -> what stands in the files that count, and not in others
 BASES = {
-    "rigs": "(Rig)",
+    "rigs": "Rig):\n",
     "effects": "",
     "networks": "(Network)",
     "export/forms": "FORM = ",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from pamid.base.errors import FileError
 from pamid.base.units import NONE, check_named_unit, named_with, size_to_si, split_column
@@ -77,6 +79,13 @@ class Parameter:
         if self.log and not (self.low > 0.0 or (self.low == 0.0 and self.value > 0.0)):
             raise FileError(f"parameter {self.name!r}: a logarithmic prior needs a positive range")
         self._settle_unit()
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """A spread that is not stated is one and the same NaN in every process: what has been sent
+        stays equal to what it was."""
+        for name, value in state.items():
+            unstated = name == "spread" and math.isnan(value)
+            object.__setattr__(self, name, math.nan if unstated else value)
 
     def _settle_unit(self) -> None:
         """One rule for all names: the unit at the end of the name is that of the value, and another

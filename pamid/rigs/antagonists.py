@@ -19,8 +19,16 @@ from typing import Any
 
 from pamid.model.background import SmoothGain, SplitGain
 from pamid.model.parameter import Parameter
-from pamid.rigs.muscle import Law
-from pamid.rigs.pneumatics import ATMOSPHERE_PA, iso_flow, muscle_volume, muscle_volume_slope
+from pamid.rigs.muscle import Law, law_with
+from pamid.rigs.pneumatics import (
+    ATMOSPHERE_PA,
+    TEMPERATURE_RATIO,
+    VOLUME,
+    conductances,
+    iso_flow,
+    muscle_volume,
+    muscle_volume_slope,
+)
 from pamid.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, where
 
 FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle reaches p0
@@ -88,6 +96,7 @@ AIR = (
     Parameter(
         "polytropic", 1.0, 1.0, 1.4, spread=0.2, source="1: isothermal, eq. 3 of the first paper"
     ),
+    TEMPERATURE_RATIO,
 )
 ATTACHING = (
     Parameter(
@@ -96,6 +105,7 @@ ATTACHING = (
     Parameter(
         "dead_volume", 5.0, 0.0, 20.0, "cm3", spread=4.0, source="estimate, tube and fittings"
     ),
+    *VOLUME,
 )
 
 
@@ -138,10 +148,12 @@ class Muscle:
 
 
 def pull_of(m: Muscle, static_force: Law, p: Any, port: Any) -> Expr:
-    """Force of a muscle, N."""
+    """Force of a muscle, N. static_force: a law, whose coefficients are taken from p where it has
+    any."""
+    own = law_with(static_force, p)
 
     def law(contraction: Expr, pressure: Expr) -> Expr:
-        return p.scale * static_force(contraction, pressure)
+        return p.scale * own(contraction, pressure)
 
     gauge = m.gauge
     drag = p.damping * m.pressure
@@ -183,7 +195,7 @@ def valves_of(
 ) -> tuple[Valves, Valves]:
     """The valves of both muscles of a joint at a command; vented: 1 where both vent valves stand
     open whatever is sent."""
-    size = absolute(command)
+    size, (inwards, outwards) = absolute(command), conductances(p)
     supply, hold = p.supply_pressure + ATMOSPHERE_PA, p.initial_pressure + ATMOSPHERE_PA
     share1, share2 = (clip((hold - m.pressure) / FILL_BLEND_PA, 0.0, 1.0) for m in pair)
     found = []
@@ -192,27 +204,21 @@ def valves_of(
         (pair[1], command < 0.0, share2, share1),
     ):
         up, down = where(fills, supply, m.pressure), where(fills, m.pressure, ATMOSPHERE_PA)
-        opening = where(
-            fills, size * own * p.conductance_in, -size * (1.0 - other) * p.conductance_out
-        )
+        opening = where(fills, size * own * inwards, -size * (1.0 - other) * outwards)
         flow = opening * iso_flow(up, down, p.critical_ratio)
         ambient = iso_flow(ATMOSPHERE_PA, m.pressure, p.critical_ratio) - iso_flow(
             m.pressure, ATMOSPHERE_PA, p.critical_ratio
         )
-        found.append(
-            Valves(flow + vented * p.conductance_out * ambient, fills, size * own, down / up)
-        )
+        found.append(Valves(flow + vented * outwards * ambient, fills, size * own, down / up))
     return found[0], found[1]
 
 
 def pressure_rate(m: Muscle, valves: Valves, drawn: Expr, force: Expr, p: Any, port: Any) -> Expr:
     """dP/dt of a muscle, Pa/s. drawn: flow taken from the supply by all valves that share it."""
-    supply = p.supply_pressure + ATMOSPHERE_PA
+    supply, (inwards, outwards) = p.supply_pressure + ATMOSPHERE_PA, conductances(p)
 
     def fill(at_supply: Expr) -> Expr:
-        through = (
-            valves.opening * p.conductance_in * iso_flow(at_supply, m.pressure, p.critical_ratio)
-        )
+        through = valves.opening * inwards * iso_flow(at_supply, m.pressure, p.critical_ratio)
         return where(valves.fills, through, 0.0)
 
     flow = port(
@@ -226,17 +232,17 @@ def pressure_rate(m: Muscle, valves: Valves, drawn: Expr, force: Expr, p: Any, p
         supply=supply,
         side=m.side,
     )
-    volume = muscle_volume(m.contraction, p.dead_volume)
+    volume = muscle_volume(m.contraction, p)
     vent = (
         p.polytropic
         * ATMOSPHERE_PA
-        * p.conductance_out
+        * outwards
         / volume
         * iso_flow(m.pressure, ATMOSPHERE_PA, p.critical_ratio)
     )
     change = (
         p.polytropic
-        * (ATMOSPHERE_PA * flow - m.pressure * muscle_volume_slope(m.contraction) * m.rate)
+        * (ATMOSPHERE_PA * flow - m.pressure * muscle_volume_slope(m.contraction, p) * m.rate)
         / volume
     )
     change = port("pressure", change, place=m.place, stored=m.pressure, outflow=vent)

@@ -19,7 +19,7 @@ from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
-from pamid.rigs.muscle import LAWS, law_named
+from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number
@@ -170,9 +170,10 @@ class OneDof(Rig):
     usual = True
     actuators = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)
+    static_force = StaticForce()
 
     def __init__(self, law: str = "exponential") -> None:
-        # a rig file may put another here, such as networks.force_law
+        # a rig file may put another here, such as `force_law_of` a network
         self.static_force = law_named(law)
 
     def start(self, p: Any) -> dict[str, float]:
@@ -196,10 +197,14 @@ class OneDof(Rig):
         first, second = (pull_of(m, self.static_force, p, port) for m in self.muscles(x, p))
         return first, second
 
+    def opened(self, command: Expr, p: Any) -> Expr:
+        """How far a command opens the valves, signed like it: here they follow it at once."""
+        return command
+
     def pressure_rates(self, x: Any, u: Any, p: Any, port: Any) -> tuple[Expr, Expr]:
         """dP/dt of both muscles, Pa/s."""
         muscles = self.muscles(x, p)
-        valves = valves_of(muscles, port("command", u.command), p)
+        valves = valves_of(muscles, self.opened(port("command", u.command), p), p)
         drawn = valves[0].drawn + valves[1].drawn
         first, second = (
             pressure_rate(m, v, drawn, force, p, port)

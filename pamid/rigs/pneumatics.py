@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, expression, maximum, sqrt, where
 
 ATMOSPHERE_PA = 101325.0
@@ -24,18 +27,39 @@ def iso_flow(upstream: Number, downstream: Number, critical_ratio: Number) -> Ex
     return up * where(ratio < LAMINAR, ellipse, ellipse * (1.0 - ratio) * (1.0 / (1.0 - LAMINAR)))
 
 
-# Exact braid V = (Lf^2 L - L^3)/(4 pi n^2) for D0 = 20 mm, L0 = 250 mm, 28.6 deg: cubic in the
-# contraction, m3
-VOLUME_M3 = (7.8540e-5, 4.4988e-4, -7.9263e-4, 2.6421e-4)
+_BRAID = "eq. 4: exact braid V = (Lf^2 L - L^3)/(4 pi n^2), D0 20 mm, L0 250 mm, 28.6 deg"
+# eq. 4 of the first paper, V = a chi^3 + b chi^2 + c chi + d, d at rest
+VOLUME = (
+    Parameter("volume_cubic", 2.6421e-4, 0.0, 1e-3, "m3", fitted=False, source=_BRAID),
+    Parameter("volume_quadratic", -7.9263e-4, -1e-3, 1e-3, "m3", fitted=False, source=_BRAID),
+    Parameter("volume_linear", 4.4988e-4, 3e-4, 6e-4, "m3", fitted=False, source=_BRAID),
+    Parameter("volume_at_rest", 7.8540e-5, 4e-5, 2e-4, "m3", fitted=False, source=_BRAID),
+)
+TEMPERATURE_RATIO = Parameter(
+    "temperature_ratio",
+    1.0,
+    0.7,
+    1.4,
+    fitted=False,
+    source="eq. 5 of the first paper: T0 of the data sheet over T1 upstream; 1: air at 20 C",
+)
 
 
-def muscle_volume(contraction: Expr, dead_volume_m3: Number) -> Expr:
-    """Air volume of a 20 mm x 250 mm muscle with its tube and fittings, m3."""
-    d, c, b, a = VOLUME_M3
-    return ((a * contraction + b) * contraction + c) * contraction + (d + dead_volume_m3)
+def conductances(p: Any) -> tuple[Expr, Expr]:
+    """Sonic conductances of the fill and the vent valve at the temperature of the air, m3/(s Pa):
+    C sqrt(T0/T1) of eq. 5 of the first paper."""
+    warm = sqrt(p.temperature_ratio)
+    return p.conductance_in * warm, p.conductance_out * warm
 
 
-def muscle_volume_slope(contraction: Expr) -> Expr:
-    """dV/dcontraction, m3."""
-    _, c, b, a = VOLUME_M3
-    return (3.0 * a * contraction + 2.0 * b) * contraction + c
+def muscle_volume(contraction: Expr, p: Any) -> Expr:
+    """Air volume of a muscle with its tube and fittings, m3; p: VOLUME and dead_volume (m3)."""
+    cubic = (p.volume_cubic * contraction + p.volume_quadratic) * contraction
+    rest: Expr = p.volume_at_rest + p.dead_volume
+    return (cubic + p.volume_linear) * contraction + rest
+
+
+def muscle_volume_slope(contraction: Expr, p: Any) -> Expr:
+    """dV/dcontraction, m3; p: VOLUME."""
+    steep: Expr = 3.0 * p.volume_cubic * contraction + 2.0 * p.volume_quadratic
+    return steep * contraction + p.volume_linear

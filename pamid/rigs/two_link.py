@@ -37,7 +37,7 @@ from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
-from pamid.rigs.muscle import LAWS, law_named
+from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number, cos, sin
@@ -264,9 +264,10 @@ class TwoLink(Rig):
     external = dict.fromkeys(("external_torque_1_nm", "external_torque_2_nm"), HIGHEST_TORQUE_NM)
     actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
     variants = tuple(LAWS)
+    static_force = StaticForce()
 
     def __init__(self, law: str = "exponential") -> None:
-        # a rig file may put another here, such as networks.force_law
+        # a rig file may put another here, such as `force_law_of` a network
         self.static_force = law_named(law)
 
     def start(self, p: Any) -> dict[str, float]:
