@@ -127,7 +127,7 @@ class OneDof(Rig):
         State("pressure_1", "Pa"),
         State("pressure_2", "Pa"),
     )
-    parameters = (
+    parameters: tuple[Parameter, ...] = (
         Parameter("inertia", 0.014, 0.001, 1.0, "kg m2", fitted=False, source="first paper, Jn"),
         Parameter(
             "radius",
