@@ -9,7 +9,7 @@ Equations
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +127,7 @@ class OneDof(Rig):
         State("pressure_1", "Pa"),
         State("pressure_2", "Pa"),
     )
-    parameters: tuple[Parameter, ...] = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("inertia", 0.014, 0.001, 1.0, "kg m2", fitted=False, source="first paper, Jn"),
         Parameter(
             "radius",
