@@ -17,6 +17,7 @@ from pamid.diagnosis.judgement import calibration, decades, signed_decades, with
 from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.search import Search
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.problem import Fit
 from pamid.estimation.weights import Weights
 from pamid.model.attachment import Attachment
@@ -125,9 +126,14 @@ def alone(
     return tuple(of(c) for c in ranking)
 
 
-def cause_probability(s: Signature) -> float:
-    """That an effect of this family is really there."""
-    return calibration().lines["cause"].probability(s.features())
+def cause_probability(s: Signature, settings: Settings = DEFAULT) -> float:
+    """That an effect of this family is really there. The line may not overrule plain evidence: at
+    least even odds where the model with it leaves the noise floor and nothing else, and the model
+    less it, or with any other family in its place, is worse by five standard errors."""
+    line = calibration().lines["cause"]
+    at_floor = s.remaining < 1.0 + settings.gap_margin
+    plain = at_floor and min(s.sure, s.lead_sure) >= settings.further_sure
+    return max(line.probability(s.features()), line.yes if plain else 0.0)
 
 
 def log_evidence(fitted: Fit, weights: Weights) -> float:

@@ -26,7 +26,7 @@ from pamid.diagnosis.judgement import (
     forecast_interval,
 )
 from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.signature import Signature
+from pamid.diagnosis.signature import Signature, cause_probability
 from pamid.diagnosis.verdict_grounds import LeftOver, VerdictStatistics
 from pamid.trial.calibration import calibration_json, lesson
 from pamid.trial.cases import TRIAL_PARTS
@@ -421,3 +421,14 @@ def test_plain_evidence_is_not_overruled_and_nothing_at_the_floor_is_real() -> N
     plain = replace(rough, missing=2.0 * DEFAULT.plain_missing)
     assert not is_real(0.0, rough, DEFAULT) and is_real(0.0, plain, DEFAULT)
     assert not is_real(1.0, replace(plain, floors=1.05), DEFAULT)
+
+
+def test_the_line_does_not_overrule_what_leaves_nothing_but_noise() -> None:
+    """A slight effect beside a strong one: little of the gap, all of what was left, and nothing
+    else would have taken it."""
+    yes = calibration().lines["cause"].yes
+    slight = replace(SPEAKING, removed=0.05, of_left=1.0, evidence=-20.0, steady=0.6, remaining=1.0)
+    assert calibration().lines["cause"].probability(slight.features()) < yes
+    assert cause_probability(slight) == yes
+    for doubt in ({"remaining": 1.5}, {"sure": 4.0}, {"lead_sure": 4.0}):
+        assert cause_probability(replace(slight, **doubt)) < yes
