@@ -62,7 +62,7 @@ def test_parameters_that_hang_together_are_named() -> None:
     figure = Figure()
     drawing.draw(figure, False)
     (axes,) = figure.axes
-    assert [one.get_text() for one in axes.get_yticklabels()] == ["mass", "gain", "lag"]
+    assert [one.get_text() for one in axes.get_yticklabels()] == ["gain", "lag"]
     assert [one.get_text() for one in axes.texts] == ["−0.95"]  # no colour alone
 
 
