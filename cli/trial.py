@@ -269,13 +269,7 @@ def _begun(
     from pamid.base.run_folder import Run
 
     if not (output / "run.json").is_file():
-        return Run.create(
-            output,
-            command=frame.command_line(),
-            seed=fixed["seed"],
-            inputs=inputs,
-            options={"trial": fixed, **options},
-        )
+        return _made(output, fixed, options, inputs)
     run = _same(Run.open(output), fixed)
     if not resume:
         raise FileError(
@@ -287,6 +281,27 @@ def _begun(
     return run
 
 
+def _made(
+    output: Path,
+    fixed: dict[str, Any],
+    options: dict[str, Any],
+    inputs: list[Path],
+    *,
+    overwrite: bool = False,
+) -> Run:
+    """A new folder of a trial."""
+    from pamid.base.run_folder import Run
+
+    return Run.create(
+        output,
+        command=frame.command_line(),
+        seed=fixed["seed"],
+        inputs=inputs,
+        options={"trial": fixed, **options},
+        overwrite=overwrite,
+    )
+
+
 def _replaced(
     output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
 ) -> Run:
@@ -296,16 +311,10 @@ def _replaced(
     from pamid.trial.case_runs import forget_cases
 
     if (output / "run.json").is_file():
-        held = Run.open(output).record["options"].get("trial")
-        _same(Run.open(output), held if isinstance(held, dict) else fixed)
-    run = Run.create(
-        output,
-        command=frame.command_line(),
-        seed=fixed["seed"],
-        inputs=inputs,
-        options={"trial": fixed, **options},
-        overwrite=True,
-    )
+        earlier = Run.open(output)
+        held = earlier.record["options"].get("trial")
+        _same(earlier, held if isinstance(held, dict) else fixed)
+    run = _made(output, fixed, options, inputs, overwrite=True)
     forget_cases(output)
     return run
 
@@ -333,13 +342,7 @@ def _joined(
         if (output / "run.json").is_file():
             break
         try:
-            run = Run.create(
-                output,
-                command=frame.command_line(),
-                seed=fixed["seed"],
-                inputs=inputs,
-                options={"trial": fixed, **options},
-            )
+            run = _made(output, fixed, options, inputs)
             run.finish("shared")
             return run
         except FileError:  # another one may be about to write run.json

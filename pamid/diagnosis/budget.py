@@ -45,8 +45,11 @@ class Budget:
         floor = seen_mean(self.floor[rows])
         return float(np.nansum(np.maximum(seen_mean(absolutes[rows]) / floor - 1.0, 0.0)))
 
-    def shrinkage(self, absolutes: Array, rows: NDArray[np.bool_] | NDArray[np.intp]) -> float:
-        """1 - error/baseline error, channels weighed by their floors."""
+    def shrinkage(
+        self, absolutes: Array, rows: NDArray[np.bool_] | NDArray[np.intp] | slice = slice(None)
+    ) -> float:
+        """1 - error/baseline error over these held-out windows (default: all), channels weighed by
+        their floors."""
         floor = seen_mean(self.floor)
         before = np.nansum(seen_mean(self.baseline.absolutes[rows]) / floor)
         return float(1.0 - np.nansum(seen_mean(absolutes[rows]) / floor) / before)

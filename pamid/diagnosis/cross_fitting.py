@@ -47,6 +47,7 @@ def crossed(
     if not best.attached or search.half.all() or not search.half.any():
         return None
     own = {search.family(a) for a in best.attached}
+    alike = own | {c.family for c in tied}
     choices, steady = list[CandidateModel](), True
     for rows in (search.half, ~search.half):
         half = replace(search, asked=rows)
@@ -56,7 +57,6 @@ def crossed(
             alone, together = half.losses([choice, best]).mean(axis=1)
             choice = best if together < alone else choice
         also = {c.family for c in indistinguishable_from_first(half, order, classes)}
-        alike = own | {c.family for c in tied}
         steady &= choice is best or choice.family in alike or bool(own & also)
         choices.append(choice)
     return Crossed(best, search.half, (choices[0], choices[1]), steady)

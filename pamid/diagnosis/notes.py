@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pamid.base.share_words import percent_text, percents_text
-from pamid.diagnosis.decision import gap_share
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
@@ -41,7 +40,7 @@ def _company(d: Diagnosis) -> list[str]:
     def told(m: Member) -> str:
         return f"{m.effect.label} (P {chance_figure(m.probability)})"
 
-    share = gap_share(d.budget, d.budget.baseline.absolutes, d.reported(j.best), d.seed)
+    share = d.removed_by(j.best)
     if share.share < d.settings.worth:
         return []
     instead = [

@@ -80,8 +80,12 @@ class Diagnosis:
                 sum(s.high for s in named),
             )
             return Share(*(min(x, 1.0) for x in sums))
-        left = self.reported(self.cause)
-        return gap_share(self.budget, self.budget.baseline.absolutes, left, self.seed)
+        return self.removed_by(self.cause)
+
+    def removed_by(self, c: CandidateModel) -> Share:
+        """Share of the gap that a model removes."""
+        base = self.budget.baseline.absolutes
+        return gap_share(self.budget, base, self.reported(c), self.seed)
 
     @property
     def left_at(self) -> PortEvidence | None:

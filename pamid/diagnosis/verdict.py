@@ -232,12 +232,9 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
     if len(labels) == 1:
         return {labels[0]: 1.0}
     assert d.cause is not None
-    everywhere = np.ones_like(d.half)
-    whole = d.budget.shrinkage(d.cause.absolutes, everywhere)
+    whole = d.budget.shrinkage(d.cause.absolutes)
     alone = {
-        k: max(d.budget.shrinkage(d.singles[k].absolutes, everywhere), 0.0)
-        if k in d.singles
-        else 0.0
+        k: max(d.budget.shrinkage(d.singles[k].absolutes), 0.0) if k in d.singles else 0.0
         for k in labels
     }
     # two effects: phi_i = (v_i + v - v_j)/2, exact; three: the same with the others' mean
@@ -363,7 +360,7 @@ def _ranked(
         port=c.group,
         probability=probability,
         held_out=held,
-        shrinkage=d.budget.shrinkage(left, np.ones_like(d.half)),
+        shrinkage=d.budget.shrinkage(left),
         low=low,
         high=high,
         converged=c.fit.converged,

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from pamid.report.block_diagram import LINE, PAD, Box, Diagram, Link, wide_diagram
 from pamid.report.markup import tag
-from pamid.report.rig_figure import BASE, DIAGRAM_WIDE, TINT, link_path, rig_title
+from pamid.report.rig_figure import BASE, DIAGRAM_WIDE, TINT, arrow_head, link_path, rig_title
 from pamid.report.rig_texts import block_texts
 from pamid.report.style import colour
 from pamid.schemas.diagnosis_file import DiagnosisFile
@@ -22,28 +22,17 @@ def rig_svg(diagnosis: DiagnosisFile | None) -> str:
         return ""
     rig = diagnosis.rig
     diagram = wide_diagram(rig, block_texts(diagnosis, rig), DIAGRAM_WIDE)
-    arrow = tag(
-        "marker",
-        tag("path", d="M0 0L8 4L0 8z", fill="currentColor"),
-        id=_ARROW,
-        viewBox="0 0 8 8",
-        refX="7",
-        refY="4",
-        markerWidth="7",
-        markerHeight="7",
-        orient="auto-start-reverse",
-    )
     heads = [
         tag("text", text, x=f"{x:.0f}", y=f"{y:.0f}", font_size="10", fill_opacity="0.8")
         for x, y, text in diagram.heads
     ]
-    return str(_drawn(diagram, rig_title(diagnosis, rig), arrow, heads))
+    return str(_drawn(diagram, rig_title(diagnosis, rig), heads))
 
 
-def _drawn(diagram: Diagram, title: str, arrow: Markup, heads: list[Markup]) -> Markup:
+def _drawn(diagram: Diagram, title: str, heads: list[Markup]) -> Markup:
     return tag(
         "svg",
-        tag("defs", arrow),
+        tag("defs", arrow_head(_ARROW, fill="currentColor")),
         heads,
         [_link(one) for one in diagram.links],
         [_block(one) for one in diagram.boxes],

@@ -137,12 +137,12 @@ def anchor(group: str) -> str:
 # ---- for the page --------------------------------------------------------------------------------
 
 
-def _svg(diagram: Diagram, salt: str) -> str:
-    head = f"arrow-{salt}"
-    arrow = tag(
+def arrow_head(name: str, **look: str) -> Markup:
+    """The marker at the end of a link; look: attributes of its shape."""
+    return tag(
         "marker",
-        tag("path", d="M0 0L8 4L0 8z"),
-        id=head,
+        tag("path", d="M0 0L8 4L0 8z", **look),
+        id=name,
         viewBox="0 0 8 8",
         refX="7",
         refY="4",
@@ -150,6 +150,10 @@ def _svg(diagram: Diagram, salt: str) -> str:
         markerHeight="7",
         orient="auto-start-reverse",
     )
+
+
+def _svg(diagram: Diagram, salt: str) -> str:
+    head = f"arrow-{salt}"
     heads = [
         tag("text", text, x=f"{x:.0f}", y=f"{y:.0f}", class_="stage-name", text_anchor="middle")
         for x, y, text in diagram.heads
@@ -157,7 +161,7 @@ def _svg(diagram: Diagram, salt: str) -> str:
     return str(
         tag(
             "svg",
-            tag("defs", arrow),
+            tag("defs", arrow_head(head)),
             heads,
             [_arrow(one, head) for one in diagram.links],
             [_block(one) for one in diagram.boxes],

@@ -300,7 +300,7 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
     was, now = (d.budget.channel_losses(a) for a in (d.budget.baseline.absolutes, left))
     raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
     return ShrinkageForecast(
-        predicted=d.budget.shrinkage(left, np.ones_like(d.half)),
+        predicted=d.budget.shrinkage(left),
         low=low,
         high=high,
         raw_low=raw[0],
