@@ -142,7 +142,7 @@ PLANTED: dict[str, tuple[dict[str, float], float]] = {
     "cogging": ({"sine": 0.8, "cosine": -0.5, "period": 0.061}, 0.05),
     "maxwell-slip-hysteresis": ({"level": 2.0, "reach": 0.05}, 0.1),
     "bouc-wen-hysteresis": ({"level": 3.0, "reach": 0.04, "shape": 0.6}, 0.1),
-    "hardening-hysteresis": ({"level": 3.0, "reach": 0.15, "stiffens_over": 0.2}, 0.1),
+    "hardening-hysteresis": ({"level": 3.0, "reach": 0.3, "stiffens_over": 0.3}, 0.1),
     "coupling-play": ({"half_gap": 0.003}, 0.05),
     "signal-hysteresis@ruler": ({"share": 0.1, "reach": 0.1}, 0.1),
     "play@ruler": ({"half_gap": 0.01}, 0.05),
