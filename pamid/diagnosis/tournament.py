@@ -34,6 +34,7 @@ from pamid.schemas.diagnosis_file import CAUSED
 from pamid.simulation.data_split import DataSplit, half_of_windows
 
 Array = NDArray[np.float64]
+SETTLED = ("explained", "no-structural-gap")  # verdicts that need no further candidates
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +155,9 @@ def diagnose(
     judged = judge(search, located, first, first.models)
     failed = first.failed
     opposite: list[tuple[CandidateModel, float]] = []
-    if not judged.decision.named and judged.decision.verdict != "no-structural-gap":
-        # before it is said that nothing known explains it, everything known that acts there is
-        # fitted: a few steps of screening are no verdict
+    if judged.decision.verdict not in SETTLED:
+        # before it is said that nothing known explains it, or not all of it, everything known that
+        # acts there is fitted: a few steps of screening are no verdict
         rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
         models, more = refit_screened(search, base, rest)
         failed = failed + more
