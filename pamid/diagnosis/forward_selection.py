@@ -88,11 +88,13 @@ class ForwardStep:
 @dataclass(frozen=True, eq=False)
 class ForwardSelection:
     """The model with every effect that was added; after: the latent evidence that is left at the
-    ports; forward_steps: the effects that were tried beside the first, in order; tried: every
-    model of several effects that was refitted on the way."""
+    ports; begun: the model of one effect from which the selection went on; forward_steps: the
+    effects that were tried beside the first, in order; tried: every model of several effects that
+    was refitted on the way."""
 
     best: CandidateModel
     after: PortEvidence
+    begun: CandidateModel | None = None
     forward_steps: tuple[ForwardStep, ...] = ()
     tried: tuple[CandidateModel, ...] = ()
 
@@ -134,7 +136,7 @@ def select_forward(
         best = with_finer_steps(search, best)
         # one effect for another is the end: where any of them will do, exchanges go on and on
         exchanged = len(best.attached) <= before
-    return ForwardSelection(best, after, tuple(steps), tuple(tried))
+    return ForwardSelection(best, after, ranking[0], tuple(steps), tuple(tried))
 
 
 def _labels(c: CandidateModel) -> frozenset[str]:

@@ -64,9 +64,13 @@ class Judged:
     tied: tuple[Tied, ...]
     halves: Crossed | None  # what either half of the held-out windows would have chosen
     classes: tuple[tuple[str, ...], ...]
-    forward_steps: tuple[ForwardStep, ...]
+    selection: ForwardSelection
     empty: bool  # the best model predicts no better than a guess without a model
     units: dict[str, Any] | None  # why units and signs are in doubt
+
+    @property
+    def forward_steps(self) -> tuple[ForwardStep, ...]:
+        return self.selection.forward_steps
 
     @property
     def named(self) -> tuple[Member, ...]:
@@ -76,14 +80,21 @@ class Judged:
 
 
 def judge(
-    search: Search, located: PortEvidence, screened: Round, models: list[CandidateModel]
+    search: Search,
+    located: PortEvidence,
+    screened: Round,
+    models: list[CandidateModel],
+    before: ForwardSelection | None = None,
 ) -> Judged:
     """Ranking, further effects and verdict. located: where something is missing before any effect;
-    screened: the round of single effects; models: those of them that were refitted."""
+    screened: the round of single effects; models: those of them that were refitted; before: what
+    was selected among fewer of them, which holds where the same model leads."""
     base, settings = search.budget.baseline, search.settings
     ranking = ranked(search, models)
     found = ForwardSelection(base, located)
-    if ranking:
+    if before is not None and ranking and ranking[0] is before.begun:
+        found = before
+    elif ranking:
         found = select_forward(search, ranking, located, screened)
     best, after = _freed(search.evidence, found.best) if ranking else base, found.after
     ranking = _with_best(ranking, best)
@@ -128,7 +139,7 @@ def judge(
         weighed.tied,
         weighed.halves,
         tuple(tuple(k) for k in classes),
-        found.forward_steps,
+        found,
         empty,
         units,
     )

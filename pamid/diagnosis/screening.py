@@ -7,6 +7,7 @@ what is refitted: the refit on held-out windows decides.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -157,6 +158,12 @@ class ScreeningBaseline:
         p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
 
+    @property
+    def affordable(self) -> int:
+        """Candidates that may be refitted without a choice among them."""
+        samples = sum(len(t) for t in self.baseline.fit.problem.tracks)
+        return 0 if self.held else self.settings.refits_all // samples
+
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
             t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
@@ -249,18 +256,19 @@ def _probed(
     )
 
 
+def by_gain(screened: Iterable[Screened]) -> list[Screened]:
+    return sorted(screened, key=lambda s: (-s.gain, s.attachment.label))
+
+
 def promising(
     family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
-    """The candidates to refit, by gain. On top of the baseline: all, where there are few; of more,
+    """The candidates to refit, by gain. On top of the baseline: all, where that is affordable; else
     the first `refits_least`, further ones with a share of the largest gain, and the best of every
     other family. Beside effects that are already found: the leading ones alone."""
     settings, first_round = reference.settings, not reference.baseline.attached
-    usable = sorted(
-        (s for s in screened if s.usable),
-        key=lambda s: (-s.gain, s.attachment.label),
-    )
-    if not usable or (first_round and len(usable) <= settings.refits_all and not reference.held):
+    usable = by_gain(s for s in screened if s.usable)
+    if not usable or (first_round and len(usable) <= reference.affordable):
         return usable
     top = usable[0].gain
     leading = usable[: settings.refits if first_round else settings.refits_beside]

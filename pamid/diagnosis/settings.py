@@ -129,7 +129,7 @@ class Settings:
     )
     refits_least: int = setting(6, "candidates", "refitted in any case", COST)
     refits_all: int = setting(
-        32, "candidates", "with no more than these all are refitted: runners-up are shown", COST
+        250_000, "fitted samples", "times candidates up to which all are refitted, by gain", COST
     )
     refit_share: float = setting(
         0.1, "share of the largest gain", "further candidates with less are not refitted", COST

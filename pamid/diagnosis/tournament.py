@@ -18,6 +18,7 @@ from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
+from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     Search,
     carried_on,
@@ -159,11 +160,14 @@ def diagnose(
         # before it is said that nothing known explains it, or not all of it, everything known that
         # acts there is fitted: a few steps of screening are no verdict
         rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
+        named = bool(judged.decision.named)
+        rest = by_gain(rest)[: first.reference.affordable if named else None]
         models, more = refit_screened(search, base, rest)
         failed = failed + more
-        everything = carried_on(search, [*first.models, *models])
+        open_ended = models if named else [*first.models, *models]
+        everything = [*(first.models if named else []), *carried_on(search, open_ended)]
         if any(a is not b for a, b in zip_longest(everything, first.models)):
-            judged = judge(search, located, first, everything)
+            judged = judge(search, located, first, everything, judged.selection)
         if not judged.decision.named:
             opposite = opposite_signs(search, list(judged.ranking))
     forms: list[FreeForm] = []

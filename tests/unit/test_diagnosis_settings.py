@@ -205,7 +205,10 @@ def test_the_margin_over_a_guess() -> None:
 
 def test_how_many_are_refitted() -> None:
     def refitted(settings: Settings, beside: bool = False) -> int:
-        base: Any = SimpleNamespace(attached=("one",) if beside else ())
+        problem = SimpleNamespace(tracks=[range(10_000)])
+        base: Any = SimpleNamespace(
+            attached=("one",) if beside else (), fit=SimpleNamespace(problem=problem)
+        )
         ground = ScreeningBaseline(base, (), (), nothing, 0.0, False, settings)
         tried: Any = [
             Screened(SimpleNamespace(label=str(i)), SimpleNamespace(), {}, 100.0 - i)  # type: ignore[arg-type]
@@ -213,7 +216,7 @@ def test_how_many_are_refitted() -> None:
         ]
         return len(promising({str(i): "one" for i in range(40)}, tried, ground))
 
-    assert refitted(DEFAULT) == DEFAULT.refits and refitted(Settings(refits_all=40)) == 40
+    assert refitted(DEFAULT) == DEFAULT.refits and refitted(Settings(refits_all=400_000)) == 40
     assert refitted(OTHER) == DEFAULT.refits + 1
     assert refitted(Settings(refits_least=3, refit_share=0.97)) == 3
     assert refitted(DEFAULT, beside=True) == DEFAULT.refits_beside
