@@ -13,7 +13,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.measured_signals import WINDOWS, measured_signals
+from pamid.simulation.measured_signals import RUN_WINDOWS, measured_signals
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
 from pamid.symbolic.vocabulary import Expr
@@ -77,7 +77,7 @@ def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     signals = len(program.outputs) - len(wanted)
     most = np.abs(np.concatenate(seen)).max(axis=0)[signals:]
     track, windows, x = places[0]
-    few = windows[:WINDOWS]
+    few = windows[:RUN_WINDOWS]
     run = run_windows(program, assembly, fit.p, track, few, x[: len(few)], fit.stepping)
     y = np.concatenate([t.y for t, _, _ in places])
     measured = np.abs(measured_signals(run[:, :signals], run[:, signals:], y))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 COMBINED = 1e-6  # of a signal: what a combination of outputs may leave of it
-WINDOWS = 8  # of a run by which the combination is found
+RUN_WINDOWS = 8  # of a run by which the combination is found
 
 
 def measured_signals(outputs: Array, signals: Array, measured: Array) -> Array:
