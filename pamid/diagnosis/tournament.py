@@ -35,7 +35,7 @@ from pamid.schemas.diagnosis_file import CAUSED
 from pamid.simulation.data_split import DataSplit, half_of_windows
 
 Array = NDArray[np.float64]
-SETTLED = ("explained", "no-structural-gap")  # verdicts that need no further candidates
+NOTHING_OPEN = ("explained", "no-structural-gap")  # verdicts that need no further candidates
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ def diagnose(
     judged = judge(search, located, first, first.models)
     failed = first.failed
     opposite: list[tuple[CandidateModel, float]] = []
-    if judged.decision.verdict not in SETTLED:
+    if judged.decision.verdict not in NOTHING_OPEN:
         # before it is said that nothing known explains it, or not all of it, everything known that
         # acts there is fitted: a few steps of screening are no verdict
         rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
