@@ -9,12 +9,13 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.verdict_words import chance_figure
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.observed_sizes import unsized
+from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.port_guide import driving_words
 
 
 def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
-    kinds = (_signs, _company, _halves, _windows, _fits, _bounds, _background, _sizes)
+    kinds = (_signs, _company, _between, _halves, _windows, _fits, _bounds, _background, _sizes)
     return [note for of_kind in kinds for note in of_kind(d)]
 
 
@@ -60,6 +61,31 @@ def _company(d: Diagnosis) -> list[str]:
         f"The model with the cause holds {lost}, too, which is not named; all of them together "
         f"remove {size}.{''.join(instead)}"
     ]
+
+
+def _between(d: Diagnosis) -> list[str]:
+    """Readings that are half a sampling period early, or commands that are as late: what an input
+    that is taken for held, or for linear between samples, makes of a model."""
+    c, rig = (d.judged.best if d.judged else None), d.evidence.rig
+    period_s = max(r.sampling_period_s for r in d.evidence.recordings)
+    timings = [
+        (b, float(c.fit.p[i]))
+        for i, b in enumerate(c.assembly.parameters if c else ())
+        if c is not None and b.owner and b.unit == "s"
+    ]
+    found = []
+    for b, late in timings:
+        if round(abs(late) / period_s, 1) != 0.5:
+            continue
+        way = HELD if late < 0.0 else LINEAR
+        taken = [name for name in rig.inputs if between_of(rig, name) == way]
+        if taken:
+            found.append(
+                f"{b.owner} comes to half a sampling period: so looks an input that is taken as "
+                f"{way} between samples and is {other(way)}. If {taken[0]} is, say so in the rig "
+                f'(between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
+            )
+    return found
 
 
 def _halves(d: Diagnosis) -> list[str]:
