@@ -41,6 +41,7 @@ from pamid.diagnosis.search import (
     run_round,
     with_finer_steps,
 )
+from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import model_with
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed
@@ -168,7 +169,9 @@ def _larger(
     # nothing is put on top of what does not help by itself: there is no first effect
     helps = search.budget.shrinkage(best.absolutes, search.asked) > search.settings.worth
     beside = [a for a in others if helps and open_ports & set(a.ports)]
-    models = run_round(search, best, beside).models if beside else []
+    # the lines of the gap's spectrum, and over the position, are those of what is left by now
+    left = replace(search, hints=gather_hints(search.evidence, best, search.settings))
+    models = run_round(left, best, beside).models if beside else []
     known = {_labels(c) for c in models}
     subsets = best_subsets(responses, search.family, len(best.attached) + 1, search.settings)
     work = Refitting(
