@@ -23,6 +23,7 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.files import read_lines
 from pamid.base.toml_file import read_toml
 from pamid.base.units import split_column
+from pamid.recording.stamp_rounding import even_but_rounded
 
 UNIFORM_TO = 0.01  # stamps are uniform to 1 %
 # in any unit: beyond lies what no sensor shows, and what cannot be squared and summed
@@ -183,7 +184,7 @@ def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) ->
 
 def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
     """FileError unless the stamps (s) rise evenly: no repeat, no step back, no gap, spacing uniform
-    to 1 %."""
+    to 1 %, or to the last digit that was written."""
     steps = np.diff(time)
     if steps.size == 0:
         return
@@ -200,10 +201,13 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
     rounding = float(np.spacing(np.abs(time).max()))
     uneven = np.flatnonzero(np.abs(steps - period) > UNIFORM_TO * period + rounding)
     if uneven.size:
-        row = int(uneven[0])
-        if steps[row] > 1.5 * period:
+        gaps = uneven[steps[uneven] > 1.5 * period]
+        row = int(gaps[0] if gaps.size else uneven[0])
+        if gaps.size:
             detail = f"a gap of {steps[row]:.6g} s where samples are {period:.6g} s apart"
             _refuse_stamp(path, row + 1, detail, "gap")
+        if even_but_rounded(time):
+            return
         detail = (
             f"{steps[row]:.6g} s after the row before, usual are {period:.6g} s (uniform to "
             "1 % is needed)"
