@@ -12,6 +12,7 @@ installed anew. What is called `make` runs in a copy of the sources and installs
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shlex
 import shutil
@@ -115,8 +116,10 @@ def run(page: Path, programs: Path, place: Path, tests: str = "") -> bool:
             continue
         made = step.text.startswith("make ")
         command = f"{step.text} TESTS={shlex.quote(tests)}" if made and tests else step.text
-        path = "/usr/bin:/bin" if made else f"{programs}:/usr/bin:/bin"
-        clean = {"HOME": str(home), "PATH": path, "LANG": "C.UTF-8"}
+        own = Path(sys.base_prefix, "bin") if made else programs
+        clean = {"HOME": str(home), "PATH": f"{own}:/usr/bin:/bin", "LANG": "C.UTF-8"}
+        # where packages come from is the network's affair, not the user's
+        clean |= {name: text for name, text in os.environ.items() if name.startswith("PIP_")}
         if not said_ok(page.stem, command, sources(place) if made else work, clean):
             return False
     return True
