@@ -78,4 +78,4 @@ def _by_halves(earliest: FloatArray, latest: FloatArray, touch: float) -> bool:
     if early - late > touch:
         return False
     ends = (np.count_nonzero(earliest >= early - touch), np.count_nonzero(latest <= late + touch))
-    return min(ends) >= _FEWEST_HALVES
+    return bool(min(ends) >= _FEWEST_HALVES)
