@@ -53,8 +53,13 @@ def prose(text: str) -> Markup:
     )
 
 
+def breakable(text: str) -> Markup:
+    """A name that may be broken behind its underscores, before it is broken anywhere."""
+    return Markup(str(escape(text)).replace("_", "_<wbr>"))
+
+
 def _code(found: re.Match[str]) -> str:
-    """A long name may be broken behind its underscores, before it is broken anywhere."""
+    # escaped already
     return f"<code>{found[1].replace('_', '_<wbr>')}</code>"
 
 
