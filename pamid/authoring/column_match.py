@@ -19,6 +19,7 @@ SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
 UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
 UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
+ASKED = 0.45  # a drive's own set-point, for what it then makes
 DRIVEN = 0.25  # a drive's voltage or current for the force or torque that it makes
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
 UNRECORDED = 0.25  # weight of an output that was not recorded
@@ -153,8 +154,15 @@ def pair_score(found: str, wanted: str) -> tuple[float, str, bool]:
 
 
 def _driven(found: str, wanted: str) -> tuple[float, str, bool]:
-    """The same for what is sent to a drive: nearly in proportion to the force or torque."""
-    (stem, symbol), (wanted_stem, _) = split_column(found), split_column(wanted)
+    """The same for what a drive is asked for, and for what is sent to it: nearly in proportion to
+    the force or torque that it makes."""
+    (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
+    if (
+        "reference" in meanings(stem)
+        and wanted_symbol != NONE
+        and compatible(symbol, wanted_symbol)
+    ):
+        return ASKED, "word", False
     sent = unit(symbol).dimension in _RAW and meanings(stem) & {"voltage", "current"}
     return (DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_PAIR
 

@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import FileError, nearest
+from pamid.base.errors import FileError, nearest, quoted
 from pamid.base.files import read_lines
 from pamid.base.toml_file import read_toml
 from pamid.base.units import split_column
@@ -99,7 +99,10 @@ def read_header(path: Path) -> list[str]:
 def check_header(path: Path, names: Sequence[str]) -> None:
     """FileError unless the first column is `time_s` and every column has a name of its own."""
     if names[0] != "time_s":
-        hint = "The first line names the columns, the first of them is time_s."
+        hint = (
+            "The first line of a recording names its columns, time_s first; of a raw log `pamid "
+            f"ingest --guess {quoted(path)}` makes one."
+        )
         if ";" in names[0] or "\t" in names[0]:
             hint = (
                 "It looks as if columns are not separated by commas. `pamid ingest` reads "
