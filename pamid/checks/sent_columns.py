@@ -18,7 +18,7 @@ from pamid.recording.noise import quantisation_step
 from pamid.recording.recording import Recording, match_column
 
 STEPPED = 0.9  # of the time a column stands still between jumps: it is sent
-HELD = 0.9  # of the changes have a standstill before and after
+ALONE = 0.9  # of the changes have a standstill before and after
 OF_ONE_STEP = 0.5  # of the changes at most: else it is a coarse sensor that creeps
 FEWEST_CHANGES = 5
 REGULAR = 0.8  # of the standstills last equally long: `sampled_slowly`
@@ -57,7 +57,7 @@ def held_by_jumps(values: NDArray[np.float64]) -> bool:
     alone = np.diff(moved, prepend=-2) > 1
     alone &= np.append(np.diff(moved), 2) > 1
     pauses = np.diff(moved)
-    if np.mean(alone) < HELD or np.mean(pauses == np.median(pauses)) >= REGULAR:
+    if np.mean(alone) < ALONE or np.mean(pauses == np.median(pauses)) >= REGULAR:
         return False
     jumps = steps[moved]
     small = 1.5 * max(quantisation_step(values), float(jumps.min()))

@@ -19,7 +19,7 @@ COUNT = 900
 
 
 def channel(name: str, unit: str = "") -> Channel:
-    return Channel(name, np.zeros(3), unit)
+    return Channel(name, np.zeros(3), unit=unit)
 
 
 def test_names_and_units_are_spelt_as_a_recording_spells_them() -> None:
