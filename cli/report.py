@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
+from .terminal import warning
 
 PLACE = 110
 EXAMPLE = """
@@ -85,6 +86,8 @@ def _page(
     page = run / "report.html" if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
     report = write_report(run, output, paper, rig=rig, overwrite=overwrite)
+    for note in report.notes:
+        warning(f"{report.page}: {note}")
     found = WrittenReport(
         page=str(report.page),
         figures=tuple(map(str, report.figures)),
