@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
+from pamid.base.progress import tell
 from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.model.rig import Rig
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
@@ -121,7 +122,11 @@ def write_report(
     content = content_of(run_folder, rig)
     if not overwrite:
         _require_ours(page, pdf)
-    pictures = {drawing.name: render(drawing) for drawing in content.drawings}
+    pictures = {}
+    for k, drawing in enumerate(content.drawings):
+        tell(f"pictures {k}/{len(content.drawings)}: {drawing.name}")
+        pictures[drawing.name] = render(drawing)
+    tell("the page")
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document)
     paper = pdf_of(document) if pdf is not None else b""
