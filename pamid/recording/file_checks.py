@@ -105,8 +105,8 @@ def check_header(path: Path, names: Sequence[str]) -> None:
         )
         if ";" in names[0] or "\t" in names[0]:
             hint = (
-                "It looks as if columns are not separated by commas. `pamid ingest` reads "
-                "other dialects."
+                "It looks as if columns are not separated by commas. `pamid ingest --guess "
+                f"{quoted(path)}` reads other dialects."
             )
         elif _is_number(names[0]):
             hint = "There seems to be no header row. " + hint

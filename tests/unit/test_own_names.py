@@ -87,3 +87,24 @@ def test_a_joint_is_still_guessed_as_one_and_what_is_asked_for_is_done(tmp_path:
     assert 'rig = "one-dof"' in pamid.guess_mapping(log, "one-dof").text
     with pytest.raises(FileError):
         pamid.new_rig(log, output=tmp_path / "mine.py")
+
+
+def test_errors_on_the_way_name_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another dialect is one problem, not three; a rig file is named by its path; columns that fit
+    no rig may have one written."""
+    monkeypatch.chdir(tmp_path)
+    text = strangers_log(tmp_path).read_text(encoding="utf-8")
+    Path("de.csv").write_text(text.replace(",", ";").replace(".", ","), encoding="utf-8")
+    assert frame.run(["check", "de.csv", "--json"]) == 3
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    assert len(findings) == 1 and "pamid ingest --guess de.csv" in findings[0]["detail"]
+    Path("belt.py").write_text("", encoding="utf-8")
+    with pytest.raises(FileError) as caught:
+        pamid.diagnose("rec.csv", "belt", output=tmp_path / "run")
+    assert "./belt.py" in caught.value.hint
+    recorded = "time_s,m_soll_n_m,winkel_deg\n" + text.partition("\n")[2]
+    Path("rec.csv").write_text(recorded, encoding="utf-8")
+    assert frame.run(["fit", "rec.csv", "--rig", "one-dof", "--output", "run"]) == 3
+    assert "pamid new-rig rec.csv" in capsys.readouterr().err
