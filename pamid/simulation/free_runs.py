@@ -61,8 +61,8 @@ def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...
             f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
             f"{', '.join(assembly.rig.outputs)}",
             f"{nearest(next(iter(assembly.rig.outputs)), list(recording.columns))} Name another "
-            f"--rig, or rename the columns; there are {', '.join(recording.columns)}. `pamid new-rig "
-            f"{quoted(recording.path)}` writes a rig for them.".lstrip(),
+            f"--rig, or rename the columns; there are {', '.join(recording.columns)}. "
+            f"`pamid new-rig {quoted(recording.path)}` writes a rig for them.".lstrip(),
         )
     return found
 
