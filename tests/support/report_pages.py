@@ -35,13 +35,13 @@ class Outline(HTMLParser):
         self.attributes: list[tuple[str, str]] = []
         self.text = ""
         self._open: list[str] = []
-        self.feed(page)
+        self.feed(page.replace("<wbr>", ""))  # where a name may be broken, and need not be
         self.close()
         assert not self._open, f"never closed: {self._open}"
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_startendtag(tag, attrs)
-        if tag not in ("meta", "br", "wbr", "hr", "img"):
+        if tag not in ("meta", "br", "hr", "img"):
             self._open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
