@@ -46,7 +46,7 @@ class ServoAxis(Rig):
     parameters = (
         Parameter(
             "inertia",
-            0.01,
+            0.02,
             1e-6,
             100.0,
             "kg m2",
@@ -54,7 +54,9 @@ class ServoAxis(Rig):
             log=True,
             source="drawing of the load, plus the drive's",
         ),
-        Parameter("viscous", 0.02, 0.0, 50.0, "N m s", spread=0.02, source="estimate: bearings"),
+        Parameter(
+            "viscous", 0.1, 0.0, 50.0, "N m s", spread=0.1, source="estimate: bearings, belt"
+        ),
         Parameter(
             "offset", 0.0, -5.0, 5.0, "N m", spread=0.02, source="estimate: zero of the drive"
         ),
