@@ -5,13 +5,17 @@
 # make faults   kills and failing writes at every moment (long)
 # make planted  plants every effect in turn (long)
 # make docs     the documentation, into build/docs
-# make docs-test  every command of the tutorials, in a clean environment (long)
+# make docs-test  every command of the README and of the tutorials, in a clean environment (long)
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 TORCH := $(shell grep '^torch==' constraints.txt)
+# PyPI's torch for Linux brings 4 GB of CUDA with it; where this index cannot be reached, it is taken none the less
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+# what `make test` runs: `make test TESTS=tests/unit/test_units.py`
+TESTS ?=
 # one process per core; a file's tests stay together, because they share what they set up
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
@@ -21,7 +25,7 @@ demo: $(STAMP)
 	$(BIN)/pamid demo --output demo-run --overwrite
 
 test: lint
-	$(PYTEST)
+	$(PYTEST) $(TESTS)
 
 slow: $(STAMP)
 	$(PYTEST) -m slow
@@ -49,13 +53,13 @@ docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 docs-test: $(STAMP)
-	OMP_NUM_THREADS=1 $(BIN)/python tests/support/tutorials.py
+	OMP_NUM_THREADS=1 $(BIN)/python tests/support/tutorials.py $(if $(TESTS),--tests '$(TESTS)')
 
 # torch first and by itself: the wheel already there (or the index it is taken from) is then kept by what follows
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pamid needs Python 3.11 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --retries 1 --extra-index-url '$(TORCH_INDEX)' '$(TORCH)'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	touch $@
 

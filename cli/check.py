@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from . import frame
 from .options import figure_option, require_png, write_figure
+from .terminal import told_progress
+
+if TYPE_CHECKING:
+    from pamid.base.work_stages import WorkStage
 
 PLACE = 40
 EXAMPLE = """
@@ -44,7 +50,9 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     from pamid.base.errors import UsageError
 
     require_png(figure, overwrite)
-    found = check(file, rig)
+    with told_progress("check", stages=_stages(file)) as progress:
+        progress.say("reading")
+        found = check(file, rig)
     said, text = found.to_dict(), found.summary()
     if figure is not None and found.kind not in ("recording", "rig"):
         raise UsageError(
@@ -54,3 +62,21 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
         text = f"{text}\n{write_figure(figure, found.plot_png())}"
         said = {**said, "figure": str(figure)}
     return frame.Result(said, text, 0 if found.ok else WRONG)
+
+
+def _stages(file: Path) -> tuple[WorkStage, ...]:
+    """What a file of this kind goes through; an effect is counted by the places where it fits."""
+    from pamid.base.work_stages import WORK_STAGES
+
+    if file.suffix == ".csv":
+        return WORK_STAGES["check"]
+    return () if _is_effect(file) else WORK_STAGES["check a rig"]
+
+
+def _is_effect(file: Path) -> bool:
+    """By its words, before anything of it is run."""
+    try:
+        text = file.read_text(encoding="utf-8", errors="replace") if file.suffix == ".py" else ""
+    except OSError:
+        return False
+    return re.search(r"^class \w+\([^)]*Effect\)", text, re.MULTILINE) is not None

@@ -127,13 +127,16 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
 
 def _where(where: dict[str, Any]) -> list[str]:
     """Ports, the regimes in which the gap shows, and a sensor that would tell more."""
+    from pamid.base.share_words import plain_number
+
     shares = [
         f"{p['port']} {100 * p['share']:.0f} %" for p in where["ports"][:4] if p["share"] >= 0.005
     ]
     lines = ["Where     " + ", ".join(shares)]
     lines += [
         f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} % "
-        f"of the time: {r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}"
+        f"of the time: {r['signal']} {plain_number(r['low'])} .. {plain_number(r['high'])} "
+        f"{r['unit']}".rstrip()
         for r in where["regimes"][:2]
     ]
     # where one port holds nearly all of it, there is nothing left to split

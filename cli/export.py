@@ -8,7 +8,7 @@ import click
 
 from . import frame, names
 from .options import parse_known
-from .terminal import aside
+from .terminal import aside, told_progress
 
 PLACE = 120
 FORMS = names.export_forms()
@@ -75,14 +75,17 @@ def command(
     from pamid.export.exporting import export_model
     from pamid.schemas.command_files import WrittenExport
 
-    model = load_identified(run, which=which, rig=rig, effects=effects).knowing(parse_known(known))
-    made = export_model(model, form, output, overwrite=overwrite)
+    with told_progress("export") as progress:
+        progress.say("reading")
+        found = load_identified(run, which=which, rig=rig, effects=effects)
+        model = found.knowing(parse_known(known))
+        made = export_model(model, form, output, overwrite=overwrite)
     step, network = made.step, model.network
     for note in made.notes:
         aside(f"Warning: {made.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
     inputs, outputs = (tuple(v.name for v in vs) for vs in (step.inputs, step.outputs))
-    found = WrittenExport(
+    written = WrittenExport(
         to=form,
         files=tuple(map(str, made.files)),
         binary=made.binary,
@@ -100,4 +103,4 @@ def command(
         f"{', '.join(effects) or 'no effect'}{built}.\n"
         f"Every {step.period_s:g} s: {', '.join(inputs)} -> {', '.join(outputs)}"
     )
-    return frame.Result(found, text)
+    return frame.Result(written, text)

@@ -34,7 +34,7 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 @click.option(
     "--rig",
     help="Rig by name, or the path of a rig file (it is run). [default: the one the mapping names; "
-    "with --guess one-dof]",
+    "with --guess one-dof, or none where the log has other channels]",
 )
 @click.option(
     "--pressures",
@@ -101,7 +101,7 @@ def command(
         if mapping is not None or len(logs) != 1:
             raise UsageError("--guess takes one LOG and no --mapping.")
         asked = {"pressures": pressures, "angles": angles, "only": only or "", "kind": kind}
-        return _guess(logs[0], rig or "one-dof", asked, parse_known(known), output, overwrite)
+        return _guess(logs[0], rig, asked, parse_known(known), output, overwrite)
     if angles or only:
         raise UsageError(f"{'--angles' if angles else '--only'} belongs to --guess.")
     if mapping is None:
@@ -133,7 +133,7 @@ def command(
 
 def _guess(
     log: Path,
-    rig: str,
+    rig: str | None,
     asked: dict[str, Any],
     known: dict[str, float],
     output: Path | None,
@@ -159,7 +159,7 @@ def _guess(
     text = (
         f"{output}: {found.mapped} of {found.channels} channels guessed.{to_answer}\n"
         f"Next: look it through, then pamid ingest {quoted(log)} --mapping "
-        f"{quoted(output)}{_named(rig)}"
+        f"{quoted(output)}{_named(rig or '')}"
         f"{f' --kind {kind}' if kind else ''} --output {quoted(unused('recording.csv', [log]))}"
     )
     return frame.Result(said, text)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
+from .terminal import told_progress, warning
 
 PLACE = 110
 EXAMPLE = """
@@ -84,7 +85,11 @@ def _page(
 
     page = run / "report.html" if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
-    report = write_report(run, output, paper, rig=rig, overwrite=overwrite)
+    with told_progress("report") as progress:
+        progress.say("reading the run")
+        report = write_report(run, output, paper, rig=rig, overwrite=overwrite)
+    for note in report.notes:
+        warning(f"{report.page}: {note}")
     found = WrittenReport(
         page=str(report.page),
         figures=tuple(map(str, report.figures)),

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
-from .terminal import aside, quoted
+from .terminal import aside, quoted, told_progress
 
 PLACE = 65
 EXAMPLE = """
@@ -40,11 +40,12 @@ def command(
     """
     from pamid.api.run_scores import score
 
-    found = score(
-        run,
-        list(recordings),
-        rig=rig,
-        effects=effects,
-        warn=lambda text: aside(f"Warning: {text}"),
-    )
+    with told_progress("score"):
+        found = score(
+            run,
+            list(recordings),
+            rig=rig,
+            effects=effects,
+            warn=lambda text: aside(f"Warning: {text}"),
+        )
     return frame.Result(found.to_dict(), f"{found.summary()}\nNext: pamid report {quoted(run)}")

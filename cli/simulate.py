@@ -9,7 +9,7 @@ import click
 from . import frame
 from .hints import unused
 from .options import noise_factor, parse_known, seed_option
-from .terminal import quoted
+from .terminal import quoted, told_progress
 
 PLACE = 20
 EXAMPLE = """
@@ -104,19 +104,20 @@ def command(
     from pamid.api.simulating import simulate
     from pamid.schemas.command_files import SimulatedFile
 
-    made = simulate(
-        excitation,
-        rig,
-        effects=effects,
-        model=model,
-        which=which,
-        known=parse_known(known),
-        parameters=parse_known(hidden),
-        noise=noise_factor(noise),
-        seed=seed,
-        output=output,
-        overwrite=overwrite,
-    )
+    with told_progress("simulate"):
+        made = simulate(
+            excitation,
+            rig,
+            effects=effects,
+            model=model,
+            which=which,
+            known=parse_known(known),
+            parameters=parse_known(hidden),
+            noise=noise_factor(noise),
+            seed=seed,
+            output=output,
+            overwrite=overwrite,
+        )
     # said here, to who asked for it; a recording names rigs of the catalogue only
     ran = rig or made.rig
     found = SimulatedFile(

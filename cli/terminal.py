@@ -13,6 +13,7 @@ import errno
 import os
 import re
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -65,6 +66,17 @@ def progress_line(
     from pamid.base.progress import ProgressLine
 
     return ProgressLine(label, total, in_logs=True, stages=stages)
+
+
+@contextlib.contextmanager
+def told_progress(
+    label: str, *, stages: tuple[WorkStage, ...] | None = None
+) -> Iterator[ProgressLine]:
+    """The same for work that tells of itself from its depth; see `pamid.base.progress.tell`."""
+    from pamid.base.progress import listening
+
+    with progress_line(label, stages=stages) as line, listening(line.say):
+        yield line
 
 
 def hang_up(stream: TextIO | None = None) -> None:

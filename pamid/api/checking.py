@@ -11,7 +11,8 @@ from pamid.api.given import RecordingLike, recording_given
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
 from pamid.checks.conformance import CheckOutcome
-from pamid.checks.inspection import Inspection, inspect, inspection_text
+from pamid.checks.inspection import Inspection, inspect
+from pamid.checks.inspection_words import inspection_text
 from pamid.checks.recording_quality import QualityIssue
 from pamid.checks.rig_ports import checked_ports
 from pamid.model.effect import Effect

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pamid.base.files import make_folder
+from pamid.base.progress import tell
 from pamid.correction.identified_model import load_identified, record_identified
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -30,7 +31,9 @@ def modelled(
 ) -> VirtualRecording:
     """The sensors of the model that a run found; errors as of `load_identified` and
     `record_identified`."""
+    tell("equations")
     model = load_identified(folder, which=which, rig=rig, effects=effects).knowing(parameters)
+    tell("running")
     return record_identified(model, excitation, known, noise=noise, seed=seed)
 
 
@@ -38,6 +41,7 @@ def recorded(
     excitation: Recording, made: VirtualRecording, digits: int, output: Path | None = None
 ) -> Recording:
     """A simulation as its file holds it, whether one is written or not."""
+    tell("writing")
     if output is None:
         name = f"{excitation.name}-simulated"
         found = recording_of(excitation.time, made.columns, made.meta, name=name, digits=digits)

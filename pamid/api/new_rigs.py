@@ -15,6 +15,7 @@ from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
 from pamid.base.files import make_folder, write_atomically
 from pamid.base.units import NONE, split_column
+from pamid.checks.sent_columns import held_by_jumps
 from pamid.schemas import new_rig_file as said
 
 _BY = {
@@ -116,7 +117,8 @@ def new_rig(
         )
     name = class_name(path.stem)
     given = recording_given(recording)
-    match, others = best_match(given.columns, like, columns)
+    held = [name for name, values in given.columns.items() if held_by_jumps(values)]
+    match, others = best_match(given.columns, like, columns, held)
     text = RigSource(match, given, name, given.path.name).text()
     make_folder(path.parent)
     write_atomically(path, text.encode())

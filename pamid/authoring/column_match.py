@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from pamid.base.errors import FileError, UsageError, nearest
@@ -18,9 +18,14 @@ from pamid.model.rig import Rig
 SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
 UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
+UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
+ASKED = 0.45  # a drive's own set-point, for what it then makes
+DRIVEN = 0.25  # a drive's voltage or current for the force or torque that it makes
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
 UNRECORDED = 0.25  # weight of an output that was not recorded
+NO_PAIR = (0.0, "", False)
 _RAW = (unit("V").dimension, unit("A").dimension)
+_MADE = {"force", "torque"}  # by what a drive is sent
 #: what a rig file leans on that can be copied: parts shared between rigs cannot
 _COPIED = ("pamid.model.", "pamid.symbolic.")
 
@@ -60,6 +65,14 @@ class Match:
     def fits(self) -> bool:
         """Is there all that its equations need, and something to compare with?"""
         return not self.missing and any(q.role == "output" for q in self.pairs)
+
+    @property
+    def named(self) -> bool:
+        """Is a needed input, or an output, known by more than its unit?"""
+        return any(
+            q.by != "unit" and q.role != "reference" and q.wanted not in self.rig.optional
+            for q in self.pairs
+        )
 
     def why_not(self) -> str:
         """What is lacking, in words."""
@@ -119,12 +132,12 @@ def pair_score(found: str, wanted: str) -> tuple[float, str, bool]:
     (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
     same = compatible(symbol, wanted_symbol)
     if not same and (unit(symbol).dimension not in _RAW or wanted_symbol == NONE):
-        return 0.0, "", False
+        return NO_PAIR
     given, asked = number(stem), number(wanted_stem)
     if given and asked and given != asked:
-        return 0.0, "", False
+        return NO_PAIR
     if ("reference" in meanings(stem)) != ("reference" in meanings(wanted_stem)):
-        return 0.0, "", False
+        return NO_PAIR
     score, by = 0.0, ""
     words = {w for w in tokens(stem) if not w.isdigit()}
     if stem == wanted_stem:
@@ -140,11 +153,30 @@ def pair_score(found: str, wanted: str) -> tuple[float, str, bool]:
     return score, by, not same
 
 
+def _driven(found: str, wanted: str) -> tuple[float, str, bool]:
+    """The same for what a drive is asked for, and for what is sent to it: nearly in proportion to
+    the force or torque that it makes."""
+    (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
+    if (
+        "reference" in meanings(stem)
+        and wanted_symbol != NONE
+        and compatible(symbol, wanted_symbol)
+    ):
+        return ASKED, "word", False
+    sent = unit(symbol).dimension in _RAW and meanings(stem) & {"voltage", "current"}
+    return (DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_PAIR
+
+
 def match_columns(
-    recorded: Iterable[str], rig: type[Rig], said: Mapping[str, str] | None = None
+    recorded: Iterable[str],
+    rig: type[Rig],
+    said: Mapping[str, str] | None = None,
+    held: Collection[str] = (),
 ) -> Match:
     """The best assignment of recorded columns to those of a rig; said: column of the rig ->
-    recorded column, taken as it is. UsageError for a name on either side that is not there."""
+    recorded column, taken as it is; held: recorded columns that go from one level to the next, as
+    nothing does that is measured or moves. UsageError for a name on either side that is not
+    there."""
     recorded, roles, said = list(recorded), roles_of(rig), dict(said or {})
     for wanted, found in said.items():
         if wanted not in roles:
@@ -162,12 +194,29 @@ def match_columns(
         for wanted, found in said.items()
     }
     scored = sorted(
-        ((pair_score(found, wanted), wanted, found) for wanted in roles for found in recorded),
+        (
+            (
+                max(
+                    pair_score(found, wanted),
+                    _driven(found, wanted) if roles[wanted] == "input" else NO_PAIR,
+                ),
+                wanted,
+                found,
+            )
+            for wanted in roles
+            for found in recorded
+        ),
         key=lambda one: -one[0][0],
     )
     for (score, by, scaled), wanted, found in scored:
         used = {q.found for q in taken.values()}
-        if score > 0.0 and wanted not in taken and found not in used:
+        moves = roles[wanted] == "output" or wanted in rig.ramped
+        if (
+            score > 0.0
+            and wanted not in taken
+            and found not in used
+            and not (moves and found in held)
+        ):
             taken[wanted] = Pair(wanted, found, roles[wanted], by, scaled, score)
     pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
     needed = [name for name in rig.inputs if name not in rig.optional]
@@ -185,7 +234,9 @@ def match_columns(
         tuple(name for name in needed if name not in taken),
         tuple(name for name in (*rig.inputs, *rig.outputs) if name not in (*taken, *needed)),
         unused,
-        got / sum(weights.values()) - UNUSED * len(unused) / max(1, len(recorded)),
+        got / sum(weights.values())
+        - UNUSED * len(unused) / max(1, len(recorded))
+        - UNCONTROLLED * any("reference" in meanings(split_column(one)[0]) for one in unused),
     )
 
 
@@ -200,16 +251,21 @@ def _same(found: str, wanted: str) -> bool:
 
 
 def best_match(
-    recorded: Iterable[str], like: str | None = None, said: Mapping[str, str] | None = None
+    recorded: Iterable[str],
+    like: str | None = None,
+    said: Mapping[str, str] | None = None,
+    held: Collection[str] = (),
 ) -> tuple[Match, list[Match]]:
-    """The rig that fits best, or the one asked for, and the others that fit, best first.
+    """The rig that fits best, or the one asked for, and the others that fit, best first; held: as
+    in `match_columns`.
 
-    FileError where none fits, saying what each of them lacks; UsageError for a name that is not
-    there.
+    A rig that a recording fits by units alone is named, not taken: two quantities of a kind say
+    nothing of which machine they belong to. FileError then, and where none fits, saying what each
+    of them lacks; UsageError for a name that is not there.
     """
     recorded = list(recorded)
     if like is not None:
-        asked = match_columns(recorded, example_named(like), said)
+        asked = match_columns(recorded, example_named(like), said, held)
         if not asked.fits:
             raise FileError(
                 f"The recording does not fit {like!r}: {asked.why_not()}.",
@@ -223,9 +279,21 @@ def best_match(
     for rig in examples().values():
         known = {k: v for k, v in (said or {}).items() if k in roles_of(rig)}
         if len(known) == len(said or {}):
-            every.append(match_columns(recorded, rig, known))
+            every.append(match_columns(recorded, rig, known, held))
     every.sort(key=lambda one: -one.score)
     fitting = [one for one in every if one.fits]
+    guessed = [one for one in fitting if not one.named]
+    fitting = [one for one in fitting if one.named]
+    if guessed and not fitting:
+        names = ", ".join(
+            f"{one.rig.name} ({inspect.cleandoc(one.rig.__doc__ or '').splitlines()[0]})"
+            for one in guessed[:4]
+        )
+        raise FileError(
+            f"The columns {', '.join(recorded)} fit by their units alone: {names}.",
+            f"Say which machine it is, for example --like {guessed[0].rig.name}.",
+            code="no-match",
+        )
     fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
     if not fitting:
         whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from types import TracebackType
 from typing import Literal, Protocol, TextIO, TypeAlias, runtime_checkable
 
@@ -19,6 +20,25 @@ Progress: TypeAlias = Callable[[str], None]
 
 def silent(text: str) -> None:
     """The callback of those who do not want to know."""
+
+
+_LISTENER: ContextVar[Progress] = ContextVar("pamid_progress", default=silent)
+
+
+def tell(text: str) -> None:
+    """What is being done, from any depth of a command: to whoever listens, which is nobody where
+    work is handed to other threads."""
+    _LISTENER.get()(text)
+
+
+@contextmanager
+def listening(progress: Progress) -> Iterator[None]:
+    """`progress` hears what is told within."""
+    before = _LISTENER.set(progress)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(before)
 
 
 class Settled(str):

@@ -49,6 +49,28 @@ WORK_STAGES: dict[str, tuple[WorkStage, ...]] = {
         WorkStage("noise floor", 0.02),
         WorkStage("bootstrap", 0.84),
     ),
+    "simulate": (
+        WorkStage("equations", 0.6, "building the equations"),
+        WorkStage("running", 0.3, "running them"),
+        WorkStage("writing", 0.1),
+    ),
+    "export": (
+        WorkStage("reading", 0.5, "reading the run"),
+        WorkStage("translating", 0.3, "translating the equations"),
+        WorkStage("compiling", 0.2, "compiling, where the form is compiled"),
+    ),
+    "check": (
+        WorkStage("reading", 0.05),
+        WorkStage("columns", 0.15, "columns against the rig"),
+        WorkStage("quality", 0.4, "quality of every channel"),
+        WorkStage("held or linear", 0.4, "inputs held or linear"),
+    ),
+    "check a rig": (
+        WorkStage("equations", 0.3, "building the equations"),
+        WorkStage("bounds", 0.3, "random points of the bounds"),
+        WorkStage("sensitivities", 0.3),
+        WorkStage("effects", 0.1, "effects that fit"),
+    ),
     "power": (
         WorkStage("fitting", 0.15, "fitting without effects"),
         WorkStage("response to", 0.8, "response to every effect"),

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
+from pamid.base.progress import tell
 from pamid.engine.program import Stepping
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import usual_range
@@ -333,7 +334,9 @@ def _scale(outputs: Array) -> Array:
 def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOutcome]:
     """Everything that can be said about a rig without a recording."""
     try:
+        tell("equations")
         trial = ExcitedRig(rig)
+        tell("bounds")
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [CheckOutcome("equations", False, str(error))]
@@ -349,6 +352,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
         CheckOutcome("finite", True, "over random points of the bounds")
     ]
     if not bad:
+        tell("sensitivities")
         found.append(_slope_finding(rig, None))
     found += [
         CheckOutcome("source", False, f"parameter {p.name!r} names no source", advice=True)
@@ -363,6 +367,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
         if not port.unit_of(signal)
     ]
     found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
+    tell("effects")
     fit = sorted(a.label for a in attachments(rig, effects))
     found.append(
         CheckOutcome(
@@ -395,7 +400,8 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
         found.append(
             CheckOutcome("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
         )
-    for rig, attachment in places:
+    for k, (rig, attachment) in enumerate(places):
+        tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
         found += [
             replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}")
             for f in _behaviour(rig, attachment)

@@ -13,6 +13,7 @@ import numpy as np
 
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
+from pamid.base.progress import tell
 from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
@@ -23,7 +24,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.port_guide import driving_words, folded, ports_of, ports_text
+from pamid.model.port_guide import driving_words, ports_of
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
     check_header,
@@ -44,7 +45,6 @@ from pamid.schemas import check_file as result
 from pamid.simulation.data_split import require_informative
 
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
-FEW_PLACES = 4  # of one check that are told one by one
 
 
 @dataclass(frozen=True)
@@ -143,9 +143,12 @@ def _recording(
         for n in recording.columns
         if divided_name(n)
     ]
+    tell("columns")
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
+    tell("quality")
     issues = examine(recording, rig)
+    tell("held or linear")
     between = (
         []
         if rig is None or any(i.severity == "wrong" for i in issues)
@@ -308,6 +311,8 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     names = attempt(lambda: read_header(path))
     if names is None:
         return list(said.values())
+    if len(names) == 1:  # another dialect: its cells would be misread, too
+        return list(said.values())
     attempt(lambda: check_header(path, names))
     attempt(lambda: explain_cells(path, names))
     time = _time_column(path)
@@ -444,57 +449,3 @@ def _built(
 
 def _named(name: str, found: list[CheckOutcome]) -> list[CheckOutcome]:
     return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in found]
-
-
-# ---- text --------------------------------------------------------------------------------------
-
-
-def inspection_text(said: dict[str, Any]) -> str:
-    """What `inspect` found, for people: problems first."""
-    lines = []
-    if "samples" in said:
-        loop = f", {said['loop']} loop" if said["loop"] else ""
-        lines.append(
-            f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
-            f"{said['sampling_period_s']:g} s{loop}"
-        )
-        lines += [
-            f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} "
-            f"{'' if c['unit'] == NONE else c['unit']:<4} rest {c['rest_value']:.5g} for "
-            f"{c['rest_s']:.3g} s{_texture(said['quality']['channels'][name])}"
-            for name, c in said["columns"].items()
-        ]
-    else:
-        lines.append(f"{said['file']}:")
-    for title, chosen in (
-        ("wrong  ", lambda f: not f["ok"] and not f["advice"]),
-        ("note   ", lambda f: not f["ok"] and f["advice"]),
-    ):
-        lines += [f"{title}{f['check']}: {f['detail']}" for f in said["findings"] if chosen(f)]
-    lines += ports_text(said.get("ports", []))
-    fine: dict[str, list[str]] = {}
-    for f in said["findings"]:
-        if f["ok"]:
-            fine.setdefault(f["check"], []).append(f["detail"])
-    for check, details in fine.items():
-        told = [f"at {len(details)} places"] if len(details) > FEW_PLACES else details
-        lines += [folded(f"ok     {check}: {detail}") for detail in told]
-    wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
-    notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
-    counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""
-    lines.append(
-        counted
-        + (
-            "nothing is wrong"
-            if said["ok"]
-            else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
-        )
-    )
-    return "\n".join(lines)
-
-
-def _texture(channel: dict[str, float]) -> str:
-    """Noise and step of a column, where they show."""
-    return "".join(
-        f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0
-    )

@@ -41,6 +41,7 @@ from pamid.checks.channel_quality import (
     windows_of,
 )
 from pamid.checks.input_ranges import beyond_range
+from pamid.checks.sent_columns import sent_columns
 from pamid.excitation.aprbs import coverage
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
@@ -49,9 +50,6 @@ __all__ = ["QualityIssue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
-STEPPED = 0.9  # of the time a column stands still between jumps: it is sent
-# how columns begin that are sent, where no rig says so
-SENT = ("command", "reference", "setpoint", "external")
 MOVES = 4.2  # times the noise: three of what two readings of a value at rest differ by
 FEW_STEPS, FEW_LEVELS, FEW_SAMPLES = 10, 2, 500
 TIMID = 0.1  # of the usual amplitude
@@ -142,26 +140,11 @@ def channel_figures(recording: Recording, rig: Rig | None = None) -> dict[str, d
 
 def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSignal]:
     """Every column with its noise and step."""
-    sent = _sent_columns(recording, rig)
+    sent = sent_columns(recording, rig)
     return [
         signal_of(name, recording.time, values, name in sent)
         for name, values in recording.columns.items()
     ]
-
-
-def _sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
-    """Columns that are sent, not measured: the rig's inputs and references, or what is called
-    so."""
-    if rig is None:
-        return {
-            name
-            for name, values in recording.columns.items()
-            if name.startswith(SENT) or 0.0 < np.mean(values[1:] != values[:-1]) < 1.0 - STEPPED
-        }
-    sent = [*rig.inputs, *(loop.reference for loop in rig.loops)]
-    return {
-        column for name in sent if (column := match_column(recording.columns, name)) is not None
-    }
 
 
 def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[QualityIssue]:
@@ -391,7 +374,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
         )
     for name in _asked(recording, rig):
         found += _excitation(recording, name, _usual(rig, name))
-    commands = [name for name in _sent_columns(recording, rig) if name.startswith("command")]
+    commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]
     for name in commands:
         size = np.abs(recording.columns[name])
         at = size >= size.max()

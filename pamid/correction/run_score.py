@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, PamidError
 from pamid.base.files import sha256_of
+from pamid.base.progress import tell
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE
 from pamid.base.units import from_si, split_column, to_si
@@ -85,7 +86,8 @@ def score_run(
         require_apart(outputs, used, [recording])
         _require_alike(recording, found.refitted)
         measured_outputs(found.refitted.assembly, recording)
-    rows = [row for one in recordings for row in _rows(found, one)]
+    runs = _Counted(2 * len(recordings) * len(found.named))
+    rows = [row for one in recordings for row in _rows(found, one, runs)]
     return RunScore(found.refitted.name, tuple(found.named), tuple(rows), _notes(found))
 
 
@@ -155,15 +157,27 @@ def _require_alike(recording: Recording, model: Identified) -> None:
 # ---- rows --------------------------------------------------------------------------------------
 
 
-def _rows(found: _Models, recording: Recording) -> Iterator[RecordingError]:
+@dataclass
+class _Counted:
+    """Says which run of a model begins, of how many at most."""
+
+    total: int
+    begun: int = 0
+
+    def next(self, name: str, recording: Recording) -> None:
+        tell(f"runs {self.begun}/{self.total}: {name.replace('_', ' ')}, {recording.name}")
+        self.begun += 1
+
+
+def _rows(found: _Models, recording: Recording, runs: _Counted) -> Iterator[RecordingError]:
     """Replay, then closed loop, channel by channel."""
     seen = [c for c in found.channels if recording.has(c)]
     split = split_recordings(found.refitted.assembly.rig, [recording], [])
-    replays = {
-        name: _Replayed(model, found.channels, split, recording).outputs()
-        for name, model in found.named.items()
-        if model.network is None or not model.network.in_loop
-    }
+    replays = {}
+    for name, model in found.named.items():
+        runs.next(name, recording)
+        if model.network is None or not model.network.in_loop:
+            replays[name] = _Replayed(model, found.channels, split, recording).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
         k = found.channels.index(channel)
@@ -174,9 +188,12 @@ def _rows(found: _Models, recording: Recording) -> Iterator[RecordingError]:
         measured = recording.signal(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
     if _has_loop(found.refitted.assembly.rig, recording):
-        runs = {name: _loop_of(model, recording) for name, model in found.named.items()}
+        loops = {}
+        for name, model in found.named.items():
+            runs.next(name, recording)
+            loops[name] = _loop_of(model, recording)
         for channel in seen:
-            models = {n: None if run is None else run[channel] for n, run in runs.items()}
+            models = {n: None if run is None else run[channel] for n, run in loops.items()}
             yield recording_error(
                 recording.name,
                 recording.known,

@@ -113,7 +113,9 @@ def size_of(rest: Remainder, *, beside: bool) -> str:
             text += f" (95 % interval {percents_text(rest.low, rest.high)})"
         texts.append(text)
     if rest.floors is not None:
-        texts.append(f"{times_text(rest.floors)} times the noise floor in the worst channel")
+        times = times_text(rest.floors)
+        floors = "as much as the noise floor" if times == "1" else f"{times} times the noise floor"
+        texts.append(f"{floors} in the worst channel")
     return ", ".join(texts)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pamid.base.errors import UsageError, nearest
 from pamid.base.files import make_folder, require_new, write_together
+from pamid.base.progress import tell
 from pamid.correction.identified_model import Identified
 from pamid.export.c_source import model_name
 from pamid.export.form import known_forms
@@ -36,6 +37,7 @@ def export_model(
     forms = known_forms()
     if form not in forms:
         raise UsageError(f"{form!r} is no form of export.", nearest(form, forms))
+    tell("translating")
     chosen, step = forms[form], step_of(model)
     files = chosen.files(step, path or Path(f"{model_name(step)}{chosen.ending}"))
     require_new(files, overwrite)

@@ -19,6 +19,7 @@ from pathlib import Path
 from string import Template
 from xml.etree import ElementTree
 
+from pamid.base.progress import tell
 from pamid.base.units import unit
 from pamid.correction.identified_model import Identified
 from pamid.export.c_source import asset, header, model_name, source
@@ -70,6 +71,7 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
     why = why or ("" if folder else f"FMI {version}.0 has no name for binaries of this machine")
     binary = b""
     if not why:
+        tell("compiling")
         binary, why = _compiled(sources, version, found)
     described = _description_2(step, sources) if version == 2 else _description_3(step, sources)
     content = {"modelDescription.xml": _xml(described)}

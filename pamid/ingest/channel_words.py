@@ -174,6 +174,8 @@ WORDS: dict[str, tuple[str, ...]] = {
         "velocidad",
         "velocita",
         "rychlost",
+        "drehzahl",
+        "rpm",
         "v",
     ),
     "temperature": ("temperature", "temperatur", "temperatura", "teplota", "temp"),

@@ -8,7 +8,7 @@ pressure.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
 from pamid.ingest.mapping import UNANSWERED
+from pamid.ingest.own_names import own_columns
 from pamid.ingest.robot_names import (
     NameFit,
     chosen_by,
@@ -31,7 +32,7 @@ from pamid.ingest.robot_names import (
 from pamid.ingest.source_units import PRESSURE_DIMENSION, is_readable, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
-from pamid.model.rig import Rig
+from pamid.model.rig import Loop, Rig
 from pamid.recording.recording import toml_string
 
 WHOLE_NAME = 100  # score of a channel that is called as the column is
@@ -127,6 +128,43 @@ def guess_of(
     return GuessedMapping(text, tuple(left), len(chosen), len(every), tuple(notes))
 
 
+def has_all(log: Log, rig: Rig) -> bool:
+    """Has the log a channel for every input that the rig needs, and for an output?"""
+    taken = _assign(log.channels, rig, log)
+    needed = set(rig.inputs) - set(rig.optional)
+    return needed <= set(taken) and bool(set(rig.outputs) & set(taken))
+
+
+@dataclass(frozen=True)
+class _NoRig:
+    """As much of a rig as a mapping without one asks for."""
+
+    outputs: Mapping[str, str]
+    period_s: float = 0.005
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    loops: tuple[Loop, ...] = ()
+    controller: Mapping[str, float] = field(default_factory=dict)
+
+
+def guess_without_rig(log: Log, pressures: str = "", angles: str = "") -> GuessedMapping:
+    """A mapping of all channels of a log under their own names; arguments as of `guess_of`."""
+    time = _time(log, _NoRig({}))
+    every = [channel for channel in log.channels if channel is not time.source]
+    columns = own_columns(every)
+    rig = _NoRig({column: split_column(column)[1] for column in columns})
+    time = _diagnosed(time, log, every)
+    lines, left = _head(log, "", rig, {}), list[str]()
+    lines += _time_lines(time, _period(time, rig))
+    if time.unit == UNANSWERED:
+        left.append("time.unit")
+    answers = Answers(pressures, angles)
+    for column, (channel, text) in columns.items():
+        chosen = ChosenChannel(replace(channel, unit=text))
+        lines += _signal_lines(column, chosen, answers, left, time)
+    lines += _tail(rig, {column: channel for column, (channel, _) in columns.items()}, every, {})
+    return GuessedMapping("\n".join(lines) + "\n", tuple(left), len(every), len(every))
+
+
 # ---- which channel is what ---------------------------------------------------------------------
 
 
@@ -190,7 +228,7 @@ def _score(channel: Channel, column: str) -> int:
 # ---- the time ----------------------------------------------------------------------------------
 
 
-def _time(log: Log, rig: Rig) -> TimeGuess:
+def _time(log: Log, rig: Rig | _NoRig) -> TimeGuess:
     rows = [channel for channel in log.channels if channel.stamps is None]
     rising = [channel for channel in rows if _rises(channel.values)]
     if not rising:
@@ -264,7 +302,7 @@ def _judged(stamps: FloatArray, moving: Sequence[Channel]) -> tuple[Rows, StampD
         raise
 
 
-def _period(time: TimeGuess, rig: Rig) -> float | None:
+def _period(time: TimeGuess, rig: Rig | _NoRig) -> float | None:
     if time.found is None or time.unit == UNANSWERED:
         return rig.period_s if time.stamps is None else None
     near = abs(time.found.period / rig.period_s - 1.0) < 1e-3
@@ -274,12 +312,16 @@ def _period(time: TimeGuess, rig: Rig) -> float | None:
 # ---- the text ----------------------------------------------------------------------------------
 
 
-def _head(log: Log, rig_name: str, rig: Rig, chosen: dict[str, Channel]) -> list[str]:
+def _head(log: Log, rig_name: str, rig: Rig | _NoRig, chosen: dict[str, Channel]) -> list[str]:
     lines = [
         f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: look it through."
     ]
     lines += [f"#   {' '.join(detail.split())}" for detail in log.details]
-    lines += [f"rig = {toml_string(rig_name)}"]
+    lines.append(
+        f"rig = {toml_string(rig_name)}"
+        if rig_name
+        else '# rig = "..."                # a rig of the catalogue; one of your own is named later'
+    )
     if any(loop.reference in chosen and loop.command in chosen for loop in rig.loops):
         lines.append(
             'loop = "closed"              # a controller produced the command? otherwise "open"'
@@ -423,7 +465,10 @@ def _pressure_hint(channel: Channel, guessed: str) -> str:
 
 
 def _tail(
-    rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: Mapping[str, float]
+    rig: Rig | _NoRig,
+    chosen: dict[str, Channel],
+    rest: Sequence[Channel],
+    known: Mapping[str, float],
 ) -> list[str]:
     lines = []
     missing = [column for column in rig.outputs if column not in chosen]

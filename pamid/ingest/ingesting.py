@@ -21,7 +21,7 @@ from pamid.ingest.account import (
     write_conversions,
 )
 from pamid.ingest.conversion import Conversion, convert
-from pamid.ingest.guessed_mapping import GuessedMapping, guess_of
+from pamid.ingest.guessed_mapping import GuessedMapping, guess_of, guess_without_rig, has_all
 from pamid.ingest.log_reader import read_log
 from pamid.ingest.mapping import Repair, load_mapping
 from pamid.model.registry import RigLike, catalogue_rig, name_of, rig_given, rig_named
@@ -151,7 +151,7 @@ def ingest(
 
 def guess_mapping(
     log: PathLike,
-    rig: RigLike = "one-dof",
+    rig: RigLike | None = "one-dof",
     *,
     pressures: str | None = None,
     known: Mapped[str, float] | None = None,
@@ -164,6 +164,8 @@ def guess_mapping(
     """A first mapping of a log for a rig, as TOML with comments, to be looked through and
     corrected.
 
+    rig         as in `pamid.fit`; None: one-dof where the log has what that needs, else no rig, and
+                every channel under its own name
     pressures   "gauge" or "absolute": what all of them are; it is never guessed
     known       parameters of the rig known for these recordings
     angles      "deg" or "rad": what all angles are in whose unit the log does not say
@@ -179,10 +181,11 @@ def guess_mapping(
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
     given = rig_given(rig) or "one-dof"
-    made = rig_named(given)
-    found = guess_of(
-        read_log(Path(log), kind), name_of(given), made, pressures, known, angles, only
-    )
+    made, read = rig_named(given), read_log(Path(log), kind)
+    if rig is None and not (known or only or has_all(read, made)):
+        found = guess_without_rig(read, pressures or "", angles or "")
+    else:
+        found = guess_of(read, name_of(given), made, pressures, known, angles, only)
     if target is not None:
         write_atomically(target, found.text.encode())
     return found

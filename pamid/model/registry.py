@@ -175,6 +175,13 @@ def in_catalogue(name: str) -> bool:
     return name.partition(":")[0] in rigs()
 
 
+def _file_beside(name: str) -> str:
+    """A rig file of that name in the folder, which is named by its path."""
+    file = Path(f"{name}.py")
+    there = name.isidentifier() and file.is_file()
+    return f"The file {file} is named by its path: ./{file}" if there else ""
+
+
 def catalogue_rig(name: str) -> Rig:
     """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No
     file is ever run: this is the look-up for names that came from data."""
@@ -191,7 +198,9 @@ def catalogue_rig(name: str) -> Rig:
             raise FileError(f"{name!r} is a rig file.", f"{_RUNS_CODE} add --rig FILE.", code="rig")
         raise FileError(
             f"unknown rig {base!r}",
-            nearest(base, list(known)) or f"rigs: {', '.join(known)}; or the path of a rig file",
+            _file_beside(base)
+            or nearest(base, list(known))
+            or f"rigs: {', '.join(known)}; or the path of a rig file",
         )
     if not variant:
         return known[base]()

@@ -19,10 +19,11 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import FileError, nearest
+from pamid.base.errors import FileError, nearest, quoted
 from pamid.base.files import read_lines
 from pamid.base.toml_file import read_toml
 from pamid.base.units import split_column
+from pamid.recording.stamp_rounding import even_but_rounded
 
 UNIFORM_TO = 0.01  # stamps are uniform to 1 %
 # in any unit: beyond lies what no sensor shows, and what cannot be squared and summed
@@ -98,11 +99,14 @@ def read_header(path: Path) -> list[str]:
 def check_header(path: Path, names: Sequence[str]) -> None:
     """FileError unless the first column is `time_s` and every column has a name of its own."""
     if names[0] != "time_s":
-        hint = "The first line names the columns, the first of them is time_s."
+        hint = (
+            "The first line of a recording names its columns, time_s first; of a raw log `pamid "
+            f"ingest --guess {quoted(path)}` makes one."
+        )
         if ";" in names[0] or "\t" in names[0]:
             hint = (
-                "It looks as if columns are not separated by commas. `pamid ingest` reads "
-                "other dialects."
+                "It looks as if columns are not separated by commas. `pamid ingest --guess "
+                f"{quoted(path)}` reads other dialects."
             )
         elif _is_number(names[0]):
             hint = "There seems to be no header row. " + hint
@@ -183,7 +187,7 @@ def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) ->
 
 def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
     """FileError unless the stamps (s) rise evenly: no repeat, no step back, no gap, spacing uniform
-    to 1 %."""
+    to 1 %, or to the last digit that was written."""
     steps = np.diff(time)
     if steps.size == 0:
         return
@@ -200,10 +204,13 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
     rounding = float(np.spacing(np.abs(time).max()))
     uneven = np.flatnonzero(np.abs(steps - period) > UNIFORM_TO * period + rounding)
     if uneven.size:
-        row = int(uneven[0])
-        if steps[row] > 1.5 * period:
+        gaps = uneven[steps[uneven] > 1.5 * period]
+        row = int(gaps[0] if gaps.size else uneven[0])
+        if gaps.size:
             detail = f"a gap of {steps[row]:.6g} s where samples are {period:.6g} s apart"
             _refuse_stamp(path, row + 1, detail, "gap")
+        if even_but_rounded(time):
+            return
         detail = (
             f"{steps[row]:.6g} s after the row before, usual are {period:.6g} s (uniform to "
             "1 % is needed)"

@@ -223,12 +223,8 @@ def _sizes(diagnosis: DiagnosisFile) -> list[str]:
     texts = []
     for cause in diagnosis.causes:
         for name, one in cause.parameters.items():
-            interval = formatting.span(one.low, one.high, channel_unit(name))
-            tail = formatting.interval_tail(interval)
-            value = formatting.with_unit_text(one.value, channel_unit(name))
-            texts.append(
-                sentence(f"{effect_label(cause.effect)}: {channel_label(name)} {value}{tail}")
-            )
+            size = formatting.with_interval(one.value, one.low, one.high, channel_unit(name))
+            texts.append(sentence(f"{effect_label(cause.effect)}: {channel_label(name)} {size}"))
     return texts
 
 

@@ -31,6 +31,8 @@ from pamid.schemas.fit_file import RecordingUsed
 
 MOST_COMPARED = 6
 _SHA_DIGITS = 12
+#: options of a run as people read them
+_OPTIONS = {"effects": "effects of one's own", "without": "effects left out (--without)"}
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def comparison_document(runs: Sequence[ComparedRun]) -> Document:
     headline = comparison_sentence(runs)
     changed = changes_of(runs)
     differs = (
-        f"What differs in the data: {formatting.join(changed)}."
+        f"What differs: {formatting.join(changed)}."
         if changed
         else "The same data, run in the same way."
     )
@@ -252,7 +254,7 @@ def _facts(one: ComparedRun) -> dict[str, str]:
     step = one.run.steps[0]
     recordings = one.run.fit.recordings if one.run.fit is not None else ()
     options = {
-        f"option {formatting.clean(key)}": _told(value)
+        _OPTIONS.get(key, f"option {formatting.clean(key)}"): _told(value)
         for key, value in step.options.items()
         if key != "rig"
     }

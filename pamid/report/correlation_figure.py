@@ -11,20 +11,20 @@ from pamid.report.reading import FloatArray
 from pamid.report.style import Drawing, colour, label
 from pamid.schemas.fit_file import FitFile, Posterior
 
-_MOST, _WRITTEN, _STRONG = 14, 0.3, 0.9
+_MOST, _FEWEST, _WRITTEN, _STRONG = 14, 3, 0.3, 0.9
 _BACKGROUND = "background."
 
 
 def correlation_drawing(fit: FitFile | None) -> Drawing | None:
     """Cells: the correlation of two fitted parameters [-], written where it is 0.3 or more; None
-    where fewer than two were fitted. Background terms are left out, and of many parameters those
-    stay that are correlated most."""
+    where fewer than three were fitted, or none is as large. Background terms are left out, and of
+    many parameters those stay that are correlated most."""
     posterior = fit.posterior if fit is not None else None
     if posterior is None:
         return None
     names, found = _correlations(posterior)
-    if len(names) < 2:
-        return None
+    if len(names) < _FEWEST or np.abs(np.tril(found, -1)).max() < _WRITTEN:
+        return None  # the sentence says all of it
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
@@ -56,6 +56,14 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
 
     tall = 1.2 + 0.3 * len(names)
     return Drawing("correlation", correlation_title(names, found), draw, tall, tall + 0.3)
+
+
+def correlation_note(fit: FitFile | None) -> str:
+    """What stands in place of a picture that would be one cell, or empty cells."""
+    if fit is None or fit.posterior is None or correlation_drawing(fit) is not None:
+        return ""
+    names, found = _correlations(fit.posterior)
+    return f"{correlation_title(names, found)}." if len(names) > 1 else ""
 
 
 def _cell(add, row: int, column: int, value: float) -> None:  # type: ignore[no-untyped-def]

@@ -113,6 +113,19 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
     return f"{short(factor * value, digits)}{SPACE}{unit_text}"
 
 
+def with_interval(
+    value: float | None, low: float | None, high: float | None, unit_text: str, digits: int = 3
+) -> str:
+    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit."""
+    known = [one for one in (value, low, high) if one is not None]
+    if not known or not unit_text:
+        return short(value, digits) + interval_tail(span(low, high, "", digits))
+    factor, unit_text = _told_in(unit_text, *known)
+    told, low, high = (None if one is None else factor * one for one in (value, low, high))
+    interval = span(low, high, unit_text, digits)
+    return f"{with_unit_text(told, unit_text, digits)}{interval_tail(interval)}"
+
+
 def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
     """What to multiply by, and the unit then: (1e6, "µm") for micrometres."""
     largest = max(map(abs, values))

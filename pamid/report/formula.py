@@ -38,6 +38,7 @@ def formula_text(text: str) -> str:
     """The formula in a line of prose: signs apart, powers raised, a constant by itself."""
     shown = re.sub(rf"({_DECIMAL}) 1(?= [-+]|$)", r"\1", text)
     shown = re.sub(r"(?<=[^\s=]) -(?=[\d.])", " − ", shown)
+    shown = re.sub(r"(?<=[^\s=]) \+(?=[\d.])", " + ", shown)
     shown = re.sub(r"\^(\d+)", lambda found: found[1].translate(_POWERS), shown)
     return shown.replace("-", "−") if "[" not in shown else _minus_after_unit(shown)
 

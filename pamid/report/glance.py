@@ -46,7 +46,7 @@ def todo_of(run: RunData) -> str:
     experiment = diagnosis.next_experiment
     if experiment is None:
         return "Nothing more needs to be measured for this answer."
-    text = f"measure {effect_label(experiment.name)}"
+    text = f"run the experiment “{effect_label(experiment.name)}”"
     if experiment.minutes is not None:
         text += f" ({set_spaces(minutes_text(experiment.minutes))} at the rig)"
     if experiment.separates:

@@ -49,10 +49,18 @@ def prose(text: str) -> Markup:
     """A sentence; what stands in backticks is set as code, and compounds that a line break would
     make hard to read are kept on one line."""
     return Markup(
-        _UNBROKEN.sub(
-            r'<span class="k">\1</span>', _CODE_SPAN.sub(r"<code>\1</code>", str(escape(text)))
-        )
+        _UNBROKEN.sub(r'<span class="k">\1</span>', _CODE_SPAN.sub(_code, str(escape(text))))
     )
+
+
+def breakable(text: str) -> Markup:
+    """A name that may be broken behind its underscores, before it is broken anywhere."""
+    return Markup(str(escape(text)).replace("_", "_<wbr>"))
+
+
+def _code(found: re.Match[str]) -> str:
+    # escaped already
+    return f"<code>{found[1].replace('_', '_<wbr>')}</code>"
 
 
 def paragraphs(sentences: Iterable[str], class_: str = "") -> Markup:

@@ -28,6 +28,7 @@ from pamid.report.reading import FloatArray
 
 LONGEST_SHOWN_S = 12.0  # shown where no times are asked for
 MEASURED = "measured"
+NO_POSE = "no-pose"  # code of the error where a rig says nothing of what it looks like
 # kind of trace -> field, colour
 TRACE_ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}
 
@@ -103,7 +104,7 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
             if named is not None and Path(named).suffix not in ("", ".py")
             else "Give the rig a method pose(self, y, p) that returns its polylines in metres."
         )
-        raise FileError(f"The rig {rig.name!r} has no pose to draw.", hint, code="rig")
+        raise FileError(f"The rig {rig.name!r} has no pose to draw.", hint, code=NO_POSE)
     return rig
 
 

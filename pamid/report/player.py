@@ -17,7 +17,15 @@ from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.load import RunData
 from pamid.report.markup import joined, prose, tag
-from pamid.report.motion import MEASURED, Motion, gap_label, motion_of, rig_of_run, scale_of
+from pamid.report.motion import (
+    MEASURED,
+    NO_POSE,
+    Motion,
+    gap_label,
+    motion_of,
+    rig_of_run,
+    scale_of,
+)
 from pamid.report.reading import FloatArray
 from pamid.report.web_page import asset
 
@@ -37,8 +45,8 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
     needs. rig: the one that draws it, of whoever calls; then PamidError says why it cannot."""
     try:
         motion = motion_of(run, rig or rig_of_run(run), 1.0 / PLAYER_HZ)
-    except PamidError:
-        if rig is not None:
+    except PamidError as error:
+        if rig is not None and error.code != NO_POSE:
             raise
         return Markup("")
     still = _widest(motion)

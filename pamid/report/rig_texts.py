@@ -127,8 +127,8 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
 
 def _cause_text(cause: Cause) -> str:
     values = [
-        f"{channel_label(name)} {formatting.with_unit_text(one.value, channel_unit(name))}"
-        f"{formatting.interval_tail(formatting.span(one.low, one.high, channel_unit(name)))}"
+        f"{channel_label(name)} "
+        f"{formatting.with_interval(one.value, one.low, one.high, channel_unit(name))}"
         for name, one in cause.parameters.items()
     ]
     text = f"{effect_label(cause.effect)} acts here"

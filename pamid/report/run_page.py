@@ -16,6 +16,7 @@ from pamid.report.answers import (
 )
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import ChannelErrors, disagreements
+from pamid.report.correlation_figure import correlation_note
 from pamid.report.document import (
     Block,
     Bullets,
@@ -250,7 +251,8 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
         yield notes(
             "Replay: the held-out windows, on the recorded command. Closed loop: the held-out part "
             "of a run of the refitted model under its own controller, from the recording's "
-            "beginning."
+            "beginning. With cause: refitted to all that is fitted; the figures above are of what "
+            "either half of the held-out windows chose for the other."
         )
 
 
@@ -337,6 +339,7 @@ def _parameters(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
         "fix it; weak: partly the prior; silent: the data say nothing about it."
     )
     yield from figures(pictures, ["correlation"])
+    yield notes(correlation_note(run.fit))
     yield from model_equations(run)
     if run.fit is not None and run.fit.tied:
         yield Heading("Known only in combination", 4)

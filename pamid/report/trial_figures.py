@@ -147,6 +147,8 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
     if not rows:
         return None
     answers = list(rows) + sorted({name for row in rows.values() for name in row} - set(rows))
+    if len(rows) * len(answers) == 1:
+        return None  # one cell: the words say it
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

@@ -17,6 +17,8 @@ from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.figure_table import TITLES, FigureRow, cells, rows_of
 from pamid.trial.machine import machine_names
 
+FEW_CASES = 10  # below, any share may be chance
+
 
 @dataclass(frozen=True)
 class Scored:
@@ -102,12 +104,15 @@ def _scored(row: FigureRow, one: Rate | Figure, texts: tuple[str, ...]) -> Score
 
 def reached_text(trial: Trial) -> str:
     """ "9 of 12 targets are reached"."""
-    judged = [one.reached for one in trial.scored if one.reached is not None]
-    return (
-        f"{sum(judged)} of {len(judged)} targets {'is' if sum(judged) == 1 else 'are'} reached"
-        if judged
-        else "No case counts for a target"
-    )
+    rows = [one for one in trial.scored if one.reached is not None]
+    if not rows:
+        return "No case counts for a target"
+    judged = [one.reached for one in rows]
+    text = f"{sum(map(bool, judged))} of {len(judged)} targets "
+    text += "is reached" if sum(map(bool, judged)) == 1 else "are reached"
+    most = max(int(one.texts[3]) for one in rows)
+    few = f"{most} case{'' if most == 1 else 's'}"
+    return text if most >= FEW_CASES else f"{text}, on {few} at most: too few to tell"
 
 
 def targets_title(trial: Trial) -> str:
@@ -173,6 +178,10 @@ def strata_title(trial: Trial) -> str:
     if not shares:
         return "No visible single fault in any stratum"
     (low, worst), (high, best) = min(shares), max(shares)
+    if percent(low) == percent(high):
+        return (
+            f"The family is named first in {percent(low)} of the visible faults, in every stratum"
+        )
     return (
         f"The family is named first in {percent(low)} ({worst}) to {percent(high)} ({best}) of "
         "the visible faults"

@@ -12,7 +12,7 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pamid.report.document import Document, place_of
-from pamid.report.markup import printable, prose
+from pamid.report.markup import breakable, printable, prose
 from pamid.report.style import COLOURS
 
 #: how every page begins: by this a page of ours is known from somebody's file
@@ -49,6 +49,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters["prose"] = prose
+    environment.filters["breakable"] = breakable
     environment.globals["place_of"] = place_of
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
     return environment

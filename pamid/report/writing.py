@@ -10,7 +10,9 @@ from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
+from pamid.base.progress import tell
 from pamid.base.run_folder import FIGURES_FOLDER, Run
+from pamid.model.rig import Rig
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.comparison_page import ComparedRun, comparison_document
 from pamid.report.correlation_figure import correlation_drawing
@@ -31,7 +33,7 @@ from pamid.report.figures import (
 )
 from pamid.report.free_form_figure import free_form_drawing
 from pamid.report.load import RunData, load_run, read_steps
-from pamid.report.motion import rig_of_run
+from pamid.report.motion import NO_POSE, rig_of_run
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
@@ -73,13 +75,14 @@ TRIAL = "trial.json"
 @dataclass(frozen=True)
 class Report:
     """What was written; `errors` are the rows of the MAE table, `recordings` those per recording,
-    `pdf` is there where it was asked for."""
+    `pdf` is there where it was asked for, `notes` say what could not be shown."""
 
     page: Path
     figures: tuple[Path, ...]
     errors: tuple[ChannelErrors, ...]
     pdf: Path | None = None
     recordings: tuple[RecordingError, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def mae(self) -> dict[str, dict[str, float]]:
@@ -96,6 +99,7 @@ class Content:
     drawings: list[Drawing]
     document_of: Callable[[dict[str, Picture]], Document]
     recordings: tuple[RecordingError, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def write_report(
@@ -118,7 +122,11 @@ def write_report(
     content = content_of(run_folder, rig)
     if not overwrite:
         _require_ours(page, pdf)
-    pictures = {drawing.name: render(drawing) for drawing in content.drawings}
+    pictures = {}
+    for k, drawing in enumerate(content.drawings):
+        tell(f"pictures {k}/{len(content.drawings)}: {drawing.name}")
+        pictures[drawing.name] = render(drawing)
+    tell("the page")
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document)
     paper = pdf_of(document) if pdf is not None else b""
@@ -136,7 +144,7 @@ def write_report(
     write_together(
         {**files, **({pdf: paper} if pdf is not None else {}), page: html.encode(errors="replace")}
     )
-    return Report(page, tuple(figures), content.errors, pdf, content.recordings)
+    return Report(page, tuple(figures), content.errors, pdf, content.recordings, content.notes)
 
 
 def content_of(run_folder: Path, rig: str | None = None) -> Content:
@@ -152,10 +160,22 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
         return _paper_content(run_folder, paper, steps)
     run = load_run(run_folder)
     rows = errors_of(run)
-    document_of = partial(
-        run_document, run, rows, drawn_by=None if rig is None else rig_of_run(run, rig)
-    )
-    return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run))
+    drawn_by, notes = _drawn_by(run, rig)
+    document_of = partial(run_document, run, rows, drawn_by=drawn_by)
+    return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run), notes)
+
+
+def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
+    """The rig that was named, for its pose; without one the page has no animation, which is
+    said."""
+    if rig is None:
+        return None, ()
+    try:
+        return rig_of_run(run, rig), ()
+    except FileError as error:
+        if error.code != NO_POSE:
+            raise
+        return None, (f"no animation: {error.message} {error.hint}",)
 
 
 def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:

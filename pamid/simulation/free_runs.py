@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.errors import DataError, FileError, nearest, quoted
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Stepping
 from pamid.model.assembly import Assembly
@@ -60,9 +60,9 @@ def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...
         raise FileError(
             f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
             f"{', '.join(assembly.rig.outputs)}",
-            nearest(next(iter(assembly.rig.outputs)), list(recording.columns))
-            or "Name another --rig, or "
-            f"rename the columns; there are {', '.join(recording.columns)}.",
+            f"{nearest(next(iter(assembly.rig.outputs)), list(recording.columns))} Name another "
+            f"--rig, or rename the columns; there are {', '.join(recording.columns)}. "
+            f"`pamid new-rig {quoted(recording.path)}` writes a rig for them.".lstrip(),
         )
     return found
 

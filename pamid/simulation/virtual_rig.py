@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, UsageError, nearest
+from pamid.base.progress import tell
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.between_samples import as_recorded
@@ -97,6 +98,7 @@ def simulate_virtual_rig(
     """Simulate. Effects without given values act at their typical size; `known` goes before what
     the excitation knows.
     """
+    tell("equations")
     rig = as_recorded(rig_named(rig_name), [excitation])
     rig = as_sampled(rig, [excitation.sampling_period_s])
     chosen = attach_specs(rig, specs)
@@ -124,6 +126,7 @@ def simulate_virtual_rig(
             p[assembly.index_of(f"{a.label}:{name}")] = value * own[name].factor
         given = ",".join(f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in own.values())
         labels.append(f"{a.label}:{given}")
+    tell("running")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)
     named = name_of(rig_name)
     meta: dict[str, Any] = {

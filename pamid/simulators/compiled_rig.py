@@ -19,6 +19,7 @@ from pamid.model.rig import Port, Rig
 from pamid.simulators.forward_dynamics import accelerations
 from pamid.simulators.mechanism import Actuator, Mechanism, MechanismSensor
 from pamid.simulators.mechanism_log_names import log_names_of, vector_sizes_of
+from pamid.simulators.mechanism_pose import mechanism_pose
 from pamid.simulators.soft_friction import SoftFriction
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
@@ -88,6 +89,9 @@ class CompiledMechanism(Rig):
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         equations = MechanismEquations(self, x, u, p, port)
         return {s.column: equations.reading(i, s) for i, s in enumerate(self.mechanism.sensors)}
+
+    def pose(self, y: Mapping[str, Any], p: Any) -> dict[str, Any]:
+        return mechanism_pose(self.mechanism, y)
 
     def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
         """A parameter of an element, or the number that the file states where it is none."""

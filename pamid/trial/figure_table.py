@@ -143,9 +143,15 @@ def summary(found: dict[str, Any]) -> str:
     rig = "" if rows_of(found) is JOINT_ROWS else f" of rig {found['rig']}"
     return (
         f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
-        f"{failed} failed; {unseen['hits']} of {unseen['of']} planted gaps do not show and count "
-        "for detection only."
+        f"{failed} failed; {_seen(unseen['hits'], unseen['of'])}."
     )
+
+
+def _seen(hidden: int, planted: int) -> str:
+    """How many gaps do not show, and what becomes of them."""
+    if not hidden:
+        return "all planted gaps show" if planted else "nothing was planted"
+    return f"{hidden} of {planted} planted gaps do not show and count for detection only"
 
 
 def cells(found: dict[str, Any], row: FigureRow) -> tuple[str, ...]:

@@ -406,3 +406,16 @@ def test_a_strangers_file_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 def test_scales_are_round() -> None:
     assert [scale_of(x) for x in (0.61, 6.0, 13.0, 31.0)] == pytest.approx([0.1, 1.0, 2.0, 5.0])
+
+
+def test_a_rig_without_a_pose_costs_the_page_its_animation_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, plain = two_link_run(tmp_path / "RUN"), tmp_path / "plain.py"
+    plain.write_text(
+        CART.replace("class Cart", "class TwoLink").replace("def pose", "def posture"),
+        encoding="utf-8",
+    )
+    assert run_command(["report", str(folder), "--rig", str(plain)]) == 0
+    assert "no animation: The rig 'two-link' has no pose" in capsys.readouterr().err
+    assert "gap × 10" not in (folder / "report.html").read_text(encoding="utf-8")

@@ -4,6 +4,7 @@ is done, and an excitation is found under the name of what it does."""
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from small_cart import RIG, record_cart
 
 import pamid
 from pamid.base.errors import DataError
-from pamid.base.progress import ProgressLine, Settled
+from pamid.base.progress import ProgressLine, Settled, listening, tell
 from pamid.base.work_stages import WORK_STAGES, WorkStage
 
 
@@ -166,3 +167,67 @@ def test_an_excitation_is_found_by_what_it_does(capsys: pytest.CaptureFixture[st
         assert frame.run([name, "--help"]) == 0
         told.append(capsys.readouterr().out)
     assert told[0] == told[1] and "`pamid excite` is the same command" in told[0]
+
+
+def told_by(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> list[str]:
+    """What a command says of its own progress."""
+    heard: list[str] = []
+
+    def update(self: ProgressLine, done: int, text: str = "", total: int | None = None) -> None:
+        heard.append(text)
+
+    monkeypatch.setattr(ProgressLine, "update", update)
+    assert frame.run(words) == 0, capsys.readouterr().err
+    return heard
+
+
+@pytest.mark.parametrize("command", ["simulate", "export", "check", "check a rig"])
+def test_a_long_command_tells_its_stages_in_their_order(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recording = record_cart(tmp_path)
+    words = {
+        "simulate": ["simulate", "--rig", RIG, "--excitation", str(recording), "--output", "o.csv"],
+        "export": ["export", "run", "--rig", RIG, "--to", "fmu", "--output", "cart.fmu"],
+        "check": ["check", str(recording), "--rig", RIG],
+        "check a rig": ["check", RIG],
+    }[command]
+    if command == "export":
+        assert frame.run(["fit", str(recording), "--rig", RIG, "--output", "run"]) == 0
+    heard = told_by(words, monkeypatch, capsys)
+    begins = [one.begins for one in WORK_STAGES[command]]
+    told = [next((b for b in begins if text.startswith(b)), "") for text in heard]
+    told = [one for one in dict.fromkeys(told) if one]
+    assert told == [one for one in begins if one in told] and len(told) >= 3
+    assert sum(one.share for one in WORK_STAGES[command]) == pytest.approx(1.0)
+
+
+def test_places_and_runs_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recording = record_cart(tmp_path)
+    assert frame.run(["fit", str(recording), "--rig", RIG, "--output", "run"]) == 0
+    excitation = ["--rig", RIG, "--excitation", str(recording), "--seed", "8"]
+    assert frame.run(["simulate", *excitation, "--output", "new.csv"]) == 0
+    heard = told_by(["score", "run", "new.csv", "--rig", RIG], monkeypatch, capsys)
+    assert [text.split(":")[0] for text in heard][:2] == ["runs 0/4", "runs 1/4"]
+    effect = Path(RIG).parents[2] / "pamid" / "effects" / "quadratic_drag.py"
+    heard = told_by(["check", str(effect)], monkeypatch, capsys)
+    counts = [re.match(r"places (\d+)/(\d+): ", text) for text in heard if "places" in text]
+    assert len(counts) > 3 and [int(one[1]) for one in counts if one] == list(range(len(counts)))
+
+
+def test_what_is_told_reaches_only_who_listens() -> None:
+    heard: list[str] = []
+    tell("nobody")
+    with listening(heard.append):
+        tell("somebody")
+    tell("nobody")
+    assert heard == ["somebody"]

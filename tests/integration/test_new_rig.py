@@ -29,6 +29,8 @@ def test_there_are_these_to_start_from() -> None:
         "cylinder-bench",
         "damper-bench",
         "dc-motor",
+        "linear-axis",
+        "servo-axis",
         "servo-pendulum",
         "thermal-block",
         "two-masses",
@@ -241,3 +243,48 @@ def test_pairs_are_judged_by_name_and_unit() -> None:
     assert pair_score("position_2_mm", "position_1_mm")[0] == 0.0
     assert pair_score("reference_deg", "angle_deg")[0] == 0.0
     assert pair_score("force_n", "level_cm")[0] == 0.0
+
+
+def held(seed: int) -> np.ndarray:
+    """Levels that are held for times that differ."""
+    random = np.random.default_rng(seed)
+    return np.repeat(random.uniform(-1.0, 1.0, 20), random.integers(10, 30, 20))[:200]
+
+
+def moving(seed: int) -> np.ndarray:
+    return np.cumsum(np.cumsum(np.random.default_rng(seed).normal(size=200))) / 200.0
+
+
+def like_of(folder: Path, **columns: np.ndarray) -> str:
+    return pamid.new_rig(small(columns), output=folder / "mine.py", overwrite=True).like
+
+
+def test_a_pushed_cart_is_no_bench(here: Path) -> None:
+    """Names and units are those of a bench, which imposes the position and reads the force: here
+    the force is held at levels, or a reference tells of a controller."""
+    assert like_of(here, force_n=held(1), position_m=moving(2)) == "linear-axis"
+    assert like_of(here, drive_n=held(1), x_m=moving(2)) == "linear-axis"
+    loop = {"force_n": moving(1), "position_mm": moving(2), "reference_mm": held(3)}
+    assert like_of(here, **loop) == "linear-axis"
+    assert like_of(here, position_mm=moving(1), force_n=moving(2)) == "damper-bench"
+
+
+def test_torque_servos_belts_and_velocities_have_a_rig(here: Path) -> None:
+    servo = {"torque_nm": held(1), "angle_rad": moving(2), "velocity_rad_per_s": moving(3)}
+    assert like_of(here, **servo) == "servo-axis"
+    assert like_of(here, motor_torque_nm=held(1), speed_rpm=moving(2)) == "servo-axis"
+    belt = {"motor_torque_nm": held(1), "pulley_angle_deg": moving(2)}
+    assert like_of(here, **belt) == "servo-axis"
+    given = small({"motor_current_a": held(1), "angle_deg": moving(2)})
+    made = pamid.new_rig(given, output=here / "drive.py")
+    assert [(c["stands_for"], c["scaled"]) for c in made.to_dict()["columns"]] == [
+        ("torque_nm", True),
+        ("angle_deg", False),
+    ]
+    assert pamid.check(here / "drive.py").ok
+
+
+def test_units_alone_name_machines_and_take_none(here: Path) -> None:
+    with pytest.raises(FileError, match="by their units alone: .*linear-axis") as caught:
+        like_of(here, foo_n=moving(1), bar_mm=moving(2))
+    assert "--like" in caught.value.hint and not (here / "mine.py").exists()

@@ -35,7 +35,7 @@ class Outline(HTMLParser):
         self.attributes: list[tuple[str, str]] = []
         self.text = ""
         self._open: list[str] = []
-        self.feed(page)
+        self.feed(page.replace("<wbr>", ""))  # where a name may be broken, and need not be
         self.close()
         assert not self._open, f"never closed: {self._open}"
 

@@ -1,13 +1,14 @@
 """Writes the tables of docs/how-to/choose-sensors.md, one for each starter rig, from what `pamid
 power` says: `python tests/support/sensor_page.py` (minutes of CPU).
 
-With --taken FOLDER it reads RIG.json there in place of running the commands again.
+With names of rigs only their tables are made anew.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,8 @@ END = "<!-- end -->\n"
 RIGS = {
     "one-dof": 30,
     "dc-motor": 30,
+    "linear-axis": 30,
+    "servo-axis": 30,
     "servo-pendulum": 30,
     "cylinder-bench": 30,
     "damper-bench": 30,
@@ -69,41 +72,42 @@ def section(rig: str, said: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def summary(found_at: dict[str, dict[str, Any]]) -> str:
-    """How many effects each sensor of each rig shows by itself, and all of them together."""
-    lines = ["| rig | effects that fit | shown by a sensor alone | by all together |"]
-    lines += ["|---|---:|---|---:|"]
-    for rig, said in found_at.items():
-        usual, seen = said["sizes"].index(1.0), said["seen"]
-        made = [one for one in said["effects"] if not one["failed"]]
+def row(rig: str, said: dict[str, Any]) -> str:
+    """How many effects each sensor of a rig shows by itself, and all of them together."""
+    usual, seen = said["sizes"].index(1.0), said["seen"]
+    made = [one for one in said["effects"] if not one["failed"]]
+    alone = {
+        c: sum(one["by_channel"].get(c, 0.0) >= seen for one in made) for c in said["channels"]
+    }
+    together = sum(one["visible"][usual] >= seen for one in made)
+    said_alone = ", ".join(f"`{c}` {n}" for c, n in alone.items())
+    return f"| `{rig}` | {len(made)} | {said_alone} | {together} |"
 
-        alone = {
-            c: sum(one["by_channel"].get(c, 0.0) >= seen for one in made) for c in said["channels"]
-        }
-        together = sum(one["visible"][usual] >= seen for one in made)
-        said_alone = ", ".join(f"`{c}` {n}" for c, n in alone.items())
-        lines.append(f"| `{rig}` | {len(made)} | {said_alone} | {together} |")
-    return "\n".join(lines)
+
+def kept(text: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Rows and sections of the rigs that stand on the page already."""
+    rows = {m[1]: m[0] for m in re.finditer(r"^\| `([\w-]+)` \|.*\|$", text, re.MULTILINE)}
+    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    return rows, {part.split("\n", 1)[0]: f"## {part.rstrip()}" for part in parts}
 
 
 def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("--taken", type=Path, help="folder with RIG.json of earlier runs")
+    asked.add_argument("rigs", nargs="*", help="only these anew; the others stay as they stand")
     given = asked.parse_args()
-    with tempfile.TemporaryDirectory() as temporary:
-        found_at = {
-            rig: json.loads((given.taken / f"{rig}.json").read_text())
-            if given.taken
-            else found(rig, Path(temporary))
-            for rig in RIGS
-        }
     page = PAGE.read_text(encoding="utf-8")
     before, _, rest = page.partition(BEGIN)
-    _, _, after = rest.partition(END)
+    text, _, after = rest.partition(END)
+    rows, parts = kept(text)
+    with tempfile.TemporaryDirectory() as temporary:
+        for rig in given.rigs or RIGS:
+            said = found(rig, Path(temporary))
+            rows[rig], parts[rig] = row(rig, said), section(rig, said)
+    lines = ["| rig | effects that fit | shown by a sensor alone | by all together |"]
+    lines += ["|---|---:|---|---:|", *(rows[rig] for rig in RIGS)]
     when = f"Measured on {date.today():%-d %B %Y}."
-    parts = [section(rig, said) for rig, said in found_at.items()]
-    text = "\n\n".join([when, summary(found_at), *parts])
-    PAGE.write_text(f"{before}{BEGIN}\n{text}\n\n{END}{after}", encoding="utf-8")
+    made = "\n\n".join([when, "\n".join(lines), *(parts[rig] for rig in RIGS)])
+    PAGE.write_text(f"{before}{BEGIN}\n{made}\n\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

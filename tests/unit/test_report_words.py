@@ -80,3 +80,23 @@ def test_no_probability_is_a_certainty() -> None:
         "below 0.01",
         "0.01",
     ]
+
+
+def test_numbers_without_powers_that_nobody_needs() -> None:
+    from pamid.base.share_words import plain_number
+
+    assert [plain_number(x) for x in (-1441.0, 0.0, 12.345, 2.5e5, 0.00123)] == [
+        "-1440",
+        "0",
+        "12.3",
+        "250000",
+        "0.00123",
+    ]
+
+
+def test_a_value_and_its_interval_are_told_in_one_unit() -> None:
+    from pamid.report.formatting import with_interval
+
+    told = with_interval(3.01e-5, 3.01e-5, 1.12e-4, "m").replace("\u00a0", " ")
+    assert told == "0.0301 mm (95 % interval 0.0301 to 0.112 mm)"
+    assert with_interval(2.0, None, None, "") == "2"

@@ -1,0 +1,69 @@
+"""Columns for the channels of a log that no rig has names for yet: their own names and units, as a
+recording spells them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pamid.base.errors import PamidError
+from pamid.base.units import NONE, known_symbols, split_column, unit, with_unit
+from pamid.ingest.channel_words import meanings, tokens
+from pamid.ingest.channels import Channel
+from pamid.ingest.source_units import is_readable, read_unit
+
+#: of units alike the ones that recordings mostly have
+FIRST = ("N m", "deg", "rpm", "kPa", "mm", "N", "A", "V", "W", "s", "degC")
+TURNS = "U/min"  # what a speed in 1/min is
+_PER_TIME = (0, 0, -1, 0, 0, 0)
+_LATIN = str.maketrans({"а": "a", "е": "e", "о": "o", "с": "c", "р": "p", "х": "x"})
+
+
+def own_columns(channels: Sequence[Channel]) -> dict[str, tuple[Channel, str]]:
+    """Column -> (channel, unit in which the log has it, "" where it does not say); of two that
+    would be called alike the second is numbered."""
+    found: dict[str, tuple[Channel, str]] = {}
+    for channel in channels:
+        text = logged_unit(channel)
+        symbol = _symbol(text) if text else NONE
+        stem, count = _stem(channel, symbol), 1
+        column = with_unit(stem, symbol)
+        while column in found:
+            count += 1
+            column = with_unit(f"{stem}_{count}", symbol)
+        found[column] = (channel, text)
+    return found
+
+
+def logged_unit(channel: Channel) -> str:
+    """The unit of a channel, by the log or by its name; a speed per minute is one of turns."""
+    name, text = channel.name.rpartition("/")[2], channel.unit.strip()
+    if not text or not is_readable(text):
+        suffix = split_column(name)[1]
+        return "" if suffix == NONE else suffix
+    turns = read_unit(text).dimension == _PER_TIME and "velocity" in meanings(name)
+    return TURNS if turns else text
+
+
+def _symbol(text: str) -> str:
+    """The unit of a column that is of the same size, else that of SI."""
+    wanted = read_unit(text)
+    for same_size in (True, False):
+        for symbol in (*FIRST, *known_symbols()):
+            one = unit(symbol)
+            near = abs(one.factor - (wanted.factor if same_size else 1.0)) <= 1e-9 * one.factor
+            if one.dimension == wanted.dimension and near and one.offset == wanted.offset:
+                return symbol
+    try:
+        return unit(text).symbol
+    except PamidError:
+        return NONE
+
+
+def _stem(channel: Channel, symbol: str) -> str:
+    """ "Winkel Abtrieb" -> "winkel_abtrieb"; what only stands for the unit goes."""
+    name = channel.name.rpartition("/")[2]
+    stem = split_column(name)[0] if split_column(name)[1] != NONE else name
+    words = [w.translate(_LATIN) for w in tokens(stem)]
+    plain = [w for w in words if w.isascii()] or ["channel"]
+    text = "_".join(plain)
+    return text if not text[0].isdigit() and text != "time" else f"channel_{text}"

@@ -1,0 +1,121 @@
+"""Where the bodies of a mechanism stand, as lines to be drawn: from every joint to the next, and on
+to the centre of mass of the last body. Seen along the world axis about which most hinges turn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import DataError
+from pamid.simulators.mechanism import Mechanism, Vector
+
+FloatArray = NDArray[np.float64]
+
+#: world axis looked along -> the axes that point to the right and up, x y z
+SEEN = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
+
+
+def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Body at the end of a chain -> its chain (samples, points, 2), m; y: readings by column, SI.
+
+    DataError where no sensor reads the position of a joint.
+    """
+    positions = _positions(m, y)
+    size = len(next(iter(positions.values()), np.zeros(1)))
+    places = [np.zeros((size, 3))]
+    turns = [np.broadcast_to(np.eye(3), (size, 3, 3))]
+    anchors = [places[0]]
+    axes = np.zeros(3)
+    for number, body in enumerate(m.bodies[1:], start=1):
+        above, turn = places[body.parent], turns[body.parent]
+        place = above + _turned(turn, body.position)
+        turn = turn @ _matrix(body.quaternion)
+        anchor = place
+        for k, joint in enumerate(m.joints):
+            if joint.body != number:
+                continue
+            way = positions[k] - joint.reference
+            anchor = place + _turned(turn, joint.anchor)
+            axis = _turned(turn, joint.axis)
+            if joint.kind == "slide":
+                place = place + way[:, None] * axis
+                anchor = anchor + way[:, None] * axis
+            else:
+                axes += np.abs(axis[0])
+                turn = turn @ _about(joint.axis, way)
+                place = anchor - _turned(turn, joint.anchor)
+        places.append(place)
+        turns.append(turn)
+        anchors.append(anchor)
+    right, up = SEEN[int(np.argmax(axes)) if axes.any() else 1]
+    return {
+        m.bodies[last].name: np.stack(
+            [
+                *(anchors[one] for one in _chain(m, last)),
+                places[last] + _turned(turns[last], m.bodies[last].centre),
+            ],
+            axis=1,
+        )[:, :, [right, up]]
+        for last in _ends(m)
+    }
+
+
+def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArray]:
+    """Joint -> its position at every sample."""
+    found = {}
+    for k, joint in enumerate(m.joints):
+        column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
+        if column is None or joint.kind not in ("hinge", "slide"):
+            raise DataError(
+                f"Nothing can be drawn of {m.name!r}: no sensor reads the position of joint "
+                f"{joint.name!r}.",
+                "Give the model a jointpos sensor for every hinge and slide.",
+                code="no-pose",
+            )
+        found[k] = y[column]
+    return found
+
+
+def _ends(m: Mechanism) -> list[int]:
+    """Bodies that carry no other, and that a joint moves."""
+    parents = {body.parent for body in m.bodies[1:]}
+    moved = {joint.body for joint in m.joints}
+    return [
+        k
+        for k in range(1, len(m.bodies))
+        if k not in parents and any(one in moved for one in _chain(m, k))
+    ]
+
+
+def _chain(m: Mechanism, last: int) -> list[int]:
+    """From the body on the world to this one."""
+    found = [last]
+    while m.bodies[found[0]].parent > 0:
+        found.insert(0, m.bodies[found[0]].parent)
+    return found
+
+
+def _turned(turn: FloatArray, vector: Vector) -> FloatArray:
+    """(samples, 3)."""
+    return np.asarray(turn @ np.asarray(vector))
+
+
+def _matrix(quaternion: Vector) -> FloatArray:
+    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _about(axis: Vector, angle: FloatArray) -> FloatArray:
+    """Rotations (samples, 3, 3) about a unit vector, by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
