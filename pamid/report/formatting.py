@@ -26,7 +26,7 @@ _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
 _PREFIXED = ("m", "s", "V", "A")  # units that are told in thousandths or millionths
-_MILLI, _MICRO = 1e-3, 1e-4
+_MILLI, _MICRO = 0.1, 1e-4
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
 INTERVAL = f"95{SPACE}% interval"
 

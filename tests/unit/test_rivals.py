@@ -97,7 +97,8 @@ def test_spans_of_time_in_units_people_use() -> None:
 def test_small_values_have_small_units() -> None:
     assert flat(with_unit_text(4.05e-7, "m")) == "0.405 µm"
     assert flat(with_unit_text(5.0e-4, "s")) == "0.5 ms"
-    assert flat(with_unit_text(0.04, "m")) == "0.04 m"
+    assert flat(with_unit_text(0.04, "m")) == "40 mm"
+    assert flat(with_unit_text(0.4, "m")) == "0.4 m"
     assert flat(with_unit_text(2.0e-5, "rad")) == "2 × 10⁻⁵ rad"
     assert flat(span(3.01e-5, 9.0e-5, "m")) == "30.1 to 90 µm"
 
