@@ -88,7 +88,7 @@ class MuscleMass(Rig):
             "motion",
             "N",
             {"position": "m", "velocity": "m/s", "load": "N"},
-            size={"value": 100.0, "velocity": 0.1, "position": 0.02, "load": 100.0},
+            size={"value": 100.0, "velocity": 0.1, "position": 0.02, "load": 400.0},
         ),
         "position_sensor": Port(
             "reading", "m", {"rate": "m/s"}, group="sensor", size={"value": 0.02, "rate": 0.1}
@@ -102,12 +102,12 @@ class MuscleMass(Rig):
             **_OWN,
         ),
         "force_sensor": Port(
-            "reading", "N", {"rate": "N/s"}, group="sensor", size={"value": 100.0}, **_OWN
+            "reading", "N", {"rate": "N/s"}, group="sensor", size={"value": 400.0}, **_OWN
         ),
     }
     states = (State("position", "m"), State("velocity", "m/s"), State("pressure", "Pa"))
     parameters = (
-        Parameter("mass", 10.0, 0.5, 200.0, "kg", fitted=False, source="weighed, m of eq. 1"),
+        Parameter("mass", 40.0, 0.5, 200.0, "kg", fitted=False, source="weighed, m of eq. 1"),
         Parameter(
             "viscous", 20.0, 0.0, 500.0, "N s/m", spread=20.0, source="estimate, linear guide"
         ),
@@ -115,12 +115,12 @@ class MuscleMass(Rig):
         pair.SUPPLY_PARAMETERS[0],
         Parameter(
             "initial_pressure",
-            194.0,
+            352.3,
             0.0,
             850.0,
             "kPa",
             fitted=False,
-            source="holds 10 kg at contraction 0.10 by the exponential law, gauge",
+            source="holds 40 kg at contraction 0.10 by the exponential law, gauge",
         ),
         *pair.AIR,
         *pair.ATTACHING,

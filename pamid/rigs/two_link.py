@@ -16,7 +16,8 @@ Equations
                  joint 1
     contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second muscles
                  mirrored
-    muscles, valves and air as in `pamid.rigs.antagonists`
+    muscles, valves and air as in `pamid.rigs.antagonists`; `two-link:LAW-compensated` has the
+    muscles' own force compensators, which blow off air above 1200 N
 
 Contractions are measured where the chains leave the wheels: those of the muscles, but for what a
 chain stretches. For tests without actuation: `vents_open` (muscles limp, open to the room),
@@ -47,6 +48,7 @@ Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.81
 JOINTS = ("1", "2")
 MUSCLES = ("11", "12", "21", "22")
+COMPENSATED = "-compensated"  # ends the variants whose muscles have force compensators
 
 
 # What every muscle, and every joint, has a port for; these share an effect's parameters with their
@@ -263,12 +265,16 @@ class TwoLink(Rig):
     changeable = {"payload_kg": 0.5}
     external = dict.fromkeys(("external_torque_1_nm", "external_torque_2_nm"), HIGHEST_TORQUE_NM)
     actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
-    variants = tuple(LAWS)
+    variants = (*LAWS, *(f"{law}{COMPENSATED}" for law in LAWS))
     static_force = StaticForce()
+    option_parameters: tuple[Parameter, ...] = ()
 
     def __init__(self, law: str = "exponential") -> None:
+        self.compensator = law.endswith(COMPENSATED)
+        if self.compensator:
+            self.option_parameters = pair.COMPENSATOR
         # a rig file may put another here, such as `force_law_of` a network
-        self.static_force = law_named(law)
+        self.static_force = law_named(law.removesuffix(COMPENSATED))
 
     def start(self, p: Any) -> dict[str, float]:
         """At rest where the recording says; muscles at p0, or limp where the vents stand open."""
@@ -322,7 +328,15 @@ class TwoLink(Rig):
             valves["21"].drawn + valves["22"].drawn
         )
         return {
-            i: pressure_rate(muscles[i], valves[i], drawn, pulls[i], p, _each(port))
+            i: pressure_rate(
+                muscles[i],
+                valves[i],
+                drawn,
+                pulls[i],
+                p,
+                _each(port),
+                compensator=self.compensator,
+            )
             for i in MUSCLES
         }
 
