@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pamid.report.style import Drawing, Picture, colour, grid, render
+from pamid.report.style import Drawing, Picture, colour, grid, legend_above, render
 
 Array = NDArray[np.float64]
 
@@ -57,3 +57,42 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
         )
 
     return render(Drawing(name, title, draw, 8.4, 8.4))
+
+
+@dataclass(frozen=True, eq=False)
+class Swung:
+    """An angle (samples,), deg, at a joint whose valves stay shut, over time_s (samples,)."""
+
+    label: str
+    time_s: Array
+    measured: Array
+    fitted: Array
+    without_coupling: Array
+
+
+def coupling_picture(title: str, swings: Sequence[Swung]) -> Picture:
+    """One panel per joint that is swung by pulses on the other one."""
+    lines = (
+        ("measured", "measured", "noise_floor", 2.6, "-"),
+        ("without_coupling", "fitted, coupling terms left out", "ink", 0.9, "--"),
+        ("fitted", "fitted", "with_cause", 1.1, "-"),
+    )
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots(len(swings), 1, squeeze=False)[:, 0]
+        for one, swing in zip(axes, swings, strict=True):
+            for part, word, role, width, style in lines:
+                one.plot(
+                    swing.time_s,
+                    getattr(swing, part),
+                    style,
+                    color=colour(role),
+                    linewidth=width,
+                    label=word,
+                )
+            grid(one, "y")
+            one.set_ylabel(swing.label)
+        legend_above(axes[0], 1 if narrow else 3)
+        axes[-1].set_xlabel("time [s]")
+
+    return render(Drawing("coupling", title, draw, 4.4, 4.6))

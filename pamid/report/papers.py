@@ -29,6 +29,7 @@ from pamid.report.formatting import (
 )
 from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.paper_files import (
+    ArmCoupling,
     ArmErrors,
     ArmEstimate,
     ArmPaperFile,
@@ -42,12 +43,14 @@ _MOST_PIXELS = 40_000_000
 #: keys of the arm's errors -> heading
 _ARM_MODELS = {
     "data_sheet": "data sheet",
+    "without_dry_friction": "without dry friction",
     "analytic_alone": "analytic law alone",
     "anfis_alone": "ANFIS law alone",
     "fitted_analytic": "analytic, with corrections",
     "fitted_anfis": "ANFIS, with corrections",
     "noise_floor": "noise",
 }
+_COUPLING = "coupling"
 _TESTS = {"gravity": "Gravity tests", "pulses": "Valve pulses"}
 _JOINT_TRAINING = {
     "iterations": "iterations",
@@ -101,7 +104,7 @@ def read_paper(folder: Path) -> PaperStory | None:
     if joint is not None:
         return _joint(joint, _stills(folder, ("steps",)))
     arm = read_result(folder / ARM_FILE, ArmPaperFile)
-    return None if arm is None else _arm(arm, _stills(folder, tuple(_TESTS)))
+    return None if arm is None else _arm(arm, _stills(folder, (*_TESTS, _COUPLING)))
 
 
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
@@ -245,6 +248,7 @@ def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> PaperStory:
     sections = (
         *errors,
         *angles,
+        _coupling_topic(paper.coupling),
         Topic("The force law", (), (sentence(paper.force_law.finding),)),
         Topic("Inertial data", _known_rows(paper.combinations, stages), (_STAR,), left=(1,)),
         Topic("Parameters", _known_rows(paper.parameters, fitted), (_STAR,), left=(1,)),
@@ -256,6 +260,35 @@ def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> PaperStory:
     ]
     return PaperStory(
         "The second paper: an arm of two links", lead, (*_warnings(paper), *stuck), sections, stills
+    )
+
+
+def _coupling_topic(each: Sequence[ArmCoupling]) -> Topic:
+    columns = {
+        "data_sheet": "data sheet",
+        "without_coupling": "fitted, without coupling terms",
+        "fitted": "fitted",
+        "noise_floor": "noise",
+    }
+    body = [
+        (
+            f"{channel_label(one.moved)}, joint {one.pulsed} pulsed",
+            number(one.swing_deg),
+            *(number(one.mae.get(key)) for key in columns),
+        )
+        for one in each
+    ]
+    head = ("angle, deg", "moves by", *columns.values())
+    words = (
+        "Mean absolute error of the angle of a joint while only the valves of the other one are "
+        "pulsed, on a recording that no fit has seen. Left out are M12 and the terms of the "
+        "velocities; gravity stays."
+    )
+    return Topic(
+        "Coupling between the joints",
+        (head, *body) if body else (),
+        (words,) if body else (),
+        _COUPLING,
     )
 
 

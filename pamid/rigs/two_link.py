@@ -367,6 +367,12 @@ class TwoLink(Rig):
             p.link_2_mass * p.link_2_centre + p.payload * p.link_2_length,
         )
 
+    def coupling(self, x: Any, p: Any, lever: Expr, about_2: Expr) -> tuple[Expr, Expr]:
+        """Of the two joints: M12 (kg m2), none where one is clamped, and what the squares of the
+        velocities are weighed by (kg m2). lever: l1 B2; about_2: A2 + l1 B2 cos q2."""
+        m12 = about_2 * (1.0 - p.clamped_1) * (1.0 - p.clamped_2)
+        return m12, lever * sin(x.angle_2)
+
     def accelerations(
         self, x: Any, p: Any, port: Any, torque_1: Expr, torque_2: Expr
     ) -> tuple[Expr, Expr]:
@@ -378,9 +384,9 @@ class TwoLink(Rig):
         """
         own = self._inertia(p)
         lever, g = own.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
-        bent, swing = lever * cos(x.angle_2), lever * sin(x.angle_2)
+        bent = lever * cos(x.angle_2)
         m11, m22 = own.inertia_1 + own.inertia_2 + 2.0 * bent, own.inertia_2
-        m12 = (own.inertia_2 + bent) * (1.0 - p.clamped_1) * (1.0 - p.clamped_2)
+        m12, swing = self.coupling(x, p, lever, own.inertia_2 + bent)
         outer = own.moment_2 * g * sin(x.angle_1 + x.angle_2)
         n1 = (
             torque_1
