@@ -34,7 +34,7 @@ class Uncoupled(TwoLink):
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class PulsedStretch:
     """Samples (slice) in which the valves of one joint are pulsed and those of the other are not:
     numbers of the joints."""
 
@@ -48,7 +48,7 @@ class Stretch:
         return f"angle_{self.moved}_deg"
 
 
-def stretches(r: Recording) -> list[Stretch]:
+def stretches(r: Recording) -> list[PulsedStretch]:
     """One per joint whose valves are pulsed, in time apart from the other's."""
     found, samples = [], round(SETTLED_S / r.sampling_period_s)
     for pulsed, moved in zip(JOINTS, JOINTS[::-1], strict=True):
@@ -58,7 +58,7 @@ def stretches(r: Recording) -> list[Stretch]:
         first, last = int(sent[0]), min(int(sent[-1]) + samples, len(r))
         later = other[other > first]
         last = min(last, int(later[0])) if len(later) else last
-        found.append(Stretch(pulsed, moved, slice(first, last)))
+        found.append(PulsedStretch(pulsed, moved, slice(first, last)))
     return found
 
 

@@ -66,7 +66,7 @@ Array = NDArray[np.float64]
 ARM_TABLE_FILE, MAP_FILE = "arm-paper.json", "muscle-map.csv"
 ARM_FIGURES = {GRAVITY_TEST: "figures/gravity.png", PULSES: "figures/pulses.png"}
 COUPLING_FIGURE = "figures/coupling.png"
-UNLOADED, VISCOUS = "without_payload", "without_dry_friction"
+UNLOADED, WITHOUT_DRY = "without_payload", "without_dry_friction"
 DATA_SHEET, NOISE_FLOOR = "data_sheet", "noise_floor"
 ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS = (
     "analytic_alone",
@@ -196,7 +196,7 @@ def fit_stages(
         UNLOADED: stage(
             "gravity-without-payload", records.evidence(TwoLink(), GRAVITY_TEST, WITH_PAYLOAD)
         ),
-        VISCOUS: stage(
+        WITHOUT_DRY: stage(
             "gravity-without-dry-friction", records.evidence(TwoLink(), GRAVITY_TEST), dry=()
         ),
         GRAVITY_TEST: stage("gravity", records.evidence(TwoLink(), GRAVITY_TEST)),
@@ -242,8 +242,8 @@ def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any
     for kind in (GRAVITY_TEST, PULSES):
         chosen = dict(models)
         if kind == GRAVITY_TEST:
-            viscous = stages[VISCOUS].grey
-            chosen[VISCOUS] = ArmModel(viscous, viscous.fit.p)
+            viscous = stages[WITHOUT_DRY].grey
+            chosen[WITHOUT_DRY] = ArmModel(viscous, viscous.fit.p)
         by = {
             name: model.free_mae(records.of(kind, held_out=True)) for name, model in chosen.items()
         }
@@ -309,7 +309,7 @@ def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, A
     plain = Assembly(catalogue_rig(ARM_RIG))
     truth, found = (
         plain.values(twin.hidden()),
-        {name: s.found["combinations"] for name, s in stages.items() if name != VISCOUS},
+        {name: s.found["combinations"] for name, s in stages.items() if name != WITHOUT_DRY},
     )
     return {
         name: {
@@ -332,7 +332,7 @@ def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any
         by = {
             stage: _interval(s.found["parameters"][name], None if name == "scale" else truth)
             for stage, s in stages.items()
-            if stage != VISCOUS
+            if stage != WITHOUT_DRY
         }
         found[name] = {"unit": one["unit"], DATA_SHEET: sheet, "truth": truth, **by}
     return found

@@ -17,11 +17,10 @@ pressure, relief, muscle, chain.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
-from pamid.effects.force_compensator import ForceCompensator
 from pamid.model.background import SmoothGain, SplitGain
+from pamid.model.force_limit import LIMIT, OPENING, OPENING_SPAN, blown_off
 from pamid.model.parameter import Parameter
 from pamid.rigs.muscle import Law, law_with
 from pamid.rigs.pneumatics import (
@@ -38,7 +37,6 @@ from pamid.symbolic.vocabulary import (
     Number,
     absolute,
     clip,
-    expression,
     maximum,
     where,
 )
@@ -123,7 +121,7 @@ ATTACHING = (
 #: of muscles with the maker's force compensator: held, as the effect's data sheet has them
 COMPENSATOR = tuple(
     replace(q, name=f"compensator_{q.name}", null=None, fitted=False)
-    for q in ForceCompensator.parameters
+    for q in (OPENING, LIMIT, OPENING_SPAN)
 )
 
 WARMING_S = 60.0  # until a muscle has drifted by half of what it will: estimate
@@ -230,16 +228,6 @@ def valves_of(
     return found[0], found[1]
 
 
-def compensated(change: Expr, force: Expr, vent: Expr, p: Any) -> Expr:
-    """dP/dt (Pa/s) of a muscle that blows off air above a force (N); vent: what an open vent valve
-    lets out, Pa/s; p: COMPENSATOR."""
-    own = SimpleNamespace(
-        opening=p.compensator_opening, limit=p.compensator_limit, blend=p.compensator_blend
-    )
-    signals = SimpleNamespace(force=force, outflow=vent)
-    return expression(ForceCompensator().act(change, signals, own, None))
-
-
 def pressure_rate(
     m: Muscle,
     valves: Valves,
@@ -284,5 +272,7 @@ def pressure_rate(
     )
     change = port("pressure", change, place=m.place, stored=m.pressure, outflow=vent)
     if compensator:
-        change = compensated(change, force, vent, p)
+        change = blown_off(
+            change, force, vent, p.compensator_opening, p.compensator_limit, p.compensator_blend
+        )
     return port("relief", change, place=m.place, force=force, outflow=vent)
