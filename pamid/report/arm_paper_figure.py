@@ -14,6 +14,8 @@ from pamid.report.style import Drawing, Picture, colour, grid, legend_above, ren
 
 Array = NDArray[np.float64]
 
+ROUGH, THIN = 0.05, 0.5  # noise over range from which a measured line is drawn thin, and how thin
+
 
 @dataclass(frozen=True, eq=False)
 class Panel:
@@ -37,7 +39,9 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for one, panel in zip(axes.flat, panels, strict=True):
-            for part, word, role, width, style in lines:
+            rough = np.std(np.diff(panel.measured)) > ROUGH * np.ptp(panel.measured)
+            for part, word, role, broad, style in lines:
+                width = THIN if rough and part == "measured" else broad
                 one.plot(
                     time_s,
                     getattr(panel, part),
