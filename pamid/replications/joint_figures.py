@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import mae, rms
-from pamid.correction.force_map import ForceMap, pulls
+from pamid.correction.force_map import ForceMap, forces
 from pamid.recording.recording import Recording
 from pamid.replications.joint_twin import (
     ANGLE_COLUMN,
@@ -47,10 +47,10 @@ def responses_png(
         angles = {word: angle for word, by in models.items() if (angle := by.get(case)) is not None}
         measured = r.signal(ANGLE_COLUMN)
         found.append(Response(case, r.signal(REFERENCE_COLUMN), measured, angles))
-        errors = ", ".join(f"{word} {mae(measured, a):.2f}" for word, a in angles.items())
-        off.append(f"{case}: {errors}")
+        errors = ", ".join(f"{word} by {mae(measured, a):.2f} deg" for word, a in angles.items())
+        off.append(f"at {case} {errors}")
     time = clock(found[0].reference)
-    return responses_picture(time, found, f"Off by, deg, on the steps at {'; at '.join(off)}")
+    return responses_picture(time, found, f"On the steps {'; '.join(off)} off")
 
 
 def pressures_png(steps: Mapping[str, Recording]) -> bytes:
@@ -62,12 +62,12 @@ def pressures_png(steps: Mapping[str, Recording]) -> bytes:
             f"muscle {k}": (r.signal(name), model[name])
             for k, name in enumerate(PRESSURE_COLUMNS, 1)
         }
-    off = "; ".join(
-        f"{case}: " + " and ".join(f"{mae(*pair):.1f}" for pair in muscles.values())
+    off = ", ".join(
+        "by " + " and ".join(f"{mae(*pair):.1f}" for pair in muscles.values()) + f" kPa at {case}"
         for case, muscles in cases.items()
     )
     time = PERIOD_S * np.arange(len(next(iter(steps.values()))), dtype=np.float64)
-    return pressures_picture(time, cases, f"The analytic model misses the pressures by, kPa, {off}")
+    return pressures_picture(time, cases, f"The analytic model misses the two pressures {off}")
 
 
 def excitation_png(training: Recording, model: Array) -> bytes:
@@ -77,9 +77,9 @@ def excitation_png(training: Recording, model: Array) -> bytes:
     time = clock(reference)
     begin = min(0.25 * time[-1], max(time[-1] - CLOSER_S, 0.0))
     title = (
-        f"{time[-1]:.0f} s of steps within {np.abs(reference).max():.0f} deg leave the network an "
-        f"error of {rms(error, np.zeros_like(error)):.2f} deg RMS and at most "
-        f"{np.abs(error).max():.1f} deg to learn"
+        f"{time[-1]:.0f} s of steps within {np.abs(reference).max():.0f} deg leave an error of "
+        f"{rms(error, np.zeros_like(error)):.2f} deg RMS, at most {np.abs(error).max():.1f} deg, "
+        "for the network to learn"
     )
     return excitation_picture(
         time, _scaled(reference), _scaled(error), (begin, begin + CLOSER_S), title
@@ -103,12 +103,13 @@ def force_surface_png() -> bytes:
     flat = grid.reshape(-1, 2)
     points = ForceMap(Path(PAPER_LAW), flat[:, 0], flat[:, 1], np.zeros(len(flat)))
     shape = grid.shape[:2]
-    own, other = (pulls(LAWS[name], points).reshape(shape) for name in (PAPER_LAW, RIG_LAW))
+    own, other = (forces(LAWS[name], points).reshape(shape) for name in (PAPER_LAW, RIG_LAW))
+    pull, others = np.maximum(own, 0.0), np.maximum(other, 0.0)
     pulling = (own > 0.0) | (other > 0.0)
     title = (
         f"The polynomial of fifth order pulls with {own.max():.0f} N at rest and "
         f"{SURFACE_KPA[-1] / 100.0:.0f} bar; the {RIG_LAW} law differs from it by "
-        f"{rms(own[pulling], other[pulling]):.1f} N RMS where a muscle pulls"
+        f"{rms(pull[pulling], others[pulling]):.1f} N RMS where a muscle pulls"
     )
     return force_surface_picture(SURFACE_CONTRACTION, SURFACE_KPA, own, other, title)
 

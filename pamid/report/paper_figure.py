@@ -182,8 +182,8 @@ def excitation_picture(
         near = (time_s >= closer_s[0]) & (time_s < closer_s[1])
         for one, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
             for values, role, word in (
-                (reference, "noise_floor", "reference"),
-                (error, "ink", "error signal: measured - analytic model"),
+                (reference, "data_sheet", "reference"),
+                (error, "with_cause", "error signal: measured - analytic model"),
             ):
                 one.plot(
                     time_s[rows], values[rows], color=colour(role), linewidth=width, label=word
@@ -201,15 +201,17 @@ def force_surface_picture(
     contraction: Array, pressure_kpa: Array, force_n: Array, other_n: Array, title: str
 ) -> bytes:
     """Figure 2 of the paper: PNG of a force law over contraction and pressure, force_n
-    (contractions, pressures), N; beside it its curves over those of another law, other_n."""
+    (contractions, pressures), N, below zero where it is slack; beside it its curves over those of
+    another law, other_n."""
     colours = colormaps["viridis_r"].resampled(256)
 
     def draw(figure: Figure, narrow: bool) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-        levels = np.arange(0.0, force_n.max() + 1.0, 100.0)
+        levels = np.arange(0.0, force_n.max() + 100.0, 100.0)
         filled = left.contourf(
             100.0 * contraction, pressure_kpa, force_n.T, levels=levels, cmap=colours
         )
+        left.text(0.95, 0.06, "slack", transform=left.transAxes, ha="right", fontsize=8.5)
         left.set_xlabel("contraction [%]")
         left.set_ylabel("gauge pressure [kPa]")
         bar = figure.colorbar(filled, ax=left, pad=0.02)
@@ -217,19 +219,28 @@ def force_surface_picture(
         bar.outline.set_visible(False)  # type: ignore[operator]
         shown = np.linspace(0, len(pressure_kpa) - 1, 7).round().astype(int)[1:]
         for k in shown:
-            right.plot(100.0 * contraction, force_n[:, k], color=colour("refitted"), linewidth=1.2)
-            right.plot(100.0 * contraction, other_n[:, k], "--", color=colour("ink"), linewidth=0.8)
+            for law, role, style, width in (
+                (force_n, "refitted", "-", 1.2),
+                (other_n, "ink", "--", 0.8),
+            ):
+                pull = np.maximum(law[:, k], 0.0)
+                right.plot(100.0 * contraction, pull, style, color=colour(role), linewidth=width)
             right.annotate(
                 f"{pressure_kpa[k]:.0f} kPa",
                 (0.0, force_n[0, k]),
-                xytext=(3, 2),
+                xytext=(-4, 0),
                 textcoords="offset points",
+                ha="right",
+                va="center",
                 fontsize=7.5,
                 color=colour("muted"),
             )
         right.lines[0].set_label("polynomial of fifth order")
         right.lines[1].set_label("exponential law")
         right.legend(loc="upper right")
+        right.set_xlim(-8.0, 26.0)
+        right.set_ylim(top=1.2 * force_n.max())
+        right.set_xticks(range(0, 26, 5))
         right.set_xlabel("contraction [%]")
         right.set_ylabel("force [N]")
         grid(right, "y")

@@ -51,6 +51,34 @@ _ARM_MODELS = {
     "noise_floor": "noise",
 }
 _COUPLING = "coupling"
+#: the first paper's own figures: heading, picture, what it shows
+_JOINT_FIGURES = (
+    (
+        "Responses to the steps",
+        "responses",
+        "The angle over its reference in the control loop, at the inertia that the network was "
+        "trained at and at one that it has never seen (figures 5, 6 and 9 of the paper).",
+    ),
+    (
+        "Pressures on the steps",
+        "pressures",
+        "Gauge pressures of both muscles, of which the network learns nothing.",
+    ),
+    (
+        "The record that the network is trained on",
+        "excitation",
+        "An APRBS and what the analytic model leaves of the angle, each scaled into [-1, 1] "
+        "(figure 7 of the paper).",
+    ),
+    (
+        "The force law",
+        "force-surface",
+        "The polynomial of fifth order that the paper fits to the maker's chart (its figure 2), "
+        "beside the law that the rig has where none is named.",
+    ),
+)
+_TRAINING_STILL = "training"
+_JOINT_STILLS = ("steps", _TRAINING_STILL, *(name for _, name, _ in _JOINT_FIGURES))
 _TESTS = {"gravity": "Gravity tests", "pulses": "Valve pulses"}
 _JOINT_TRAINING = {
     "iterations": "iterations",
@@ -102,7 +130,7 @@ def read_paper(folder: Path) -> PaperStory | None:
     damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
     if joint is not None:
-        return _joint(joint, _stills(folder, ("steps",)))
+        return _joint(joint, _stills(folder, _JOINT_STILLS))
     arm = read_result(folder / ARM_FILE, ArmPaperFile)
     return None if arm is None else _arm(arm, _stills(folder, (*_TESTS, _COUPLING)))
 
@@ -142,7 +170,17 @@ def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> PaperStory:
             ("Mean absolute error of the angle in the model's own control loop, deg.",),
             "steps",
         ),
-        Topic("The network's training", tuple(training), (sentence(paper.training.why),)),
+        *(
+            Topic(title, (), (words,), name)
+            for title, name, words in _JOINT_FIGURES
+            if name in {still.name for still in stills}
+        ),
+        Topic(
+            "The network's training",
+            tuple(training),
+            (sentence(paper.training.why),),
+            _TRAINING_STILL,
+        ),
         Topic(
             "What the diagnosis names",
             _cause_rows(paper.diagnosis.causes),
