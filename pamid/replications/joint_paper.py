@@ -26,7 +26,6 @@ from pamid.base.run_folder import Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
     STARTUP_S,
-    TRACE_FILE,
     Correction,
     train_correction,
 )
@@ -39,6 +38,7 @@ from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects
+from pamid.networks.network_folders import TRACE_FILE
 from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, save_network, trace_csv
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.replications.joint_figures import (
