@@ -42,15 +42,21 @@ def responses_png(
     steps: Mapping[str, Recording], models: Mapping[str, Mapping[str, Array | None]]
 ) -> bytes:
     """models: by word and inertia, angle (samples,), deg; None: unstable, and not drawn."""
-    found, off = [], []
+    found = []
     for case, r in steps.items():
         angles = {word: angle for word, by in models.items() if (angle := by.get(case)) is not None}
         measured = r.signal(ANGLE_COLUMN)
         found.append(Response(case, r.signal(REFERENCE_COLUMN), measured, angles))
-        errors = ", ".join(f"{word} by {mae(measured, a):.2f} deg" for word, a in angles.items())
-        off.append(f"at {case} {errors}")
-    time = clock(found[0].reference)
-    return responses_picture(time, found, f"On the steps {'; '.join(off)} off")
+    off = "; ".join(
+        f"{word} off by "
+        + " and ".join(
+            f"{mae(one.measured, one.models[word]):.2f} deg at {one.case}"
+            for one in found
+            if word in one.models
+        )
+        for word in models
+    )
+    return responses_picture(clock(found[0].reference), found, f"On the steps: {off}")
 
 
 def pressures_png(steps: Mapping[str, Recording]) -> bytes:

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
+from pamid.report.evidence_figures import power_of_ten
 from pamid.report.style import (
     Drawing,
     Picture,
@@ -151,15 +153,17 @@ def training_picture(
                 )
             else:
                 one.set_yscale("log")
+                one.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+                one.minorticks_off()
             one.axhline(published[name], color=colour("with_cause"), linewidth=0.9, linestyle="--")
             one.annotate(
                 f"the paper's end: {published[name]:.3g}",
                 (1.0, published[name]),
                 xycoords=("axes fraction", "data"),
-                xytext=(-2, 3 if name != "gamma" else -3),
+                xytext=(-2, 3),
                 textcoords="offset points",
                 ha="right",
-                va="bottom" if name != "gamma" else "top",
+                va="bottom",
                 color=colour("with_cause"),
                 fontsize=8.0,
             )

@@ -68,8 +68,8 @@ def test_responses_say_how_far_each_model_is_off(
     assert wide > 1000 and tall > 700
     _, responses, title = heard[0]
     assert title == (
-        "On the steps at 6.4 Jn analytic model by 1.50 deg, with the network by 0.12 deg; "
-        "at Jn analytic model by 0.25 deg off"
+        "On the steps: analytic model off by 1.50 deg at 6.4 Jn and 0.25 deg at Jn; "
+        "with the network off by 0.12 deg at 6.4 Jn"
     )
     assert [list(one.models) for one in responses] == [list(models), ["analytic model"]]
 
