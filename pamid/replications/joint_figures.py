@@ -22,7 +22,7 @@ from pamid.replications.joint_twin import (
     clock,
 )
 from pamid.report.paper_figure import (
-    Response,
+    StepResponse,
     excitation_picture,
     force_surface_picture,
     pressures_picture,
@@ -46,7 +46,7 @@ def responses_png(
     for case, r in steps.items():
         angles = {word: angle for word, by in models.items() if (angle := by.get(case)) is not None}
         measured = r.signal(ANGLE_COLUMN)
-        found.append(Response(case, r.signal(REFERENCE_COLUMN), measured, angles))
+        found.append(StepResponse(case, r.signal(REFERENCE_COLUMN), measured, angles))
     off = "; ".join(
         f"{word} off by "
         + " and ".join(

@@ -14,7 +14,10 @@ from pamid.report.style import Drawing, Picture, colour, grid, legend_above, ren
 
 Array = NDArray[np.float64]
 
-ROUGH, THIN = 0.05, 0.5  # noise over range from which a measured line is drawn thin, and how thin
+ROUGH_LINE, THIN_LINE = (
+    0.05,
+    0.5,
+)  # noise over range from which a measured line is drawn thin, and how thin
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +42,9 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for one, panel in zip(axes.flat, panels, strict=True):
-            rough = np.std(np.diff(panel.measured)) > ROUGH * np.ptp(panel.measured)
+            rough = np.std(np.diff(panel.measured)) > ROUGH_LINE * np.ptp(panel.measured)
             for part, word, role, broad, style in lines:
-                width = THIN if rough and part == "measured" else broad
+                width = THIN_LINE if rough and part == "measured" else broad
                 one.plot(
                     time_s,
                     getattr(panel, part),

@@ -61,7 +61,7 @@ def steps_picture(
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class StepResponse:
     """The joint on the steps at one inertia: name of the case, and by word of the legend the angle
     (samples,), deg, of the reference, what was measured, and of models."""
 
@@ -71,7 +71,7 @@ class Response:
     models: Mapping[str, Array]
 
 
-def responses_picture(time_s: Array, responses: Sequence[Response], title: str) -> bytes:
+def responses_picture(time_s: Array, responses: Sequence[StepResponse], title: str) -> bytes:
     """Figures 5, 6 and 9 of the paper: PNG of the angle over the reference, a panel per inertia."""
     styles = (("data_sheet", "--", 1.2), ("with_network", "-", 1.0))
 
