@@ -73,7 +73,7 @@ FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
 RESPONSES_FIGURE, PRESSURES_FIGURE, EXCITATION_FIGURE, TRAINING_FIGURE, SURFACE_FIGURE = (
     f"figures/{name}.png"
-    for name in ("responses", "pressures", "excitation", "training", "force-surface")
+    for name in ("responses", "pressures", "excitation", "network-training", "force-surface")
 )
 
 ANALYTIC_MODEL, REFITTED, ELMAN, NAMED = (

@@ -172,7 +172,7 @@ def training_picture(
         for one in axes[-1]:
             one.set_xlabel("iteration")
 
-    return png_of(Drawing("training", title, draw, 4.8, 4.8))
+    return png_of(Drawing("network-training", title, draw, 4.8, 4.8))
 
 
 def excitation_picture(

@@ -77,7 +77,7 @@ _JOINT_FIGURES = (
         "beside the law that the rig has where none is named.",
     ),
 )
-_TRAINING_STILL = "training"
+_TRAINING_STILL = "network-training"
 _JOINT_STILLS = ("steps", _TRAINING_STILL, *(name for _, name, _ in _JOINT_FIGURES))
 _TESTS = {"gravity": "Gravity tests", "pulses": "Valve pulses"}
 _JOINT_TRAINING = {

@@ -58,7 +58,7 @@ WRITTEN = (
     "figures/responses.png",
     "figures/pressures.png",
     "figures/excitation.png",
-    "figures/training.png",
+    "figures/network-training.png",
     "figures/force-surface.png",
     "network.json",
     "network.npz",

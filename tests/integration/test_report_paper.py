@@ -363,7 +363,7 @@ def test_every_figure_of_a_paper_has_its_heading(tmp_path: Path) -> None:
                 "responses": "Responses to the steps",
                 "pressures": "Pressures on the steps",
                 "excitation": "The record that the network is trained on",
-                "training": "The network's training",
+                "network-training": "The network's training",
                 "force-surface": "The force law",
             },
         ),
