@@ -197,8 +197,8 @@ def _rows(found: _Models, recording: Recording, runs: _Counted) -> Iterator[Reco
     split = split_recordings(found.refitted.assembly.rig, [recording], [])
     replays = {}
     for name, model in found.every:
+        runs.next(name, recording)
         if model.network is None or not model.network.in_loop:
-            runs.next(name, recording)
             replays[id(model)] = _Replayed(model, found.channels, split, recording).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
