@@ -45,7 +45,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, where
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
-ALONE = 1.0  # the side of the one muscle there is
+ONE_SIDE = 1.0  # the side of the one muscle there is
 _OWN: dict[str, Any] = {"general": False}  # the effects of muscles and their air, as on the joints
 
 
@@ -152,7 +152,7 @@ class MuscleMass(Rig):
     def muscle(self, x: Any, p: Any) -> Muscle:
         """The muscle where the mass has taken it."""
         return Muscle(
-            "", ALONE, p.contraction_0 + x.position / p.length, x.velocity / p.length, x.pressure
+            "", ONE_SIDE, p.contraction_0 + x.position / p.length, x.velocity / p.length, x.pressure
         )
 
     def pull(self, x: Any, p: Any, port: Any) -> Expr:
