@@ -49,7 +49,8 @@ pamid check law/rig.py
     "--strict/--no-strict",
     default=True,
     show_default=True,
-    help="Refuse a law whose force somewhere falls with pressure or grows with contraction.",
+    help="Refuse a map by which the force falls with pressure or grows with contraction. (A law "
+    "that does so where its map does not is constrained.)",
 )
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(

@@ -65,6 +65,7 @@ def judged_law(found: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFi
             ok=found.monotone,
             wrong_way_along_pressure_n=found.wrong_way[0],
             wrong_way_along_contraction_n=found.wrong_way[1],
+            constrained=found.unconstrained is not None,
             words=found.guard,
         ),
         training=TrainingSummary(**found.trained.summary),

@@ -14,6 +14,11 @@ ANFIS learns what the nearest analytic law says, moved to the pulling points by 
 offset: a force below zero, which a rig takes for none. Trained to zero it waves about zero instead,
 and moves the wrong way: with 3 x 3 sets by 110 N on the map of a 20 mm muscle (Martens, Boblan
 2017), taught in this way by none.
+
+Where the ANFIS still falls with pressure or grows with contraction, its consequents are solved
+again under the condition that it does not (monotone_law.py). A map that says otherwise itself is
+not bent: where the constrained law would leave the trained one by more than `CONTRADICTED`, it is
+left as trained, and the guard says so.
 """
 
 from __future__ import annotations
@@ -31,6 +36,7 @@ from pamid.base.files import MAP, read_lines
 from pamid.base.metrics import rms
 from pamid.base.progress import Progress, silent
 from pamid.base.units import compatible, from_si, split_column, to_si
+from pamid.correction.monotone_law import constrained
 from pamid.correction.trained_force_law import MONOTONE_TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import TrainedNetwork, train_on_signals
@@ -46,6 +52,8 @@ COLUMNS = ("contraction", "pressure_kpa", "force_n")
 CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS
 SLACK = MONOTONE_TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
 MAP_ITERATIONS = 200
+# of the largest force: RMS by which a constrained law may leave the trained one where it pulls
+CONTRADICTED = MONOTONE_TOLERANCE
 # spacings of the contractions that are held out one at a time, of the map's range
 BANDS = 10
 _HEADER = f"The first line names the columns, separated by commas: {','.join(COLUMNS)}."
@@ -96,7 +104,7 @@ class ValidatedMap:
     but the outermost. printed, scale: each analytic law as it is (points,), N, and its factor
     fitted to all points, the law nearest to the points held out first. wrong_way: largest move (N)
     the wrong way along pressure and along contraction; guard: the same in words; monotone: within
-    what is allowed.
+    what is allowed. unconstrained: the ANFIS as trained, where it had to be constrained.
     """
 
     map: ForceMap
@@ -109,6 +117,7 @@ class ValidatedMap:
     wrong_way: tuple[float, float]
     monotone: bool
     guard: str
+    unconstrained: TrainedNetwork | None = None
 
     @property
     def best(self) -> str:
@@ -290,7 +299,7 @@ def judge(
             progress(f"training {ways[0]}/{ways[1]}: {rows.sum()} of {len(points)} held out")
             ways[0] += 1
             held.anfis[rows] = pulls(
-                ForceLaw(_train(points.part(~rows), rest, sets, seed)), points.part(rows)
+                ForceLaw(_train(points.part(~rows), rest, sets, seed)[0]), points.part(rows)
             )
             for law, values in rest.items():
                 factor = scale_of(values, points.force_n[~rows])
@@ -300,8 +309,9 @@ def judge(
     by_point = held_out(np.arange(len(points)) % every, range(every))
     place = (points.contraction - points.contraction.min()) / np.ptp(points.contraction)
     by_contraction = held_out(np.rint(BANDS * place).astype(np.intp), range(1, BANDS))
-    trained = _train(points, said, sets, seed)
+    trained, unconstrained = _train(points, said, sets, seed)
     wrong_way, complaint = _guarded(trained)
+    limits = "" if unconstrained is None else _constraint_words(points, trained, unconstrained)
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
     return ValidatedMap(
         points,
@@ -315,7 +325,18 @@ def judge(
         not complaint,
         complaint
         or "The force grows with pressure and falls with contraction, in the range of the map and "
-        f"a tenth beyond, to within {max(wrong_way):.2g} N.",
+        f"a tenth beyond, to within {max(wrong_way):.2g} N.{limits}",
+        unconstrained,
+    )
+
+
+def _constraint_words(points: ForceMap, law: TrainedNetwork, trained: TrainedNetwork) -> str:
+    """What constraining a law has mended, and what it costs."""
+    own, other = (rms(points.force_n, pulls(ForceLaw(one), points)) for one in (law, trained))
+    return (
+        " It is constrained to: as trained it moved the wrong way by "
+        f"{max(_guarded(trained)[0]):.3g} N. On all points it is off by {own:.3g} N RMS, as "
+        f"trained by {other:.3g} N."
     )
 
 
@@ -350,13 +371,16 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
             )
 
 
-def _train(points: ForceMap, said: dict[str, Array], sets: int, seed: int) -> TrainedNetwork:
-    """An ANFIS of these points; said: what each analytic law says of them, N."""
+def _train(
+    points: ForceMap, said: dict[str, Array], sets: int, seed: int
+) -> tuple[TrainedNetwork, TrainedNetwork | None]:
+    """An ANFIS of these points, constrained to the right way where it has to be; and then the one
+    that was trained. said: what each analytic law says of the points, N."""
     moved = [_moved(points, values) for values in said.values()]
     nearest_law = min(moved, key=lambda values: rms(points.force_n, np.maximum(values, 0.0)))
     taught = np.where(points.slack, np.minimum(points.force_n, nearest_law), points.force_n)
     signals = {CONTRACTION_COLUMN: points.contraction, PRESSURE_COLUMN: points.pressure_kpa}
-    return train_on_signals(
+    trained = train_on_signals(
         Anfis(2, sets),
         signals,
         taught,
@@ -365,6 +389,15 @@ def _train(points: ForceMap, said: dict[str, Array], sets: int, seed: int) -> Tr
         iterations=MAP_ITERATIONS,
         seed=seed,
     )[0]
+    if not _guarded(trained)[1]:
+        return trained, None
+    law = constrained(trained, np.column_stack(list(signals.values())), taught)
+    if law is None:
+        return trained, None
+    bent = rms(pulls(ForceLaw(law), points), pulls(ForceLaw(trained), points))
+    if bent > CONTRADICTED * float(points.force_n.max()):
+        return trained, None
+    return law, trained
 
 
 def _moved(points: ForceMap, said: Array) -> Array:

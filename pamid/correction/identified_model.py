@@ -387,6 +387,13 @@ def _model(
     return Identified(rig.name, assembly, p, period, step, controller=controller)
 
 
+def network_beside(model: Identified, folder: Path, channels: Sequence[str]) -> Identified:
+    """The refitted model of a run with another network of it, of the folder of its channel;
+    FileError as `load_identified`. channels: that the run was fitted to."""
+    with _sound(folder / NETWORK_FILE):
+        return _with_network(model, folder, channels)
+
+
 def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> Identified:
     """The refitted model with the network of the folder in its place."""
     about, trained = read_json(folder / NETWORK_FILE), load_network(folder)

@@ -9,7 +9,7 @@ paper.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from pamid.base.errors import ConvergenceError, UsageError, nearest
-from pamid.base.files import write_together
-from pamid.base.json_file import json_bytes
+from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
+from pamid.base.files import WEIGHTS, read_data, write_together
+from pamid.base.json_file import json_bytes, read_json
 from pamid.base.metrics import mae
 from pamid.base.run_folder import Run
 from pamid.correction.residual_data import (
@@ -32,11 +32,18 @@ from pamid.correction.residual_data import (
 )
 from pamid.networks.batch import engine_on
 from pamid.networks.network import Network
+from pamid.networks.network_folders import (
+    NETWORK_FILES,
+    TRACE_FILE,
+    network_files_beside,
+    networks_beside,
+)
 from pamid.networks.network_training import StepProgress, Training
 from pamid.networks.trained_network import (
     NETWORK_FILE,
     WEIGHTS_FILE,
     TrainedNetwork,
+    load_network,
     network_files,
     network_kinds,
     trace_csv,
@@ -46,7 +53,7 @@ from pamid.networks.training_problem import Damping
 
 Array = NDArray[np.float64]
 
-CHECKPOINT_FILE, TRACE_FILE = "checkpoint.npz", "trace.csv"
+CHECKPOINT_FILE = "checkpoint.npz"
 # left out of the second pair of errors: the network starts from a zero state
 STARTUP_S = 1.0
 
@@ -234,7 +241,9 @@ def write_network(
     corrected: dict[str, Array],
 ) -> dict[str, Any]:
     """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in
-    residual.csv; returns network.json."""
+    residual.csv; returns network.json. An earlier network of another channel is kept beside it."""
+    kept = keep_others(run, about, trained.output_name)
+    stale = set(networks_beside(run.folder)) - kept
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
@@ -247,17 +256,45 @@ def write_network(
             residual: with_columns(
                 residual,
                 {derived(channel, "network"): values for channel, values in corrected.items()},
+                {derived(channel, "network") for channel in kept},
             ),
         }
     )
+    run.remove(*(file for channel in stale for file in network_files_beside(channel)))
     return content
 
 
-def with_columns(path: Path, added: Mapping[str, Sequence[float] | Array]) -> bytes:
-    """residual.csv with a network's columns at its end, in place of any earlier network's; other
-    cells unchanged."""
+def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
+    """Copy the run's network beside the one that is to be written, for `channel`, and return the
+    channels whose networks stay: those at the output. One inside the equations moves every
+    channel, and stays alone; what cannot be read is not kept."""
+    try:
+        if not (run.folder / NETWORK_FILE).exists():
+            return set()
+        earlier = read_json(run.folder / NETWORK_FILE)
+        at_output = isinstance(earlier, dict) and earlier.get("enters") == "output"
+        if not at_output or about["enters"] != "output":
+            return set()
+        before = load_network(run.folder).output_name
+        kept = {*networks_beside(run.folder), before} - {channel}
+        if before in kept:
+            data = [read_data(run.folder / name, WEIGHTS) for name in NETWORK_FILES]
+            files = run.claim(*network_files_beside(before))
+            write_together(dict(zip(files, data, strict=True)))
+    except FileError:
+        return set()
+    return kept
+
+
+def with_columns(
+    path: Path,
+    added: Mapping[str, Sequence[float] | Array],
+    kept: Collection[str] = (),
+) -> bytes:
+    """residual.csv with a network's columns at its end, in place of those of any earlier network
+    but the ones that are kept; other cells unchanged."""
     names, body = split_table(path)
-    earlier = {derived(c, "network") for c in names}
+    earlier = {derived(c, "network") for c in names} - (set(kept) - set(added))
     keep = [i for i, column in enumerate(names) if column not in earlier]
     complete = len(keep) == len(names)
     lines = [",".join([*(names[i] for i in keep), *added])]

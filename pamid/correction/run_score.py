@@ -25,12 +25,14 @@ from pamid.correction.identified_model import (
     PERIODS_AGREE,
     Identified,
     load_identified,
+    network_beside,
     record_identified,
 )
 from pamid.correction.port_network import ADDED
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
+from pamid.networks.network_folders import networks_beside
 from pamid.networks.trained_network import NETWORK_FILE
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
@@ -57,11 +59,24 @@ class RunScore:
 
 @dataclass(frozen=True, eq=False)
 class _Models:
-    """The models of a run, those that it has, by name; channels: that it was fitted to."""
+    """The models of a run, those that it has, by name; channels: that it was fitted to; beside:
+    the refitted model with the network of a channel, where the run has several."""
 
     refitted: Identified
     named: dict[str, Identified]
     channels: tuple[str, ...]
+    beside: dict[str, Identified]
+
+    def of(self, channel: str) -> dict[str, Identified]:
+        """By name, with the channel's own network where it has one."""
+        own = {"with_network": self.beside[channel]} if channel in self.beside else {}
+        return {**self.named, **own}
+
+    @property
+    def every(self) -> list[tuple[str, Identified]]:
+        """Each model once, with its name; of the networks beside, their channel's."""
+        beside = [(f"with network of {channel}", m) for channel, m in self.beside.items()]
+        return [*self.named.items(), *beside]
 
 
 def score_run(
@@ -86,7 +101,7 @@ def score_run(
         require_apart(outputs, used, [recording])
         _require_alike(recording, found.refitted)
         measured_outputs(found.refitted.assembly, recording)
-    runs = _Counted(2 * len(recordings) * len(found.named))
+    runs = _Counted(2 * len(recordings) * len(found.every))
     rows = [row for one in recordings for row in _rows(found, one, runs)]
     return RunScore(found.refitted.name, tuple(found.named), tuple(rows), _notes(found))
 
@@ -99,11 +114,18 @@ def _models_of(
         "data_sheet": replace(refitted, values=refitted.assembly.data_sheet()),
         "refitted": refitted,
     }
+    beside: dict[str, Identified] = {}
     if (folder / NETWORK_FILE).exists():
         named["with_network"] = load_identified(folder, which="network", rig=rig, effects=effects)
+        own = named["with_network"].network
+        beside = {
+            channel: network_beside(refitted, place, fit.channels)
+            for channel, place in networks_beside(folder).items()
+            if own is not None and channel != own.channel
+        }
     if fit.cause is not None:
         named["with_cause"] = load_identified(folder, which="cause", rig=rig, effects=effects)
-    return _Models(refitted, named, tuple(fit.channels))
+    return _Models(refitted, named, tuple(fit.channels), beside)
 
 
 def _notes(found: _Models) -> tuple[str, ...]:
@@ -174,26 +196,30 @@ def _rows(found: _Models, recording: Recording, runs: _Counted) -> Iterator[Reco
     seen = [c for c in found.channels if recording.has(c)]
     split = split_recordings(found.refitted.assembly.rig, [recording], [])
     replays = {}
-    for name, model in found.named.items():
+    for name, model in found.every:
         runs.next(name, recording)
         if model.network is None or not model.network.in_loop:
-            replays[name] = _Replayed(model, found.channels, split, recording).outputs()
+            replays[id(model)] = _Replayed(model, found.channels, split, recording).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
         k = found.channels.index(channel)
         models = {
-            name: _own(outputs[scored, k], channel) if done.finite else None
-            for name, (done, outputs) in replays.items()
+            name: _own(replays[id(model)][1][scored, k], channel)
+            if replays[id(model)][0].finite
+            else None
+            for name, model in found.of(channel).items()
+            if id(model) in replays
         }
         measured = recording.signal(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
     if _has_loop(found.refitted.assembly.rig, recording):
         loops = {}
-        for name, model in found.named.items():
+        for name, model in found.every:
             runs.next(name, recording)
-            loops[name] = _loop_of(model, recording)
+            loops[id(model)] = _loop_of(model, recording)
         for channel in seen:
-            models = {n: None if run is None else run[channel] for n, run in loops.items()}
+            own = {name: loops[id(model)] for name, model in found.of(channel).items()}
+            models = {n: None if run is None else run[channel] for n, run in own.items()}
             yield recording_error(
                 recording.name,
                 recording.known,

@@ -15,7 +15,7 @@ off.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
@@ -150,11 +150,39 @@ def _said(trained: TrainedNetwork, axis: int, places: tuple[Place, Place], force
 
 def _on_grid(trained: TrainedNetwork) -> Array:
     """The scaled force on the grid (POINTS, POINTS), axes in the order of the inputs."""
+    found = _extended(lambda u: trained.network.simulate(trained.weights, u))
+    return found.reshape(CHECKED_POINTS, CHECKED_POINTS)
+
+
+def _extended(of: Callable[[Array], Array]) -> Array:
+    """What follows linearly from the scaled inputs, on the grid (POINTS^2, ...): beyond the trained
+    range along its tangent plane at the edge."""
     table = np.stack(np.meshgrid(_steps(), _steps(), indexing="ij"), axis=-1).reshape(-1, 2)
     held = np.clip(table, -1.0, 1.0)
     nudge = NUDGE * (table - held)
-    edge, before = (trained.network.simulate(trained.weights, held - by) for by in (0.0, nudge))
-    return (edge + (edge - before) / NUDGE).reshape(CHECKED_POINTS, CHECKED_POINTS)
+    edge, before = (of(held - by) for by in (0.0, nudge))
+    return edge + (edge - before) / NUDGE
+
+
+@dataclass(frozen=True, eq=False)
+class GridOfLaw:
+    """The grid on which a law that is linear in some of its weights is checked: features
+    (POINTS^2, weights), of which the scaled force is the product with these weights; slack: the
+    scaled force at which the muscle pulls no more; pressure_axis: of the grid, 0 or 1."""
+
+    features: Array
+    slack: float
+    pressure_axis: int
+
+
+def grid_of_law(trained: TrainedNetwork) -> GridOfLaw:
+    """The grid of a network's force law; DataError as `check_force_law`."""
+    low, high = _force_si(trained)
+    return GridOfLaw(
+        _extended(lambda u: trained.network.features(trained.weights, u)),
+        -1.0 - 2.0 * low / (high - low),
+        _order(trained).index("Pa"),
+    )
 
 
 def _steps() -> Array:

@@ -20,8 +20,8 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.model.effect import Effect, Hints
-from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, smooth_step
+from pamid.model.force_limit import LIMIT, OPENING, OPENING_SPAN, blown_off
+from pamid.symbolic.vocabulary import Expr, Number
 
 TRIED = (0.8, 0.9, 0.98)  # of the largest force
 
@@ -32,35 +32,7 @@ class ForceCompensator(Effect):
     family = "force-limit"
     kinds = ("rate",)
     signals = ("force", "outflow")
-    parameters = (
-        Parameter(
-            "opening",
-            2.0,
-            low=0.0,
-            high=5.0,
-            spread=2.0,
-            null=0.0,
-            source="estimate: 1-5 times the conductance of the vent valve",
-        ),
-        Parameter(
-            "limit",
-            1200.0,
-            low=300.0,
-            high=1500.0,
-            spread=300.0,
-            unit="N",
-            source="maker: 1200 N at 20 mm bore, 400 N at 10 mm",
-        ),
-        Parameter(
-            "blend",
-            80.0,
-            low=40.0,
-            high=200.0,
-            unit="N",
-            fitted=False,
-            source="estimate: 50-100 N from shut to open",
-        ),
-    )
+    parameters = (OPENING, LIMIT, OPENING_SPAN)
     look_alikes = ("end-stop", "leak")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
@@ -71,4 +43,4 @@ class ForceCompensator(Effect):
         ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return value - p.opening * smooth_step((at.force - p.limit) / p.blend) * at.outflow
+        return blown_off(value, at.force, at.outflow, p.opening, p.limit, p.blend)

@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from pamid.base.files import write_atomically
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.force_map import COLUMNS, ForceMap, pulls
+from pamid.effects.coulomb_friction import CoulombFriction
 from pamid.excitation.experiments import nothing_sent
 from pamid.model.registry import catalogue_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
+from pamid.rigs.two_link import JOINTS
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.free_runs import output_table
 from pamid.simulation.virtual_rig import simulate_virtual_rig
@@ -36,6 +38,9 @@ ARM_RIG = "two-link"
 #: what the paper compares: angles, contractions, pressures
 VARIABLES = tuple(name for name in catalogue_rig(ARM_RIG).outputs if not name.startswith("force_"))
 GRAVITY_TEST, PULSES = "gravity", "pulses"
+#: what the twin's joints have and the rig has not
+DRY_FRICTION = tuple(f"{CoulombFriction.name}@joint_{j}" for j in JOINTS)
+DRY_LEVELS = tuple(f"{label}:torque_n_m" for label in DRY_FRICTION)
 WITH_PAYLOAD, PAYLOAD_KG = "gravity-payload", 0.5
 TRAINED_LEVEL, HELD_OUT_LEVEL = 1.0, 0.6
 MAP_CONTRACTION, MAP_PRESSURE_KPA, MAP_NOISE_N = (
@@ -48,7 +53,7 @@ MAP_CONTRACTION, MAP_PRESSURE_KPA, MAP_NOISE_N = (
 @dataclass(frozen=True)
 class ArmTwin:
     """What is hidden: the force law of the muscles, and by which factor each parameter differs from
-    the data sheet.
+    the data sheet; and dry friction of the joints, which the data sheet has none of.
 
     Inertial data are off by 15 to 25 %, as weighing and CAD without muscles, chains and screws
     leave them; the rest by about as much as its prior says. scale is that of the twin's own law.
@@ -70,6 +75,12 @@ class ArmTwin:
     critical_ratio: float = 0.88
     contraction_0: float = 1.04
     dead_volume_cm3: float = 1.6
+    dry_friction_n_m: tuple[float, float] = (0.12, 0.04)
+
+    @property
+    def friction(self) -> dict[str, float]:
+        """Level of the dry friction by name of the parameter that stands for it, N m."""
+        return dict(zip(DRY_LEVELS, self.dry_friction_n_m, strict=True))
 
     def hidden(self) -> dict[str, float]:
         """Parameters that differ from the data sheet, by outside name."""
@@ -82,10 +93,11 @@ class ArmTwin:
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording; no load cells."""
+        specs = tuple(f"{name}={value}" for name, value in self.friction.items())
         made = simulate_virtual_rig(
             f"{ARM_RIG}:{self.law}",
             session.excitation,
-            (),
+            specs,
             session.known,
             self.hidden(),
             noise,
@@ -224,11 +236,11 @@ class ArmRecords:
 
     def of(self, kind: str, *, held_out: bool) -> list[Recording]:
         """The recordings of gravity tests or of pulses that are fitted, or held out."""
-        return [
-            t.recording
-            for t in self.taken
-            if (t.session.kind, t.session.held_out) == (kind, held_out)
-        ]
+        return [t.recording for t in self.taken_of(kind, held_out=held_out)]
+
+    def taken_of(self, kind: str, *, held_out: bool) -> list[Taken]:
+        """The same with what noise alone makes of them."""
+        return [t for t in self.taken if (t.session.kind, t.session.held_out) == (kind, held_out)]
 
     def evidence(self, rig: Rig, kind: str, without: str = "") -> DataSplit:
         """The recordings of a kind as a fit wants them; one of them may be left out by name."""

@@ -26,7 +26,6 @@ from pamid.base.run_folder import Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
     STARTUP_S,
-    TRACE_FILE,
     Correction,
     train_correction,
 )
@@ -39,8 +38,16 @@ from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects
+from pamid.networks.network_folders import TRACE_FILE
 from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, save_network, trace_csv
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.replications.joint_figures import (
+    excitation_png,
+    force_surface_png,
+    pressures_png,
+    responses_png,
+    training_png,
+)
 from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
     ANGLE_COLUMN,
@@ -64,6 +71,10 @@ Array = NDArray[np.float64]
 
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
+RESPONSES_FIGURE, PRESSURES_FIGURE, EXCITATION_FIGURE, TRAINING_FIGURE, SURFACE_FIGURE = (
+    f"figures/{name}.png"
+    for name in ("responses", "pressures", "excitation", "network-training", "force-surface")
+)
 
 ANALYTIC_MODEL, REFITTED, ELMAN, NAMED = (
     "analytic model",
@@ -363,11 +374,28 @@ def reproduce(
     )
     write_json(run.path(TABLE_FILE), found.as_json())
     write_atomically(run.path(FIGURE_FILE), picture_of(records, [analytic, elman, *named[:1]]))
+    for file, png in own_figures(records, analytic, elman, network).items():
+        write_atomically(run.path(file), png)
     timed = tuple(
         cells.model_copy(update={"seconds": row.seconds})
         for cells, row in zip(table, rows, strict=True)
     )
     return found.model_copy(update={"rows": timed}).as_json()
+
+
+def own_figures(
+    records: JointRecords, analytic: ModelRow, elman: ModelRow, network: Correction
+) -> dict[str, bytes]:
+    """The paper's figures, PNG by file."""
+    loop = records.analytic["training"][derived(ANGLE_COLUMN, "loop")]
+    models = {"analytic model": analytic.angles, "with the network": elman.angles}
+    return {
+        RESPONSES_FIGURE: responses_png(records.steps, models),
+        PRESSURES_FIGURE: pressures_png(records.steps),
+        EXCITATION_FIGURE: excitation_png(records.training, loop),
+        TRAINING_FIGURE: training_png(network.training.trace, PUBLISHED_TRAINING),
+        SURFACE_FIGURE: force_surface_png(),
+    }
 
 
 def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:

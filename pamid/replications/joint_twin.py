@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 TWIN_RIG, PERIOD_S = "one-dof", 0.003
 REFERENCE_COLUMN, COMMAND, ANGLE_COLUMN = "reference_deg", "command", "angle_deg"
+PRESSURE_COLUMNS = ("pressure_1_kpa", "pressure_2_kpa")
 AMPLITUDE_DEG, HOLD_S = 40.0, (0.4, 1.6)
 STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (
     (20.0, -20.0, 30.0, -30.0, 40.0, -40.0),
@@ -125,13 +126,16 @@ def clock(reference: Array) -> Array:
     return PERIOD_S * np.arange(len(reference), dtype=np.float64)
 
 
+def analytic_run(recording: Recording) -> dict[str, Array]:
+    """Every column of the data-sheet model in its own loop on the reference of a recording."""
+    sent = excitation(recording.signal(REFERENCE_COLUMN))
+    return simulate_virtual_rig(TWIN_RIG, sent, (), recording.known, {}, 0.0, 0).columns
+
+
 def analytic_loop(recording: Recording) -> dict[str, Array]:
     """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
     own loop."""
-    reference = recording.signal(REFERENCE_COLUMN)
-    made = simulate_virtual_rig(
-        TWIN_RIG, excitation(reference), (), recording.known, {}, 0.0, 0
-    ).columns
+    reference, made = recording.signal(REFERENCE_COLUMN), analytic_run(recording)
     velocity = np.gradient(made[ANGLE_COLUMN], PERIOD_S)
     unit = split_column(ANGLE_COLUMN)[1]
     return {

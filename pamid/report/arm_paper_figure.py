@@ -10,9 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pamid.report.style import Drawing, Picture, colour, grid, render
+from pamid.report.style import Drawing, Picture, colour, grid, legend_above, render
 
 Array = NDArray[np.float64]
+
+ROUGH_LINE, THIN_LINE = (
+    0.05,
+    0.5,
+)  # noise over range from which a measured line is drawn thin, and how thin
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,9 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for one, panel in zip(axes.flat, panels, strict=True):
-            for part, word, role, width, style in lines:
+            rough = np.std(np.diff(panel.measured)) > ROUGH_LINE * np.ptp(panel.measured)
+            for part, word, role, broad, style in lines:
+                width = THIN_LINE if rough and part == "measured" else broad
                 one.plot(
                     time_s,
                     getattr(panel, part),
@@ -57,3 +64,42 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
         )
 
     return render(Drawing(name, title, draw, 8.4, 8.4))
+
+
+@dataclass(frozen=True, eq=False)
+class Swung:
+    """An angle (samples,), deg, at a joint whose valves stay shut, over time_s (samples,)."""
+
+    label: str
+    time_s: Array
+    measured: Array
+    fitted: Array
+    without_coupling: Array
+
+
+def coupling_picture(title: str, swings: Sequence[Swung]) -> Picture:
+    """One panel per joint that is swung by pulses on the other one."""
+    lines = (
+        ("measured", "measured", "noise_floor", 2.6, "-"),
+        ("without_coupling", "fitted, coupling terms left out", "ink", 0.9, "--"),
+        ("fitted", "fitted", "with_cause", 1.1, "-"),
+    )
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots(len(swings), 1, squeeze=False)[:, 0]
+        for one, swing in zip(axes, swings, strict=True):
+            for part, word, role, width, style in lines:
+                one.plot(
+                    swing.time_s,
+                    getattr(swing, part),
+                    style,
+                    color=colour(role),
+                    linewidth=width,
+                    label=word,
+                )
+            grid(one, "y")
+            one.set_ylabel(swing.label)
+        legend_above(axes[0], 1 if narrow else 3)
+        axes[-1].set_xlabel("time [s]")
+
+    return render(Drawing("coupling", title, draw, 4.4, 4.6))

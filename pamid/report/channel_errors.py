@@ -71,11 +71,7 @@ def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
 def _row(name: str, run: RunData) -> ChannelErrors:
     fitted = run.fit.mae.get(name, {}) if run.fit is not None else {}
     reached = run.diagnosis.how_far.get(name) if run.diagnosis is not None else None
-    network = (
-        run.network.errors.get(name, {})
-        if run.network is not None and not run.network.in_loop
-        else {}
-    )
+    network = run.network_errors(in_loop=False).get(name, {})
     # else there is no "with cause"
     named = reached if run.diagnosis is not None and run.diagnosis.causes else None
 
@@ -102,7 +98,7 @@ def disagreements(
     """Where another file scored the refitted model on other windows: (channel, file, its MAE, the
     MAE shown)."""
     found = []
-    replayed = run.network.errors if run.network and not run.network.in_loop else {}
+    replayed = run.network_errors(in_loop=False)
     others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": replayed}
     for row in rows:
         for file, mae in others.items():

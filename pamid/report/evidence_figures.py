@@ -84,7 +84,7 @@ def training_drawing(trace: dict[str, FloatArray], network: NetworkFile | None) 
             axes.plot(trace["iteration"], trace[name], color=colour("with_network"), linewidth=1.5)
             if logarithmic and (trace[name] > 0).all():
                 axes.set_yscale("log")
-                axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+                axes.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
             axes.set_ylabel(axis_text)
             axes.margins(x=0.01)
             axes.minorticks_off()
@@ -97,7 +97,8 @@ def training_drawing(trace: dict[str, FloatArray], network: NetworkFile | None) 
     return Drawing("training", training_title(trace, network), draw, height, height)
 
 
-def _power_of_ten(value: float, _: int | None = None) -> str:
+def power_of_ten(value: float, _: int | None = None) -> str:
+    """The label of a tick on a logarithmic axis: 100 -> 10²."""
     return f"10{formatting.superscript(round(math.log10(value)))}"
 
 

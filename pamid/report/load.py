@@ -3,6 +3,7 @@ residual, trace, and the points of a missing term."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from pamid.base.errors import FileError
 from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.run_folder import Run
 from pamid.base.units import split_column
+from pamid.networks.network_folders import networks_beside
 from pamid.report.reading import FloatArray, read_columns
 from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
 from pamid.schemas.fit_file import FitFile
@@ -34,7 +36,8 @@ class Residual:
 
 @dataclass(frozen=True)
 class RunData:
-    """All that was found; None for what is not there."""
+    """All that was found; None for what is not there. network: the one trained last; beside: those
+    of other channels."""
 
     steps: tuple[Step, ...]
     fit: FitFile | None
@@ -43,6 +46,16 @@ class RunData:
     residual: Residual | None
     trace: dict[str, FloatArray] | None
     missing: dict[str, FloatArray] | None
+    beside: tuple[NetworkFile, ...] = ()
+
+    def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
+        """What the networks of the run are worth, by channel: those that correct the replayed
+        model, or those that correct the model in its own loop."""
+        found: dict[str, dict[str, float]] = {}
+        for one in (*self.beside, self.network):
+            if one is not None and one.in_loop == in_loop:
+                found |= one.errors
+        return found
 
     @property
     def rig(self) -> str:
@@ -86,6 +99,7 @@ def load_run(folder: Path) -> RunData:
             code="no-result",
         )
     network = read_result(folder / "network.json", NetworkFile, any_schema=True)
+    beside = () if network is None else _beside(folder)
     residual = read_columns(folder / "residual.csv")
     if residual is not None:
         _require(folder / "residual.csv", residual, KEYS)
@@ -99,20 +113,42 @@ def load_run(folder: Path) -> RunData:
             {split_column(name)[0]: x for name, x in missing.items()},
             ("missing",),
         )
-    # its trace belongs to another comparison
-    if residual is not None and network is not None and network.in_loop:
-        residual = {
-            name.replace("_network", "_loop_network"): values for name, values in residual.items()
-        }
+    networks = () if network is None else (network, *beside)
     return RunData(
         steps=read_steps(folder / "run.json"),
         fit=fit,
         diagnosis=diagnosis,
         network=network,
-        residual=None if residual is None else Residual(residual),
+        beside=beside,
+        residual=None if residual is None else Residual(_in_loops(residual, networks)),
         trace=trace,
         missing=missing,
     )
+
+
+def _in_loops(
+    columns: dict[str, FloatArray], networks: Sequence[NetworkFile]
+) -> dict[str, FloatArray]:
+    """The columns of residual.csv, those of networks that correct the model in its own loop as
+    "loop_network": they belong to another comparison."""
+    for one in networks:
+        if not one.in_loop:
+            continue
+        stem = "" if one.output is None else split_column(one.output.name)[0]
+        columns = {
+            name.replace("_network", "_loop_network")
+            if name.startswith(f"{stem}_network" if stem else "")
+            else name: values
+            for name, values in columns.items()
+        }
+    return columns
+
+
+def _beside(folder: Path) -> tuple[NetworkFile, ...]:
+    """The networks of other channels than that of network.json."""
+    paths = [place / "network.json" for place in networks_beside(folder).values()]
+    read = [read_result(path, NetworkFile, any_schema=True) for path in paths]
+    return tuple(one for one in read if one is not None)
 
 
 def read_diagnosis(path: Path) -> DiagnosisFile | None:

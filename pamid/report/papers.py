@@ -29,6 +29,7 @@ from pamid.report.formatting import (
 )
 from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.paper_files import (
+    ArmCoupling,
     ArmErrors,
     ArmEstimate,
     ArmPaperFile,
@@ -42,12 +43,42 @@ _MOST_PIXELS = 40_000_000
 #: keys of the arm's errors -> heading
 _ARM_MODELS = {
     "data_sheet": "data sheet",
+    "without_dry_friction": "without dry friction",
     "analytic_alone": "analytic law alone",
     "anfis_alone": "ANFIS law alone",
     "fitted_analytic": "analytic, with corrections",
     "fitted_anfis": "ANFIS, with corrections",
     "noise_floor": "noise",
 }
+_COUPLING = "coupling"
+#: the first paper's own figures: heading, picture, what it shows
+_JOINT_FIGURES = (
+    (
+        "Responses to the steps",
+        "responses",
+        "The angle over its reference in the control loop, at the inertia that the network was "
+        "trained at and at one that it has never seen (figures 5, 6 and 9 of the paper).",
+    ),
+    (
+        "Pressures on the steps",
+        "pressures",
+        "Gauge pressures of both muscles, of which the network learns nothing.",
+    ),
+    (
+        "The record that the network is trained on",
+        "excitation",
+        "An APRBS and what the analytic model leaves of the angle, each scaled into [-1, 1] "
+        "(figure 7 of the paper).",
+    ),
+    (
+        "The force law",
+        "force-surface",
+        "The polynomial of fifth order that the paper fits to the maker's chart (its figure 2), "
+        "beside the law that the rig has where none is named.",
+    ),
+)
+_TRAINING_STILL = "network-training"
+_JOINT_STILLS = ("steps", _TRAINING_STILL, *(name for _, name, _ in _JOINT_FIGURES))
 _TESTS = {"gravity": "Gravity tests", "pulses": "Valve pulses"}
 _JOINT_TRAINING = {
     "iterations": "iterations",
@@ -99,9 +130,9 @@ def read_paper(folder: Path) -> PaperStory | None:
     damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
     if joint is not None:
-        return _joint(joint, _stills(folder, ("steps",)))
+        return _joint(joint, _stills(folder, _JOINT_STILLS))
     arm = read_result(folder / ARM_FILE, ArmPaperFile)
-    return None if arm is None else _arm(arm, _stills(folder, tuple(_TESTS)))
+    return None if arm is None else _arm(arm, _stills(folder, (*_TESTS, _COUPLING)))
 
 
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
@@ -139,7 +170,17 @@ def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> PaperStory:
             ("Mean absolute error of the angle in the model's own control loop, deg.",),
             "steps",
         ),
-        Topic("The network's training", tuple(training), (sentence(paper.training.why),)),
+        *(
+            Topic(title, (), (words,), name)
+            for title, name, words in _JOINT_FIGURES
+            if name in {still.name for still in stills}
+        ),
+        Topic(
+            "The network's training",
+            tuple(training),
+            (sentence(paper.training.why),),
+            _TRAINING_STILL,
+        ),
         Topic(
             "What the diagnosis names",
             _cause_rows(paper.diagnosis.causes),
@@ -245,6 +286,7 @@ def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> PaperStory:
     sections = (
         *errors,
         *angles,
+        _coupling_topic(paper.coupling),
         Topic("The force law", (), (sentence(paper.force_law.finding),)),
         Topic("Inertial data", _known_rows(paper.combinations, stages), (_STAR,), left=(1,)),
         Topic("Parameters", _known_rows(paper.parameters, fitted), (_STAR,), left=(1,)),
@@ -256,6 +298,35 @@ def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> PaperStory:
     ]
     return PaperStory(
         "The second paper: an arm of two links", lead, (*_warnings(paper), *stuck), sections, stills
+    )
+
+
+def _coupling_topic(each: Sequence[ArmCoupling]) -> Topic:
+    columns = {
+        "data_sheet": "data sheet",
+        "without_coupling": "fitted, without coupling terms",
+        "fitted": "fitted",
+        "noise_floor": "noise",
+    }
+    body = [
+        (
+            f"{channel_label(one.moved)}, joint {one.pulsed} pulsed",
+            number(one.swing_deg),
+            *(number(one.mae.get(key)) for key in columns),
+        )
+        for one in each
+    ]
+    head = ("angle, deg", "moves by", *columns.values())
+    words = (
+        "Mean absolute error of the angle of a joint while only the valves of the other one are "
+        "pulsed, on a recording that no fit has seen. Left out are M12 and the terms of the "
+        "velocities; gravity stays."
+    )
+    return Topic(
+        "Coupling between the joints",
+        (head, *body) if body else (),
+        (words,) if body else (),
+        _COUPLING,
     )
 
 

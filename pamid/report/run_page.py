@@ -397,13 +397,15 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
         ),
         formatting.sentence(formatting.clean(one.summary.remark)),
     ]
-    if one.in_loop:
-        texts += [
-            "It corrects the model in its own loop: there the held-out error of "
-            f"{formatting.clean(name)} goes from {mae['refitted']:.3g} to "
-            f"{mae['with_network']:.3g}; the replay above is another comparison."
-            for name, mae in one.errors.items()
-            if {"refitted", "with_network"} <= set(mae)
-        ]
+    texts += [
+        "It corrects the model in its own loop: there the held-out error of "
+        f"{formatting.clean(name)} goes from {mae['refitted']:.3g} to "
+        f"{mae['with_network']:.3g}; the replay above is another comparison."
+        for name, mae in run.network_errors(in_loop=True).items()
+        if {"refitted", "with_network"} <= set(mae)
+    ]
+    if run.beside:
+        others = ", ".join(formatting.clean(name) for other in run.beside for name in other.errors)
+        texts.append(f"Other networks of this run correct {others}; the one above came last.")
     yield Paragraphs(tuple(texts))
     yield from figures(pictures, ["window-network", "training"])

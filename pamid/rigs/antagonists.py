@@ -5,6 +5,8 @@ Equations
     muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute
     pressure     dP/dt = n (P_atm Q - P dV/dt)/V(chi)
     flow         ISO 6358 through opened valves
+    compensator  where the muscles have one: dP/dt -= opening smooth_step((F - limit)/blend) vent,
+                 the maker's valve against too large a force (the effect `force-compensator`)
     valves       one muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0, then
                  vents 2; u < 0 mirrored
 
@@ -14,10 +16,11 @@ pressure, relief, muscle, chain.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pamid.model.background import SmoothGain, SplitGain
+from pamid.model.force_limit import LIMIT, OPENING, OPENING_SPAN, blown_off
 from pamid.model.parameter import Parameter
 from pamid.rigs.muscle import Law, law_with
 from pamid.rigs.pneumatics import (
@@ -29,7 +32,14 @@ from pamid.rigs.pneumatics import (
     muscle_volume,
     muscle_volume_slope,
 )
-from pamid.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, where
+from pamid.symbolic.vocabulary import (
+    Expr,
+    Number,
+    absolute,
+    clip,
+    maximum,
+    where,
+)
 
 FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle reaches p0
 
@@ -108,6 +118,11 @@ ATTACHING = (
     *VOLUME,
 )
 
+#: of muscles with the maker's force compensator: held, as the effect's data sheet has them
+COMPENSATOR = tuple(
+    replace(q, name=f"compensator_{q.name}", null=None, fitted=False)
+    for q in (OPENING, LIMIT, OPENING_SPAN)
+)
 
 WARMING_S = 60.0  # until a muscle has drifted by half of what it will: estimate
 
@@ -213,8 +228,18 @@ def valves_of(
     return found[0], found[1]
 
 
-def pressure_rate(m: Muscle, valves: Valves, drawn: Expr, force: Expr, p: Any, port: Any) -> Expr:
-    """dP/dt of a muscle, Pa/s. drawn: flow taken from the supply by all valves that share it."""
+def pressure_rate(
+    m: Muscle,
+    valves: Valves,
+    drawn: Expr,
+    force: Expr,
+    p: Any,
+    port: Any,
+    *,
+    compensator: bool = False,
+) -> Expr:
+    """dP/dt of a muscle, Pa/s. drawn: flow taken from the supply by all valves that share it;
+    compensator: the muscle has one, and p holds COMPENSATOR."""
     supply, (inwards, outwards) = p.supply_pressure + ATMOSPHERE_PA, conductances(p)
 
     def fill(at_supply: Expr) -> Expr:
@@ -246,4 +271,8 @@ def pressure_rate(m: Muscle, valves: Valves, drawn: Expr, force: Expr, p: Any, p
         / volume
     )
     change = port("pressure", change, place=m.place, stored=m.pressure, outflow=vent)
+    if compensator:
+        change = blown_off(
+            change, force, vent, p.compensator_opening, p.compensator_limit, p.compensator_blend
+        )
     return port("relief", change, place=m.place, force=force, outflow=vent)

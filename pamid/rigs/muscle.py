@@ -54,7 +54,7 @@ def _formed(form: Callable[..., Expr], p: Any, contraction: Expr, pressure: Expr
 
 class StaticForce:
     """The attribute `static_force` of a rig, its muscles' law: what is set there brings its
-    coefficients along into the rig's parameters."""
+    coefficients along into the rig's parameters, behind the `option_parameters` that it has."""
 
     def __set_name__(self, kind: type, name: str) -> None:
         self.name = name
@@ -65,7 +65,8 @@ class StaticForce:
     def __set__(self, rig: Any, law: Law) -> None:
         vars(rig)[self.name] = law
         own = law.parameters if isinstance(law, CoefficientLaw) else ()
-        rig.parameters = (*type(rig).parameters, *own)
+        options = vars(rig).get("option_parameters", ())
+        rig.parameters = (*type(rig).parameters, *options, *own)
 
 
 def _held(name: str, value: float, unit: str = "", source: str = CHART) -> Parameter:

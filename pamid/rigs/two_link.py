@@ -16,7 +16,8 @@ Equations
                  joint 1
     contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second muscles
                  mirrored
-    muscles, valves and air as in `pamid.rigs.antagonists`
+    muscles, valves and air as in `pamid.rigs.antagonists`; `two-link:LAW-compensated` has the
+    muscles' own force compensators, which blow off air above 1200 N
 
 Contractions are measured where the chains leave the wheels: those of the muscles, but for what a
 chain stretches. For tests without actuation: `vents_open` (muscles limp, open to the room),
@@ -47,6 +48,7 @@ Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.81
 JOINTS = ("1", "2")
 MUSCLES = ("11", "12", "21", "22")
+COMPENSATED = "-compensated"  # ends the variants whose muscles have force compensators
 
 
 # What every muscle, and every joint, has a port for; these share an effect's parameters with their
@@ -263,12 +265,16 @@ class TwoLink(Rig):
     changeable = {"payload_kg": 0.5}
     external = dict.fromkeys(("external_torque_1_nm", "external_torque_2_nm"), HIGHEST_TORQUE_NM)
     actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
-    variants = tuple(LAWS)
+    variants = (*LAWS, *(f"{law}{COMPENSATED}" for law in LAWS))
     static_force = StaticForce()
+    option_parameters: tuple[Parameter, ...] = ()
 
     def __init__(self, law: str = "exponential") -> None:
+        self.compensator = law.endswith(COMPENSATED)
+        if self.compensator:
+            self.option_parameters = pair.COMPENSATOR
         # a rig file may put another here, such as `force_law_of` a network
-        self.static_force = law_named(law)
+        self.static_force = law_named(law.removesuffix(COMPENSATED))
 
     def start(self, p: Any) -> dict[str, float]:
         """At rest where the recording says; muscles at p0, or limp where the vents stand open."""
@@ -322,7 +328,15 @@ class TwoLink(Rig):
             valves["21"].drawn + valves["22"].drawn
         )
         return {
-            i: pressure_rate(muscles[i], valves[i], drawn, pulls[i], p, _each(port))
+            i: pressure_rate(
+                muscles[i],
+                valves[i],
+                drawn,
+                pulls[i],
+                p,
+                _each(port),
+                compensator=self.compensator,
+            )
             for i in MUSCLES
         }
 
@@ -353,6 +367,12 @@ class TwoLink(Rig):
             p.link_2_mass * p.link_2_centre + p.payload * p.link_2_length,
         )
 
+    def coupling(self, x: Any, p: Any, lever: Expr, about_2: Expr) -> tuple[Expr, Expr]:
+        """Of the two joints: M12 (kg m2), none where one is clamped, and what the squares of the
+        velocities are weighed by (kg m2). lever: l1 B2; about_2: A2 + l1 B2 cos q2."""
+        m12 = about_2 * (1.0 - p.clamped_1) * (1.0 - p.clamped_2)
+        return m12, lever * sin(x.angle_2)
+
     def accelerations(
         self, x: Any, p: Any, port: Any, torque_1: Expr, torque_2: Expr
     ) -> tuple[Expr, Expr]:
@@ -364,9 +384,9 @@ class TwoLink(Rig):
         """
         own = self._inertia(p)
         lever, g = own.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
-        bent, swing = lever * cos(x.angle_2), lever * sin(x.angle_2)
+        bent = lever * cos(x.angle_2)
         m11, m22 = own.inertia_1 + own.inertia_2 + 2.0 * bent, own.inertia_2
-        m12 = (own.inertia_2 + bent) * (1.0 - p.clamped_1) * (1.0 - p.clamped_2)
+        m12, swing = self.coupling(x, p, lever, own.inertia_2 + bent)
         outer = own.moment_2 * g * sin(x.angle_1 + x.angle_2)
         n1 = (
             torque_1

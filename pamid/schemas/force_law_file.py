@@ -60,6 +60,9 @@ class Monotone(Model):
     ok: Flag
     wrong_way_along_pressure_n: Number = Field(description="largest fall")
     wrong_way_along_contraction_n: Number = Field(description="largest rise")
+    constrained: Flag = Field(
+        False, description="whether the trained law had to be constrained to that"
+    )
     words: Text
 
 

@@ -160,11 +160,29 @@ class ArmErrors(Model):
 
     unit: Text = Field(description=UNIT)
     data_sheet: Number | None = None
+    without_dry_friction: Sometimes[Number] = Field(
+        default=None, description="fitted with viscous friction of the joints alone"
+    )
     analytic_alone: Sometimes[Number] = None
     anfis_alone: Sometimes[Number] = None
     fitted_analytic: Sometimes[Number] = None
     fitted_anfis: Sometimes[Number] = None
     noise_floor: Number | None = Field(None, description="error of the twin itself")
+
+
+class ArmCoupling(Model):
+    """What pulses on the valves of one joint do to the other, on a recording that no fit has
+    seen."""
+
+    pulsed: Text = Field(description="joint whose valves are pulsed")
+    moved: Text = Field(description="angle of the other joint")
+    from_s: Number = Field(description="where the pulses on the one joint alone begin, s")
+    to_s: Number = Field(description="where they end, s")
+    swing_deg: Number = Field(description="range of that angle without noise, deg")
+    mae: MapOf[Number] = Field(
+        description="mean absolute errors of that angle, deg: data_sheet, fitted, "
+        "without_coupling (fitted, with M12 and the velocity terms struck out), noise_floor"
+    )
 
 
 class ArmTarget(Model):
@@ -230,6 +248,9 @@ class ArmPaperFile(Model):
         {}, description="in short windows whose states are set anew"
     )
     target: ArmTarget
+    coupling: ListOf[ArmCoupling] = Field(
+        (), description="between the joints, one per pulsed joint"
+    )
     combinations: MapOf[ArmEstimate] = Field({}, description="of the inertial data, by name")
     parameters: MapOf[ArmEstimate] = Field({}, description="by name with unit")
     tied: MapOf[ListOf[ArmTie]] = Field({}, description="by stage")

@@ -220,4 +220,4 @@ def test_a_paper(copy: Path) -> None:
 def test_an_effect_and_a_rig(copy: Path) -> None:
     assert "my-friction" in pamid(copy, "effects", "--rig", "my-joint")
     assert "\nmy-joint " in pamid(copy, "rigs")
-    assert "[my-joint|one-dof|two-link]" in pamid(copy, "force-law", "--help")
+    assert "[muscle-mass|my-joint|one-dof|two-link]" in pamid(copy, "force-law", "--help")

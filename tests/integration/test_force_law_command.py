@@ -20,7 +20,9 @@ from pamid_cli.frame import run
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import rms
 from pamid.correction.force_map import ForceMap, forces, judge, pulls, read_map
+from pamid.correction.trained_force_law import ForceLaw, check_force_law, grid_of_law
 from pamid.model.registry import rig_named
+from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
@@ -250,7 +252,7 @@ def test_same_map_and_seed_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.slow
-def test_a_law_that_moves_the_wrong_way_is_refused_and_may_be_accepted(
+def test_a_map_that_moves_the_wrong_way_is_refused_and_may_be_accepted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = written(
@@ -268,6 +270,60 @@ def test_a_law_that_moves_the_wrong_way_is_refused_and_may_be_accepted(
     assert not found["ok"] and found["wrong_way_along_pressure_n"] > 50.0
     with pytest.warns(UserWarning, match="moves the wrong way"):
         rig_named(str(tmp_path / "law" / "rig.py"))
+
+
+def noisy() -> ForceMap:
+    """A muscle that is slack over a third of the map, its pull read with 15 N of noise."""
+    table = grid(lambda e, p: soft(e, p) - 200.0, 9, 14)
+    noise = 15.0 * np.random.default_rng(0).standard_normal(len(table))
+    table[:, 2] = np.where(table[:, 2] > 0.0, np.maximum(table[:, 2] + noise, 0.0), 0.0)
+    return ForceMap(Path("map.csv"), *table.T)
+
+
+def test_a_law_that_moves_the_wrong_way_is_constrained() -> None:
+    """Where the map leaves it free: monotone to rounding on the grid of the guard, and as near to
+    the points as the noise lets tell."""
+    found = judge(noisy(), sets=4)
+    assert found.unconstrained is not None and found.monotone
+    assert max(found.wrong_way) < 1e-5
+    allowed = 5e-3 * found.map.force_n.max()
+    assert max(check_force_law(found.unconstrained, tolerance=1.0)) > 2.0 * allowed
+    assert "constrained" in found.guard and " N RMS, as trained by " in found.guard
+    own, trained = (pulls(ForceLaw(one), found.map) for one in (found.trained, found.unconstrained))
+    assert rms(own, trained) < allowed
+    assert rms(found.map.force_n, trained) < rms(found.map.force_n, own) < 15.0
+    sets = slice(0, Anfis(2, 4).premises)
+    np.testing.assert_array_equal(found.trained.weights[sets], found.unconstrained.weights[sets])
+
+
+def test_a_constrained_law_is_the_nearest_one() -> None:
+    """A convex problem: the slope of the error at the law must not fall towards any other law that
+    is monotone, nor towards it from the law as trained."""
+    points = noisy()
+    found = judge(points, sets=3)
+    trained, law, checked = found.unconstrained, found.trained, grid_of_law(found.trained)
+    assert trained is not None and checked.pressure_axis == 1
+    linear = law.network.linear
+    inputs = np.column_stack([points.contraction, points.pressure_kpa])
+    rows = law.network.features(law.weights, law.input_scaling.forward(inputs))
+    moved = law.weights[linear] - trained.weights[linear]
+    ridge = trained.summary["alpha"] / trained.summary["beta"]
+    slope = rows.T @ (rows @ moved) + ridge * moved
+    assert slope @ moved > 0.0
+    plane = np.zeros((9, 3))  # of every rule: the same fall with contraction and rise with pressure
+    place = np.array([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
+    for fall, rise in ((0.5, 0.5), (0.1, 0.9), (0.9, 0.1), (0.0, 0.0)):
+        plane[:, 1:] = -fall, rise
+        plane[:, 0] = place @ [-fall, rise]
+        other = plane.ravel()
+        force = (checked.features @ other).reshape(121, 121)
+        assert np.diff(force, axis=1).min() > -1e-9 and np.diff(force, axis=0).max() < 1e-9
+        assert slope @ (other - law.weights[linear]) > 0.0
+
+
+def test_a_law_that_is_the_right_way_is_left_as_trained(made: Path) -> None:
+    assert about(made)["monotone"]["constrained"] is False
+    assert "constrained" not in about(made)["monotone"]["words"]
 
 
 def lines(*rows: str, header: str = HEADER) -> str:

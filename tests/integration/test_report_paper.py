@@ -341,6 +341,50 @@ def test_a_reproduced_paper_has_a_page(
     assert sum(len(one.images) for one in reader.pages) == 1
 
 
+def test_every_figure_of_a_paper_has_its_heading(tmp_path: Path) -> None:
+    """And a run of an earlier version, which has fewer, is read none the less."""
+    arm = {
+        **arm_paper(),
+        "coupling": [
+            {
+                "pulsed": "2",
+                "moved": "angle_1_deg",
+                "from_s": 0.4,
+                "to_s": 30.4,
+                "swing_deg": 1.75,
+                "mae": {"fitted": 0.0397, "without_coupling": 0.131, "noise_floor": 0.0396},
+            }
+        ],
+    }
+    told = {
+        "paper.json": (
+            joint_paper(),
+            {
+                "responses": "Responses to the steps",
+                "pressures": "Pressures on the steps",
+                "excitation": "The record that the network is trained on",
+                "network-training": "The network's training",
+                "force-surface": "The force law",
+            },
+        ),
+        "arm-paper.json": (arm, {"coupling": "Coupling between the joints"}),
+    }
+    for name, (content, headings) in told.items():
+        folder = make_paper(tmp_path / name, name, content)
+        before = outline_of(write_report(folder).page)
+        assert sum(key == "src" for key, _ in before.attributes) == 1
+        for still in headings:
+            (folder / "figures" / f"{still}.png").write_bytes(
+                (folder / "figures" / "steps.png").read_bytes()
+            )
+        page = outline_of(write_report(folder).page)
+        sources = [value for key, value in page.attributes if key == "src"]
+        assert len(sources) == 1 + len(headings)
+        text = flat(page.text)
+        assert all(heading in text for heading in headings.values())
+    assert "angle 1, joint 2 pulsed 1.75 – 0.131 0.0397 0.0396" in text
+
+
 def test_the_diagnosis_of_a_paper_stands_below_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -132,6 +132,37 @@ def test_a_network_of_the_closed_loop_is_judged_there_alone(
     assert "closed loop" in found["notes"][0]
 
 
+def test_each_channel_is_judged_with_its_own_network(
+    run: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two networks of two channels: either gives its channel what it gives it alone, in replay."""
+
+    def errors(channel: str) -> dict[str, Any]:
+        code, found = asked(capsys, "score", run, place / "heavy.csv")
+        assert code == 0
+        (one,) = [
+            dict(r["mae"])
+            for r in found["recordings"]
+            if (r["comparison"], r["channel"]) == ("replay", channel)
+        ]
+        return one
+
+    angle = random_network(Elman(3, 2), SEEN, "angle_deg", 2.0)
+    pressure = random_network(Elman(3, 2), SEEN, "pressure_1_kpa", 9.0)
+    alone = {}
+    for network in (pressure, angle):
+        put_network(run, network)
+        alone[network.output_name] = errors(network.output_name)
+    beside = run / "networks" / "pressure_1_kpa"
+    beside.mkdir(parents=True)
+    put_network(beside, pressure)
+    for channel, expected in alone.items():
+        found = errors(channel)
+        assert found == expected
+        assert found["with_network"] != pytest.approx(found["refitted"], rel=1e-3)
+    assert errors("pressure_2_kpa")["with_network"] == errors("pressure_2_kpa")["refitted"]
+
+
 def test_what_the_run_has_seen_is_refused(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

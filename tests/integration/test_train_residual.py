@@ -19,7 +19,7 @@ from pamid_cli import frame
 from pamid_cli.train_residual import EXAMPLE
 from train_command import said, train
 
-from pamid.base.errors import UsageError
+from pamid.base.errors import FileError, UsageError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.npz import load_arrays
@@ -30,9 +30,12 @@ from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
+from pamid.networks.network_folders import network_files_beside, networks_beside
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demonstration import Withheld, write_demo_recording
+from pamid.report.load import load_run
+from pamid.report.recording_errors import held_out_errors
 from pamid.simulation.data_split import split_recordings
 
 LOOP = [
@@ -248,7 +251,7 @@ def test_same_run_and_seed_same_bytes(run: Copy) -> None:
     assert list(read_columns(one / "residual.csv")) == list(read_columns(other / "residual.csv"))
     assert train(other, *QUICK, "--channel", "pressure_1_kpa") == 0
     columns = list(read_columns(other / "residual.csv"))
-    assert "pressure_1_network_kpa" in columns and "angle_network_deg" not in columns
+    assert {"pressure_1_network_kpa", "angle_network_deg"} <= set(columns)
 
 
 def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
@@ -628,3 +631,62 @@ def test_the_report_takes_it_in(run: Copy, capsys: pytest.CaptureFixture[str]) -
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert f"{about['mae']['angle_deg']['with_network']:.3g}" in page and "own loop" in page
     assert "training.png" in {path.name for path in (folder / "figures").iterdir()}
+
+
+# ---- several networks in a run --------------------
+
+
+def test_networks_of_several_channels_live_side_by_side(
+    run: Copy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The one trained last is the run's, the others lie beside it with their columns; each is the
+    network that it would be alone, and one of a channel that has one takes its place."""
+    folder, alone = run(), run()
+    channels = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa")
+    for channel in channels:
+        assert train(folder, *QUICK, "--channel", channel) == 0
+    assert train(alone, *QUICK, "--channel", "pressure_1_kpa") == 0
+    beside = networks_beside(folder)
+    assert list(beside) == ["angle_deg", "pressure_1_kpa"]
+    assert load_network(folder).output_name == "pressure_2_kpa"
+    for name in ("network.npz", "network.json", "trace.csv"):
+        assert (beside["pressure_1_kpa"] / name).read_bytes() == (alone / name).read_bytes()
+    columns = read_columns(folder / "residual.csv")
+    assert {f"{c.rpartition('_')[0]}_network_{c.rpartition('_')[2]}" for c in channels} <= set(
+        columns
+    )
+    known, lonely = load_run(folder), load_run(alone)
+    assert set(known.network_errors(in_loop=False)) == {"pressure_1_kpa", "pressure_2_kpa"}
+    assert set(known.network_errors(in_loop=True)) == {"angle_deg"}
+    assert (
+        known.network_errors(in_loop=False)["pressure_1_kpa"]
+        == lonely.network_errors(in_loop=False)["pressure_1_kpa"]
+    )
+    assert known.residual is not None and known.residual.of("angle_deg", "network") is None
+    assert known.residual.of("angle_deg", "loop_network") is not None
+    assert known.residual.of("pressure_1_kpa", "network") is not None
+    rows = {row.channel: row for row in held_out_errors(known) if "with_network" in row.mae}
+    assert set(rows) == set(channels)
+    assert train(folder, *QUICK, "--channel", "angle_deg", "--seed", "5") == 0
+    assert list(networks_beside(folder)) == ["pressure_1_kpa", "pressure_2_kpa"]
+    assert load_network(folder).output_name == "angle_deg"
+    listed = read_json(folder / "run.json")["files"]
+    assert all((folder / name).is_file() for name in listed if name.startswith("networks/"))
+    assert not [name for name in listed if name.startswith("networks/angle_deg/")]
+    assert train(folder, *QUICK, "--at", "joint") == 0  # moves every channel: stays alone
+    assert networks_beside(folder) == {}
+
+
+def test_what_cannot_be_kept_does_not_cost_a_training(run: Copy) -> None:
+    folder = run()
+    assert train(folder, *QUICK) == 0
+    (folder / "network.json").write_text("{", encoding="utf-8")
+    assert train(folder, *QUICK, "--channel", "pressure_1_kpa") == 0
+    assert load_network(folder).output_name == "pressure_1_kpa"
+    assert networks_beside(folder) == {}
+
+
+@pytest.mark.parametrize("name", ["../up", "a/b", "", ".", "a b"])
+def test_no_other_folder_is_written_whatever_a_channel_is_called(name: str) -> None:
+    with pytest.raises(FileError, match="no name of a channel"):
+        network_files_beside(name)

@@ -19,6 +19,7 @@ OPTIONS = ()
 #: columns of the tables: key, heading
 _MODELS = {
     "data_sheet": "data sheet",
+    "without_dry_friction": "no dry fr.",
     "analytic_alone": "analytic",
     "anfis_alone": "ANFIS",
     "fitted_analytic": "analytic",
@@ -55,7 +56,7 @@ def text(found: dict[str, Any]) -> str:
         "The second paper's validation on a virtual arm, not the authors' arm.",
         "Mean absolute errors of recordings that no fit has seen:",
         "",
-        f"{'':35s}{'law alone':>22s}{'with corrections':>22s}",
+        f"{'':46s}{'law alone':>22s}{'with corrections':>22s}",
     ]
     for kind, title in _TITLES.items():
         lines += _errors(f"{title}, free runs", found["mae"][kind].items())
@@ -64,6 +65,7 @@ def text(found: dict[str, Any]) -> str:
         lines += _errors(
             title, [one for one in found["windowed_mae"][kind].items() if one[1]["unit"] == "deg"]
         )
+    lines += _coupling(found["coupling"])
     target, in_the_end = found["target"], found["tied"]["fitted_anfis"]
     still = {name for tie in in_the_end for name in tie["parameters"]}
     unloaded = [tie for tie in found["tied"][_UNLOADED] if still & set(tie["parameters"])]
@@ -101,6 +103,22 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
             f"{name.rsplit('_', 1)[0] if name.endswith(('_deg', '_kpa')) else name:18s}{cells['unit']:6s}"  # noqa: E501
             + "".join(number_cell(cells.get(key), 11) for key in _MODELS)
             for name, cells in variables
+        ),
+        "",
+    ]
+
+
+def _coupling(each: list[dict[str, Any]]) -> list[str]:
+    """What pulses on one joint do to the other."""
+    head = ("joint", "moves by", "data sheet", "uncoupled", "fitted", "noise")
+    names = ("data_sheet", "without_coupling", "fitted", "noise_floor")
+    return [
+        "Coupling: the angle of a joint while only the other joint's valves are pulsed, deg",
+        f"{head[0]:24s}" + "".join(f"{word:>11s}" for word in head[1:]),
+        *(
+            f"{one['moved'].rsplit('_', 1)[0]:24s}{one['swing_deg']:11.3f}"
+            + "".join(number_cell(one["mae"].get(name), 11) for name in names)
+            for one in each
         ),
         "",
     ]

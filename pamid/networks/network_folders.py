@@ -1,0 +1,35 @@
+"""Networks of several channels in one run: `network.json` is the one that was trained last, those
+of other channels lie in `networks/CHANNEL/` with the same files.
+
+The name of a folder comes from data: only plain words of a channel's form are taken for one.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from pamid.base.errors import FileError
+from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE
+
+NETWORKS_FOLDER, TRACE_FILE = "networks", "trace.csv"
+NETWORK_FILES = (NETWORK_FILE, WEIGHTS_FILE, TRACE_FILE)
+_CHANNEL = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,200}")
+
+
+def network_files_beside(channel: str) -> tuple[str, ...]:
+    """The files of a channel's network beside that of the run, relative to the run; FileError for a
+    name that is no channel's."""
+    if _CHANNEL.fullmatch(channel) is None:
+        raise FileError(f"{channel!r} is no name of a channel that could have a folder.")
+    return tuple(f"{NETWORKS_FOLDER}/{channel}/{name}" for name in NETWORK_FILES)
+
+
+def networks_beside(folder: Path) -> dict[str, Path]:
+    """The folders of a run's other networks by channel, in alphabetical order."""
+    found = (folder / NETWORKS_FOLDER).glob(f"*/{NETWORK_FILE}")
+    return {
+        path.parent.name: path.parent
+        for path in sorted(found)
+        if _CHANNEL.fullmatch(path.parent.name)
+    }
