@@ -167,6 +167,7 @@ class _Fitted:
 
     rig: Rig
     point: _Point
+    problem: _ShortFit
 
     @property
     def error(self) -> float:
@@ -183,16 +184,20 @@ class _TriedOn:
     windows: tuple[Window, ...]
     weight: Array
 
-    def fitted(self, rig: Rig, begin: _Point | None = None) -> _Fitted:
-        problem = _ShortFit.of(self, rig)
+    def fitted(
+        self, rig: Rig, begin: _Point | None = None, problem: _ShortFit | None = None
+    ) -> _Fitted:
+        """problem: of a fit of the same rig before, whose model is there already."""
+        problem = problem or _ShortFit.of(self, rig)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
-        return _Fitted(rig, iterate(problem, Iteration(start, problem.rule.start), STEPS).point)
+        point = iterate(problem, Iteration(start, problem.rule.start), STEPS).point
+        return _Fitted(rig, point, problem)
 
     def compared(self, base: _Fitted, column: str) -> tuple[HoldOrLine, _Fitted]:
         """The input the one way and the other, each from where the other one led as well."""
         taken = between_of(base.rig, column)
         turned = self.fitted(stated(base.rig, {column: other(taken)}), base.point)
-        again = self.fitted(base.rig, turned.point)
+        again = self.fitted(base.rig, turned.point, base.problem)
         here = again if again.error < base.error else base
         gain = turned.point.errors.mean(axis=0) / here.point.errors.mean(axis=0)
         shows = int(np.argmax(np.abs(np.log(gain))))
