@@ -324,7 +324,9 @@ def _inner(
     orthonormal base of it with the derivatives by its own parameters."""
     found = {}
     for label, columns in responses.items():
-        if not np.isfinite(columns).all():
+        with np.errstate(over="ignore", invalid="ignore"):  # slopes of what runs away may be large
+            size = np.square(columns).sum()
+        if not np.isfinite(size):
             continue
         own = projected(np.column_stack([columns[:, usual], columns[:, count:]]))
         found[label] = own[:, 0], orthonormal_span(own)
