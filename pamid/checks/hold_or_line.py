@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.units import NONE, split_column, to_si
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
@@ -185,10 +186,15 @@ class _TriedOn:
     weight: Array
 
     def fitted(
-        self, rig: Rig, begin: _Point | None = None, problem: _ShortFit | None = None
+        self,
+        rig: Rig,
+        begin: _Point | None = None,
+        problem: _ShortFit | None = None,
+        stepping: Stepping | None = None,
     ) -> _Fitted:
-        """problem: of a fit of the same rig before, whose model is there already."""
-        problem = problem or _ShortFit.of(self, rig)
+        """problem: of a fit of the same rig before, whose model is there already; stepping: of a
+        fit that differs in its inputs alone."""
+        problem = problem or _ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), STEPS).point
         return _Fitted(rig, point, problem)
@@ -196,7 +202,9 @@ class _TriedOn:
     def compared(self, base: _Fitted, column: str) -> tuple[HoldOrLine, _Fitted]:
         """The input the one way and the other, each from where the other one led as well."""
         taken = between_of(base.rig, column)
-        turned = self.fitted(stated(base.rig, {column: other(taken)}), base.point)
+        other_way = stated(base.rig, {column: other(taken)})
+        stepping = base.problem.runner.stepping
+        turned = self.fitted(other_way, base.point, stepping=stepping)
         again = self.fitted(base.rig, turned.point, base.problem)
         here = again if again.error < base.error else base
         gain = turned.point.errors.mean(axis=0) / here.point.errors.mean(axis=0)
@@ -270,10 +278,10 @@ class _ShortFit(LeastSquares[_Point, Array]):
     rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e8)
 
     @classmethod
-    def of(cls, trial: _TriedOn, rig: Rig) -> _ShortFit:
+    def of(cls, trial: _TriedOn, rig: Rig, stepping: Stepping | None = None) -> _ShortFit:
         a = Assembly(rig, outputs=trial.names).for_fitting()
         t = trial.track
-        step = choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
+        step = stepping or choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
         free = tuple(
             i
             for i, b in enumerate(a.parameters)
