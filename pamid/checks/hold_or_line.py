@@ -29,6 +29,7 @@ from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
 from pamid.recording.recording import Recording, match_column
 from pamid.simulation.free_runs import choose_stepping, measured_outputs
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
@@ -100,7 +101,8 @@ def tried_both_ways(
     recording: Recording, rig: Rig, columns: Iterable[str] | None = None
 ) -> list[HoldOrLine]:
     """The recording's inputs (of these, if they are named) held and linear; none where the rig
-    cannot be run on it. A command that a controller sends is held, and is not tried.
+    cannot be run on it, or steps by itself once a sample, so that both are the same to it. A
+    command that a controller sends is held, and is not tried.
 
     rig: with what the recording states (`as_recorded`).
     """
@@ -109,7 +111,12 @@ def tried_both_ways(
         names = _worth_trying(recording, rig, rig.inputs if columns is None else columns)
         if trial is None or not names:
             return []
-        return _tried(trial, names)
+        problem = _ShortFit.of(trial, trial.rig)
+        # what steps by itself is told its inputs at the begin of a step: one step a sample, and
+        # both ways are one
+        if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
+            return []
+        return _tried(trial, names, problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
 
@@ -128,11 +135,11 @@ def _worth_trying(recording: Recording, rig: Rig, columns: Iterable[str]) -> lis
     ]
 
 
-def _tried(trial: _TriedOn, names: list[str]) -> list[HoldOrLine]:
+def _tried(trial: _TriedOn, names: list[str], problem: _ShortFit) -> list[HoldOrLine]:
     """Every input the other way; where several fit better so, the best first and the others
     beside it."""
     found: dict[str, HoldOrLine] = {}
-    base = trial.fitted(trial.rig)
+    base = trial.fitted(trial.rig, problem=problem)
     while True:
         tried = {c: trial.compared(base, c) for c in names if c not in found}
         wrong = [c for c, (one, _) in tried.items() if one.wrong]
