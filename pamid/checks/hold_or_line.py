@@ -25,9 +25,11 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.units import NONE, split_column, to_si
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
 from pamid.recording.recording import Recording, match_column
 from pamid.simulation.free_runs import choose_stepping, measured_outputs
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
@@ -99,7 +101,8 @@ def tried_both_ways(
     recording: Recording, rig: Rig, columns: Iterable[str] | None = None
 ) -> list[HoldOrLine]:
     """The recording's inputs (of these, if they are named) held and linear; none where the rig
-    cannot be run on it. A command that a controller sends is held, and is not tried.
+    cannot be run on it, or steps by itself once a sample, so that both are the same to it. A
+    command that a controller sends is held, and is not tried.
 
     rig: with what the recording states (`as_recorded`).
     """
@@ -108,7 +111,12 @@ def tried_both_ways(
         names = _worth_trying(recording, rig, rig.inputs if columns is None else columns)
         if trial is None or not names:
             return []
-        return _tried(trial, names)
+        problem = _ShortFit.of(trial, trial.rig)
+        # what steps by itself is told its inputs at the begin of a step: one step a sample, and
+        # both ways are one
+        if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
+            return []
+        return _tried(trial, names, problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
 
@@ -127,11 +135,11 @@ def _worth_trying(recording: Recording, rig: Rig, columns: Iterable[str]) -> lis
     ]
 
 
-def _tried(trial: _TriedOn, names: list[str]) -> list[HoldOrLine]:
+def _tried(trial: _TriedOn, names: list[str], problem: _ShortFit) -> list[HoldOrLine]:
     """Every input the other way; where several fit better so, the best first and the others
     beside it."""
     found: dict[str, HoldOrLine] = {}
-    base = trial.fitted(trial.rig)
+    base = trial.fitted(trial.rig, problem=problem)
     while True:
         tried = {c: trial.compared(base, c) for c in names if c not in found}
         wrong = [c for c, (one, _) in tried.items() if one.wrong]
@@ -167,6 +175,7 @@ class _Fitted:
 
     rig: Rig
     point: _Point
+    problem: _ShortFit
 
     @property
     def error(self) -> float:
@@ -183,16 +192,27 @@ class _TriedOn:
     windows: tuple[Window, ...]
     weight: Array
 
-    def fitted(self, rig: Rig, begin: _Point | None = None) -> _Fitted:
-        problem = _ShortFit.of(self, rig)
+    def fitted(
+        self,
+        rig: Rig,
+        begin: _Point | None = None,
+        problem: _ShortFit | None = None,
+        stepping: Stepping | None = None,
+    ) -> _Fitted:
+        """problem: of a fit of the same rig before, whose model is there already; stepping: of a
+        fit that differs in its inputs alone."""
+        problem = problem or _ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
-        return _Fitted(rig, iterate(problem, Iteration(start, problem.rule.start), STEPS).point)
+        point = iterate(problem, Iteration(start, problem.rule.start), STEPS).point
+        return _Fitted(rig, point, problem)
 
     def compared(self, base: _Fitted, column: str) -> tuple[HoldOrLine, _Fitted]:
         """The input the one way and the other, each from where the other one led as well."""
         taken = between_of(base.rig, column)
-        turned = self.fitted(stated(base.rig, {column: other(taken)}), base.point)
-        again = self.fitted(base.rig, turned.point)
+        other_way = stated(base.rig, {column: other(taken)})
+        stepping = base.problem.runner.stepping
+        turned = self.fitted(other_way, base.point, stepping=stepping)
+        again = self.fitted(base.rig, turned.point, base.problem)
         here = again if again.error < base.error else base
         gain = turned.point.errors.mean(axis=0) / here.point.errors.mean(axis=0)
         shows = int(np.argmax(np.abs(np.log(gain))))
@@ -265,10 +285,10 @@ class _ShortFit(LeastSquares[_Point, Array]):
     rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e8)
 
     @classmethod
-    def of(cls, trial: _TriedOn, rig: Rig) -> _ShortFit:
+    def of(cls, trial: _TriedOn, rig: Rig, stepping: Stepping | None = None) -> _ShortFit:
         a = Assembly(rig, outputs=trial.names).for_fitting()
         t = trial.track
-        step = choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
+        step = stepping or choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
         free = tuple(
             i
             for i, b in enumerate(a.parameters)

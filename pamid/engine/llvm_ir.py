@@ -20,12 +20,21 @@ _ARRAY = {space: i for i, space in enumerate(SPACES)} | {
     "derived": SPACES.index("parameter"),
     "rise": SPACES.index("input"),
 }
+LONG_MODULE, PART = 3000, 200  # operations: of a module that is written in parts, and of a part
+IN_PARTS = "; in parts"  # its first line
 LANES = 8  # sensitivity columns handled at once; matrices are padded to a multiple of it
 
 
-def declarations() -> str:
+def part_of(groups: list[list[Expr]]) -> int | None:
+    """Operations of a part where these groups of equations are to be written in parts, else
+    None."""
+    return PART if sum(len(walk(roots)) for roots in groups) > LONG_MODULE else None
+
+
+def declarations(part: int | None) -> str:
     """What the functions of a module may call."""
-    found = ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
+    found = [] if part is None else [IN_PARTS]
+    found += ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
     for operator in OPERATORS.values():
         for name in re.findall(r"call double @([\w.]+)\(", " ".join(operator.llvm)):
             found.append(f"declare double @{name}({', '.join(['double'] * operator.arity)})")
@@ -37,52 +46,123 @@ def _constant(value: float) -> str:
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
-def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]) -> str:
+def function_text(
+    name: str, roots: list[Expr], index: Callable[[str, str], int], part: int | None = None
+) -> str:
     """LLVM IR of one function that stores `roots` to out[0], out[1], ...
 
-    index(space, name) is the place of a symbol in its array.
+    index(space, name) is the place of a symbol in its array. part: operations of a part: a part
+    hands on in memory what others need and keeps nothing in registers, without which what LLVM
+    takes to distribute them grows faster than the function; None is one part.
     """
-    arguments = ", ".join(f"i64 %a{i}" for i in range(len(SPACES) + 1))
-    lines = [f"define void @{name}({arguments}) {{"]
-    lines += [f"%b{i} = inttoptr i64 %a{i} to ptr" for i in range(len(SPACES) + 1)]
-    names: dict[Expr, str] = {}
-    truths: dict[Expr, str] = {}
-    count = 0
+    order = walk(roots)
+    writer = _FunctionWriter(index, _parts(order, part), roots)
+    for node in order:
+        writer.write(node)
+    for i, root in enumerate(roots):
+        value = writer.value(root)
+        place = writer.fresh(f"getelementptr double, ptr %b{len(SPACES)}, i64 {i}")
+        writer.lines.append(f"store double {value}, ptr {place}")
+    return writer.text(name)
 
-    def fresh(line: str) -> str:
-        nonlocal count
-        count += 1
-        lines.append(f"%v{count} = {line}")
-        return f"%v{count}"
 
-    def truth(node: Expr) -> str:
-        if node not in truths:
-            truths[node] = fresh(f"fcmp one double {names[node]}, 0.0")
-        return truths[node]
+def _parts(order: list[Expr], part: int | None) -> dict[Expr, int]:
+    """Which part of a function computes a node; constants and symbols are at hand everywhere."""
+    computed = [node for node in order if node.op not in ("const", "symbol")]
+    return {node: 0 if part is None else k // part for k, node in enumerate(computed)}
 
-    for node in walk(roots):
-        a = [names[x] for x in node.args]
+
+class _FunctionWriter:
+    """Lines of a function, as nodes are written one after the other.
+
+    names, truths: the registers of the present part that hold a node, or whether it is not zero;
+    kept: places on the stack of nodes that later parts need.
+    """
+
+    def __init__(
+        self, index: Callable[[str, str], int], parts: dict[Expr, int], roots: list[Expr]
+    ) -> None:
+        self.index, self.parts = index, parts
+        self.lines: list[str] = []
+        self.names: dict[Expr, str] = {}
+        self.truths: dict[Expr, str] = {}
+        self.kept: dict[Expr, int] = {}
+        self.count, self.now = 0, 0
+        self.last = max(parts.values(), default=0)
+        # by another part; results are stored at the end
+        self.wanted = {a for node, k in parts.items() for a in node.args if parts.get(a, k) != k}
+        self.wanted |= {root for root in roots if parts.get(root, self.last) != self.last}
+
+    def fresh(self, line: str) -> str:
+        self.count += 1
+        self.lines.append(f"%v{self.count} = {line}")
+        return f"%v{self.count}"
+
+    def value(self, node: Expr) -> str:
+        """The register that holds a node, loaded where the present part has none."""
         if node.op == "const":
-            names[node] = _constant(node.value)
-        elif node.op == "symbol":
-            space, what = node.value
-            place = fresh(f"getelementptr double, ptr %b{_ARRAY[space]}, i64 {index(space, what)}")
-            names[node] = fresh(f"load double, ptr {place}")
-        elif node.op == "where":
-            names[node] = fresh(f"select i1 {truth(node.args[0])}, double {a[1]}, double {a[2]}")
+            return _constant(node.value)
+        if node not in self.names:
+            if node.op == "symbol":
+                space, what = node.value
+                place = f"%b{_ARRAY[space]}, i64 {self.index(space, what)}"
+            else:
+                place = f"%kept, i64 {self.kept[node]}"
+            at = self.fresh(f"getelementptr double, ptr {place}")
+            self.names[node] = self.fresh(f"load double, ptr {at}")
+        return self.names[node]
+
+    def _truth(self, node: Expr) -> str:
+        if node not in self.truths:
+            self.truths[node] = self.fresh(f"fcmp one double {self.value(node)}, 0.0")
+        return self.truths[node]
+
+    def write(self, node: Expr) -> None:
+        """What computes a node, in the part that it belongs to."""
+        if node not in self.parts:
+            if not self.last:  # symbols are loaded where they are first met
+                self.value(node)
+            return
+        self._enter(self.parts[node])
+        if node.op == "where":
+            truth = self._truth(node.args[0])
+            one, other = (self.value(a) for a in node.args[1:])
+            self.names[node] = self.fresh(f"select i1 {truth}, double {one}, double {other}")
         else:
+            a = [self.value(x) for x in node.args]
             operator, last = OPERATORS[node.op], ""
             for line in operator.llvm:
-                last = fresh(line.format(*a, last=last))
+                last = self.fresh(line.format(*a, last=last))
             if operator.is_comparison:
                 # kept beside the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
-                truths[node] = last
-                last = fresh(f"select i1 {last}, double {_constant(1.0)}, double {_constant(0.0)}")
-            names[node] = last
-    for i, root in enumerate(roots):
-        place = fresh(f"getelementptr double, ptr %b{len(SPACES)}, i64 {i}")
-        lines.append(f"store double {names[root]}, ptr {place}")
-    return "\n".join([*lines, "ret void", "}"])
+                self.truths[node] = last
+                last = self.fresh(
+                    f"select i1 {last}, double {_constant(1.0)}, double {_constant(0.0)}"
+                )
+            self.names[node] = last
+        if node in self.wanted:
+            self.kept[node] = len(self.kept)
+            at = self.fresh(f"getelementptr double, ptr %kept, i64 {self.kept[node]}")
+            self.lines.append(f"store double {self.names[node]}, ptr {at}")
+
+    def _enter(self, part: int) -> None:
+        if part == self.now:
+            return
+        self.now = part
+        self.names.clear()
+        self.truths.clear()
+        # a branch that is always taken, which LLVM does not know: it would join the parts again
+        self.lines += [f"br i1 %always, label %part{part}, label %end", f"part{part}:"]
+
+    def text(self, name: str) -> str:
+        arguments = ", ".join(f"i64 %a{i}" for i in range(len(SPACES) + 1))
+        head = [f"define void @{name}({arguments}) {{"]
+        head += [f"%b{i} = inttoptr i64 %a{i} to ptr" for i in range(len(SPACES) + 1)]
+        if not self.last:
+            return "\n".join([*head, *self.lines, "ret void", "}"])
+        head.append(f"%always = icmp ne i64 %a{len(SPACES)}, 0")
+        head.append(f"%kept = alloca double, i64 {max(len(self.kept), 1)}")
+        return "\n".join([*head, *self.lines, "br label %end", "end:", "ret void", "}"])
 
 
 def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:

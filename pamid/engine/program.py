@@ -14,6 +14,7 @@ from pamid.engine.llvm_ir import (
     declarations,
     extract_derived,
     function_text,
+    part_of,
     product_text,
     with_partials,
 )
@@ -433,13 +434,14 @@ def _module_code(
     tables = [with_partials(roots, layout.column, sensitive) for roots in groups]
     values, derived = extract_derived([v for v, _, _ in tables])
     layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
-    parts, names = [declarations()], []
+    part = part_of(values)
+    parts, names = [declarations(part)], []
     direct: list[tuple[int, int, int]] = []
     direct_at = [0]
     for i, (roots, (_, pointer, columns)) in enumerate(zip(groups, tables, strict=True)):
         parts += [
-            function_text(f"f{i}", values[i][: len(roots)], layout.index),
-            function_text(f"d{i}", values[i], layout.index),
+            function_text(f"f{i}", values[i][: len(roots)], layout.index, part),
+            function_text(f"d{i}", values[i], layout.index, part),
             product_text(f"s{i}", pointer, columns, parameters),
         ]
         names += [f"f{i}", f"d{i}", f"s{i}"]
@@ -450,7 +452,7 @@ def _module_code(
             if columns[e] >= parameters
         ]
         direct_at.append(len(direct))
-    parts.append(function_text("prepare", derived, layout.index))
+    parts.append(function_text("prepare", derived, layout.index, part))
     _, pointer, columns = tables[0]  # the implicit step needs df/dx row by row, of the rates only
     widest = max(len(columns) for _, _, columns in tables)
     return _ModuleCode(

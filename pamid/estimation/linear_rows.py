@@ -44,9 +44,13 @@ def linear_rows(
     continuity: tuple[Array, ...],
     stepping: Stepping,
     most: int,
+    *,
+    derivatives: bool = True,
 ) -> LinearRows:
     """At parameters p (SI) and these starts; of residuals about `most` rows at most, evenly thinned
-    and weighed up for those left out: neighbours of a finely sampled residual say the same."""
+    and weighed up for those left out: neighbours of a finely sampled residual say the same.
+
+    derivatives: without them those of the model are zero, and the runs cost a small part."""
     free, scale = list(problem.free), problem.scale
     k, columns = len(free), sum(x.size for x in starts)
     every = max(1, -(-sum(t.y.size for t in problem.tracks) // most))
@@ -58,14 +62,14 @@ def linear_rows(
         memory, root = runner.memory(own), np.where(track.seen, weights.root, 0.0)
         for w, window in enumerate(windows):
             runner.enter(memory, x[w])
-            r, A = _residuals(runner, memory, window, own, root, every)
+            r, A = _residuals(runner, memory, window, own, root, every, derivatives)
             rows = np.zeros((len(r), k + columns))
             rows[:, :k], rows[:, k + at : k + at + n] = A[:, :k], A[:, k : k + n]
             blocks.append((r, rows))
             channel.append(np.tile(np.arange(track.y.shape[1]), len(r) // track.y.shape[1]))
             if w + 1 < len(windows):
                 inverse, rows = np.sqrt(joint), np.zeros((n, k + columns))
-                end = inverse[:, None] * memory.S[:n, : k + n]
+                end = inverse[:, None] * memory.S[:n, : k + n] * derivatives
                 rows[:, :k], rows[:, k + at : k + at + n] = -end[:, :k], -end[:, k:]
                 rows[:, k + at + n : k + at + 2 * n] = np.diag(inverse)
                 blocks.append((inverse * (x[w + 1] - memory.x[:n]), rows))
@@ -88,12 +92,18 @@ def orthonormal_span(columns: Array) -> Array:
 
 
 def _residuals(
-    runner: Runner, memory: Memory, window: Window, p: Array, root: Array, every: int
+    runner: Runner,
+    memory: Memory,
+    window: Window,
+    p: Array,
+    root: Array,
+    every: int,
+    derivatives: bool,
 ) -> tuple[Array, Array]:
     """Weighted residuals of every so many samples of a window, and their derivatives by parameters
     (SI) and the window's start."""
-    Y, A, _ = runner.run(memory, window, p, True, root)
+    Y, A, _ = runner.run(memory, window, p, derivatives, root)
     away = np.nan_to_num((Y - runner.track.y[window.start : window.stop]) * root)
-    A = A.reshape(*away.shape, -1)
+    A = A.reshape(*away.shape, -1) if derivatives else np.zeros((*away.shape, memory.S.shape[1]))
     heavier = np.sqrt(every)
     return heavier * away[::every].ravel(), heavier * A[::every].reshape(-1, A.shape[2])

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -153,6 +153,7 @@ class Cut(Effect):
         return self.unknown
 
 
+@lru_cache(maxsize=1024)  # of an arm of seven joints an equation has thousands of nodes
 def unknowns_of(root: Expr) -> frozenset[Unknown]:
     """The states and cuts that an expression holds."""
     return frozenset(s for s in symbols([root]) if s[0] in ("state", "cut"))

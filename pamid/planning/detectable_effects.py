@@ -26,7 +26,7 @@ models.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,6 @@ from pamid.estimation.linear_rows import LinearRows, linear_rows, orthonormal_sp
 from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect
@@ -152,7 +151,7 @@ def experiment_power(
     assembly = model_with(evidence, (), sizes)
     tracks = evidence.tracks(assembly)
     base = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
-    ground = linearised(evidence, base, assembly, base.p, settings)
+    ground = linearised(base, base.problem, base.p, settings)
     work = _Responding(evidence, base, sizes, settings, ground.away)
     candidates = attachments(evidence.rig, catalogue.values())
     found = pool.run(work, candidates, progress)
@@ -203,17 +202,27 @@ def visibility(changed: Array, samples: float) -> float:
 
 
 def linearised(
-    evidence: DataSplit, base: Fit, assembly: Assembly, p: Array, settings: PowerSettings
+    base: Fit,
+    problem: Problem,
+    p: Array,
+    settings: PowerSettings,
+    *,
+    derivatives: bool = True,
 ) -> LinearRows:
     """The rows of a model at p, beside a fit; with finer steps where an effect is too stiff for
     those of the rig."""
-    tracks = evidence.tracks(assembly)
-    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     stepping = base.stepping
     for _ in range(settings.finer):
         with np.errstate(over="ignore", invalid="ignore"):
             found = linear_rows(
-                problem, p, base.starts, base.weights, base.continuity, stepping, settings.rows
+                problem,
+                p,
+                base.starts,
+                base.weights,
+                base.continuity,
+                stepping,
+                settings.rows,
+                derivatives=derivatives,
             )
         if found.finite:
             break
@@ -243,6 +252,14 @@ class _Responding(Work[Attachment, _Change]):
     def __call__(self, item: Attachment) -> Plain:
         assembly = model_with(self.evidence, (item,), self.sizes)
         own = [b for b in assembly.parameters if b.owner == item.label]
+        # derivatives by the effect's own parameters are all that is asked of it, those by the rig's
+        # are the ground's: of an arm, or of a simulation that is stepped, they cost most by far
+        fitted = frozenset(b.key for b in own if b.fitted)
+        assembly = replace(assembly, sensitive=fitted)
+        tracks = self.evidence.tracks(assembly)
+        free = free_parameters(assembly, tracks)
+        mine = tuple(i for i in free if assembly.parameters[i].key in fitted)
+        problem = Problem(assembly, tracks, mine)
         columns, tangents = list[Array](), np.zeros((len(self.ground), 0))
         for size in self.settings.sizes:
             p = transferred(assembly, (self.base.problem.assembly, self.base.p))
@@ -250,16 +267,24 @@ class _Responding(Work[Attachment, _Change]):
                 if b.null is not None:
                     usual = b.null + size * (b.value - b.null)
                     p[assembly.keys[b.key]] = min(max(usual, b.low), b.high)
-            rows = linearised(self.evidence, self.base, assembly, p, self.settings)
-            kept, mine = _split(rows, assembly, self.base.problem, item.label)
-            columns.append(rows.away[kept] - self.ground)
-            if size == 1.0:
-                tangents = rows.by_parameters[kept][:, mine]
+            at_usual = size == 1.0
+            rows = linearised(self.base, problem, p, self.settings, derivatives=at_usual)
+            columns.append(self._beside(rows.away, len(mine)) - self.ground)
+            if at_usual:
+                tangents = np.zeros((len(self.ground), len(mine)))
+                common = len(rows.away) - len(mine)
+                tangents[:common] = rows.by_parameters[:common]
         amount = _amount(own)
         return {
             "columns": np.column_stack([*columns, tangents]),
             "amount": asdict(amount) if amount else {},
         }
+
+    def _beside(self, away: Array, own: int) -> Array:
+        """Rows that the model without the effect has, too: not those of the effect's data sheet,
+        which are the last, but those of the rig's, which stays as it was fitted."""
+        common = len(away) - own
+        return np.concatenate([away[:common], self.ground[common:]])
 
     def restored(self, item: Attachment, found: Plain) -> _Change:
         amount = found["amount"]
@@ -267,20 +292,6 @@ class _Responding(Work[Attachment, _Change]):
 
     def name(self, item: Attachment) -> str:
         return item.label
-
-
-def _split(
-    rows: LinearRows, assembly: Assembly, base: Problem, label: str
-) -> tuple[NDArray[np.intp], list[int]]:
-    """Rows that the model without the effect has, too (not those of the effect's data sheet), and
-    columns of the effect's own parameters."""
-    free = rows.by_parameters.shape[1]
-    tracks = base.tracks
-    keys = [assembly.parameters[i].key for i in free_parameters(assembly, tracks)]
-    mine = [i for i, key in enumerate(keys) if key.startswith(f"{label}:")]
-    first = len(rows.away) - free
-    kept = [*range(first), *(first + i for i in range(free) if i not in mine)]
-    return np.array(kept), mine
 
 
 def _amount(own: Sequence[Bound]) -> Amount | None:
@@ -313,7 +324,9 @@ def _inner(
     orthonormal base of it with the derivatives by its own parameters."""
     found = {}
     for label, columns in responses.items():
-        if not np.isfinite(columns).all():
+        with np.errstate(over="ignore", invalid="ignore"):  # slopes of what runs away may be large
+            size = np.square(columns).sum()
+        if not np.isfinite(size):
             continue
         own = projected(np.column_stack([columns[:, usual], columns[:, count:]]))
         found[label] = own[:, 0], orthonormal_span(own)

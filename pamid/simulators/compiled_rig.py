@@ -331,15 +331,17 @@ class MechanismEquations:
         turned: dict[int, Turn] = {}
         tree = rigid = self.tree()
         twisting: dict[int, Expr] = {}
+        moving = self.moving(rigid, applied)
         for j in range(tree.n):
-            met = [self.load(rigid, applied, j)]
+            met = [self.load(rigid, applied, j, moving)]
 
             def behind(
                 torque: Expr, angle: Expr, rate: Expr, j: int = j, met: list[Load] = met
             ) -> Load:
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate
-                here, there = met[-1], self.load(self.tree(turned), applied, j)
+                beyond = self.tree(turned)
+                here, there = met[-1], self.load(beyond, applied, j, self.moving(beyond, applied))
                 met.append(there)
                 return there if torque is here.torque else there.under(torque - here.torque)
 
@@ -366,14 +368,18 @@ class MechanismEquations:
                     passed[i] = before - link * one
         return tree, passed
 
-    def load(self, tree: Tree, applied: list[Expr], j: int) -> Load:
-        """What joint j carries, all other joints giving way."""
-        moving = accelerations(tree, applied, [None] * tree.n, [None] * tree.n)[j]
+    @staticmethod
+    def moving(tree: Tree, applied: list[Expr]) -> list[Expr]:
+        """How every joint accelerates without friction, nothing turned against its motor."""
+        return accelerations(tree, applied, [None] * tree.n, [None] * tree.n)
+
+    def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
+        """What joint j carries, all other joints giving way; moving: as `moving` has it."""
         inertia = tree.felt_inertia(j)
         carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
         joint = self.m.joints[j]
         usual = max(joint.typical_inertia - joint.armature, LEAST_INERTIA)
-        torque = inertia * moving
+        torque = inertia * moving[j]
         return Load(torque, inertia, carried, (torque - applied[j]) / carried, usual)
 
     # ---- readings --------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from pendulums import SteppedTwin, WrittenPendulum
 import pamid
 from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, SAME_SLOPE, null_error, sensitivity_error
+from pamid.checks.hold_or_line import tried_both_ways
 from pamid.checks.rig_consistency import compared_with_sheet
 from pamid.checks.scale_slips import clock
 from pamid.correction.identified_model import load_identified
@@ -26,9 +27,11 @@ from pamid.excitation.aprbs import aprbs
 from pamid.export.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
+from pamid.model.between_samples import stated
 from pamid.model.isolability import isolability
-from pamid.model.registry import effects
+from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
+from pamid.recording.recording import recording_of
 from pamid.simulation.free_runs import choose_stepping, port_sizes
 
 Array = NDArray[np.float64]
@@ -342,3 +345,19 @@ def test_what_was_found_is_simulated_again_but_not_exported(tmp_path: Path) -> N
     assert np.abs(away).max() < 10 * WrittenPendulum.noise["position_m"]
     with pytest.raises(PamidError, match="it has no equations that could be exported"):
         export_model(load_identified(tmp_path / "run", rig=SteppedTwin()), "c", tmp_path / "m")
+
+
+def test_a_step_is_told_its_inputs_where_it_begins() -> None:
+    """Held or linear is the same to it, so that it is not tried."""
+    rig = rig_named(str(EXAMPLE))
+    u = np.random.default_rng(0).uniform(-6.0, 6.0, (200, 1))
+    runs = []
+    for way in ("held", "linear"):
+        a = Assembly(stated(rig, {"force_n": way}))
+        p = a.values()
+        memory = a.program.memory(a.start(p), period_s=0.01)
+        runs.append(a.program.run(memory, u, p, period_s=0.01)[0])
+    assert np.array_equal(*runs) and np.ptp(runs[0]) > 0.0
+    columns = {"force_n": u[:, 0]} | dict(zip(a.program.outputs, runs[0].T, strict=True))
+    recording = recording_of(0.01 * np.arange(len(u)), columns, {}, name="levels")
+    assert tried_both_ways(recording, rig) == []
