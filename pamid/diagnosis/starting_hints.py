@@ -13,7 +13,6 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.measured_signals import RUN_WINDOWS, measured_signals
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
 from pamid.symbolic.vocabulary import Expr
@@ -48,8 +47,7 @@ def gather_hints(
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     """Largest magnitudes where windows begin: there the states are near those of the recording;
-    later on a model that knows no limit runs past it. A signal that the model makes of measured
-    outputs alone is as large as these say, wherever the model does not follow them."""
+    later on a model that knows no limit runs past it."""
     assembly, fit = base.assembly, base.fit
     wanted = {
         f"{q.where}.{name}": (q.port, name, value)
@@ -74,14 +72,7 @@ def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
         )
         for track, windows, x in places
     ]
-    signals = len(program.outputs) - len(wanted)
-    most = np.abs(np.concatenate(seen)).max(axis=0)[signals:]
-    track, windows, x = places[0]
-    few = windows[:RUN_WINDOWS]
-    run = run_windows(program, assembly, fit.p, track, few, x[: len(few)], fit.stepping)
-    y = np.concatenate([t.y for t, _, _ in places])
-    measured = np.abs(measured_signals(run[:, :signals], run[:, signals:], y))
-    most = np.maximum(most, np.nan_to_num(measured).max(axis=0))
+    most = np.abs(np.concatenate(seen)).max(axis=0)[len(program.outputs) - len(wanted) :]
     reach: dict[str, dict[str, float]] = {}
     for (port, name, _), far in zip(wanted.values(), most, strict=True):
         there = reach.setdefault(port, {})

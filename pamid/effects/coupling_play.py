@@ -24,11 +24,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect, Hints
+from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, where
-
-GAPS_TRIED = (0.5, 0.9)  # of the largest stretch
 
 
 class CouplingPlay(Effect):
@@ -51,11 +49,6 @@ class CouplingPlay(Effect):
         ),
     )
     look_alikes = ("backlash", "play", "coulomb-friction", "cubic-stiffness")
-
-    def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Most of the way that both sides were seen apart: a stiff coupling hardly stretches."""
-        reach = hints.reach.get("stretch", 0.0)
-        return [{"half_gap": share * reach} for share in GAPS_TRIED if reach > 0.0]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         farther = maximum(absolute(at.stretch), p.half_gap)
