@@ -59,13 +59,14 @@ class ExternalVibration(Effect):
         Parameter(
             "frequency",
             3.0,
-            low=0.2,
+            low=0.6,
             high=36.0,
             spread=3.0,
             log=True,
             size="1/timescale",
             tries=(0.9, 7.2, 15.0),
-            source="0.2-50 Hz on a joint; the peaks of the residual's spectrum are tried first",
+            # slower ones follow the motion as friction does: on EMPS one of 0.48 Hz would rival it
+            source="1-50 Hz on a joint; the peaks of the residual's spectrum are tried first",
         ),
     )
     look_alikes = ("two-mass", "pwm-quantisation")
