@@ -13,11 +13,8 @@ from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
     causes_label,
-    closest,
-    over_channels,
     reason_text,
     regime_label,
-    runner_up,
     sensor_label,
     set_figures,
     split_labels,
@@ -36,7 +33,6 @@ from pamid.report.formatting import (
 from pamid.report.load import RunData
 from pamid.report.missing_term import formula_texts, missing_term, nature_texts
 from pamid.schemas.diagnosis_file import (
-    Candidate,
     Cause,
     DiagnosisFile,
     NextExperiment,
@@ -283,7 +279,7 @@ def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _beside(diagnosis: DiagnosisFile) -> list[str]:
-    """Look-alike classes, and the runner-up, always."""
+    """Look-alike classes; what the others remove is told by the ranking and its tooltips."""
     named = {cause.effect for cause in diagnosis.causes}
     details = [
         sentence(
@@ -293,24 +289,7 @@ def _beside(diagnosis: DiagnosisFile) -> list[str]:
         for group in diagnosis.look_alikes
         if len(group) > 1 and (not named or named & set(group))
     ]
-    second = runner_up(diagnosis) if named else closest(diagnosis)
-    if second is None:
-        return [*details, "No other candidate was refitted."]
-    which = "Runner-up" if named else "The candidate that comes closest"
-    return [
-        *details,
-        sentence(f"{which}: {effect_label(second.effect)}, {_result(second, diagnosis)}"),
-    ]
-
-
-def _result(one: Candidate, diagnosis: DiagnosisFile) -> str:
-    text = f"removes {percent(one.shrinkage)} of the held-out error{over_channels(diagnosis)}"
-    interval = percent_span(one.low, one.high)
-    text += formatting.interval_tail(interval)
-    text += "" if one.probability is None else f", probability {formatting.chance(one.probability)}"
-    if one.converged:
-        return text
-    return f"{text}; its fit did not converge{': ' + formatting.clean(one.why) if one.why else ''}"
+    return details if len(diagnosis.ranking) > 1 else [*details, "No other candidate was refitted."]
 
 
 def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:

@@ -235,6 +235,19 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
     return formatting.sentence(text).removesuffix(".")
 
 
+def candidate_tip(one: Candidate, diagnosis: DiagnosisFile) -> str:
+    """What a row of the ranking says in words: "Dahl friction removes 53 % of ..."."""
+    interval = formatting.interval_tail(formatting.percent_span(one.low, one.high))
+    text = (
+        f"{effect_label(one.effect)} removes {percent(one.shrinkage)} of the held-out error"
+        f"{over_channels(diagnosis)}{interval}"
+    )
+    text += "" if one.probability is None else f", probability {formatting.chance(one.probability)}"
+    if not one.converged:
+        text += f"; its fit did not converge{': ' + formatting.clean(one.why) if one.why else ''}"
+    return formatting.sentence(text)
+
+
 def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | None) -> str:
     """ "Coulomb friction takes the held-out angle error from 0.52 to 0.11 deg"."""
     row = headline(rows)

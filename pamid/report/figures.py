@@ -17,6 +17,7 @@ from pamid.report import formatting
 from pamid.report.captions import (
     budget_title,
     candidate_order,
+    candidate_tip,
     missing_title,
     model_label,
     over_channels,
@@ -259,6 +260,8 @@ def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
             clip_on=False,
         )
         _rows(axes, [_candidate_name(one, alike, narrow) for one in shown], 34 if narrow else 48)
+        for row, name in enumerate(axes.get_yticklabels()):
+            name.set_gid(f"name{row}")
         axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
         ticks = [
             tick
@@ -279,7 +282,12 @@ def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
         axes.set_xlabel(f"{what}\n{', '.join(notes)}" if notes else what)
 
     height = 1.0 + 0.27 * len(shown)
-    return Drawing("ranking", ranking_title(diagnosis), draw, height, height)
+    tips = tuple(
+        (f"{part}{row}", candidate_tip(one, diagnosis))
+        for row, one in enumerate(shown)
+        for part in ("name", "line", "point")
+    )
+    return Drawing("ranking", ranking_title(diagnosis), draw, height, height, tips=tips)
 
 
 def budget_drawing(
@@ -395,6 +403,7 @@ def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
                 color=ink,
                 linewidth=1.8,
                 solid_capstyle="butt",
+                gid=f"line{row}",
             )
     if one.shrinkage < _LEFT_END:
         axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=5)
@@ -408,6 +417,7 @@ def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
             markeredgewidth=1.3,
             markerfacecolor=ink if one.converged else colour("paper"),
             linestyle="none",
+            gid=f"point{row}",
         )
 
 

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
+from xml.sax.saxutils import escape
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -87,7 +88,8 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 @dataclass(frozen=True)
 class Drawing:
     """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states
-    a finding; own: SVG for pages, wide and narrow, in place of what is drawn, with links in it."""
+    a finding; own: SVG for pages, wide and narrow, in place of what is drawn, with links in it;
+    tips: what is said of a group (by its id) where a pointer rests on it."""
 
     name: str
     title: str
@@ -95,6 +97,7 @@ class Drawing:
     height: float
     narrow_height: float
     own: tuple[str, str] | None = None
+    tips: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,8 @@ class Picture:
 def render(drawing: Drawing) -> Picture:
     """Carry out a drawing; the same drawing gives the same bytes."""
     wide = _svg(drawing, narrow=False)
-    shown = drawing.own or (_for_page(wide), _for_page(_svg(drawing, narrow=True)))
+    narrow = "" if drawing.own else _svg(drawing, narrow=True)
+    shown = drawing.own or (_for_page(wide, drawing.tips), _for_page(narrow, drawing.tips))
     return Picture(
         name=drawing.name,
         title=drawing.title,
@@ -217,8 +221,12 @@ def png_of(drawing: Drawing) -> bytes:
     return buffer.getvalue()
 
 
-def _for_page(svg: str) -> str:
-    """Without comments, metadata, rules and repeated ids; colours and font taken from the page."""
+def _for_page(svg: str, tips: tuple[tuple[str, str], ...]) -> str:
+    """Without comments, metadata, rules and repeated ids, with tooltips; colours and font taken
+    from the page."""
+    for group, tip in tips:
+        head = f'<g id="{group}">'
+        svg = svg.replace(head, f"{head}<title>{escape(tip)}</title>")
     svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
     svg = _NAMED_GROUP.sub("<g>", _EMPTY_GROUP.sub("", svg))
     svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)

@@ -80,7 +80,6 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "Left over: 14 % of the gap (95 % interval 10 to 20 %), 1.4 times the noise floor in "
             "the worst channel.",
             "of 100 machines on which nothing is missing, 43 would leave as much or more.",
-            "Runner-up: Bouc-Wen hysteresis, removes 41 % of the held-out error over all channels",
             "rec inertia_kg_m2 0.014, loop open, controller kp_per_deg 0.2 0.610 → 0.200 (67 % "
             "removed)",
         ],
