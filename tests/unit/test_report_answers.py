@@ -228,5 +228,5 @@ def test_a_row_of_the_ranking_says_what_it_shows_where_a_pointer_rests(tmp_path:
     drawing = ranking_drawing(run.diagnosis)
     assert drawing is not None
     picture = render(drawing)
-    told = "<title>Bouc-Wen hysteresis removes 41 % of the held-out error over all channels"
+    told = "<title>Bouc-Wen hysteresis removes 41\u00a0% of the held-out error over all channels"
     assert told in picture.wide and told in picture.narrow and "<title>" not in picture.svg
