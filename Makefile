@@ -12,8 +12,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 TORCH := $(shell grep '^torch==' constraints.txt)
-# PyPI's torch for Linux brings 4 GB of CUDA with it; where this index cannot be reached, it is taken none the less
+# PyPI's torch for Linux brings 4 GB of CUDA with it: where this index answers, torch is taken from there
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+ANSWERS := import sys, urllib.request; urllib.request.urlopen(sys.argv[1] + "/torch/", timeout=5)
 # what `make test` runs: `make test TESTS=tests/unit/test_units.py`
 TESTS ?=
 # one process per core; a file's tests stay together, because they share what they set up
@@ -59,7 +60,8 @@ docs-test: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pamid needs Python 3.11 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --retries 1 --extra-index-url '$(TORCH_INDEX)' '$(TORCH)'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' \
+		$$($(PYTHON) -c '$(ANSWERS)' '$(TORCH_INDEX)' 2>/dev/null && echo --extra-index-url '$(TORCH_INDEX)')
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	touch $@
 

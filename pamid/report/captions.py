@@ -258,7 +258,7 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
     if diagnosis is not None and _together(diagnosis) and known and row.with_cause is not None:
         text = (
             f"{causes_label(diagnosis)} {_changes(diagnosis, row)} the held-out {what} error from "
-            f"{formatting.short(row.refitted)} to {with_unit_text(row.with_cause, unit_text)}"
+            + formatting.in_one_unit((row.refitted, row.with_cause), unit_text, " to ")
         )
         if row.noise_floor is not None:
             text += f"; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"
@@ -268,10 +268,8 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
             f"The refitted model errs by {with_unit_text(row.refitted, unit_text)} in {what}, "
             "held out"
         )
-    text = (
-        f"Refitting changes the held-out {what} error from {formatting.short(row.data_sheet)} to "
-    )
-    text += with_unit_text(row.refitted, unit_text)
+    both = formatting.in_one_unit((row.data_sheet, row.refitted), unit_text, " to ")
+    text = f"Refitting changes the held-out {what} error from {both}"
     return (
         text
         if row.noise_floor is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from pamid.base.share_words import chance_text, percent_text
 from pamid.base.units import NONE, split_column
@@ -111,6 +111,15 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
         return short(value, digits)
     factor, unit_text = _told_in(unit_text, value)
     return f"{short(factor * value, digits)}{SPACE}{unit_text}"
+
+
+def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
+    """ "5.98 → 2.63 mm": the unit is that of the largest."""
+    if values and unit_text:
+        factor, unit_text = _told_in(unit_text, *values)
+        values = [factor * one for one in values]
+    told = between.join(short(one) for one in values)
+    return f"{told}{SPACE}{unit_text}" if unit_text else told
 
 
 def with_interval(

@@ -16,7 +16,6 @@ from pamid.report.formatting import (
     percent,
     port_label,
     sentence,
-    short,
 )
 from pamid.report.load import RunData
 from pamid.report.rig_texts import first_parameter
@@ -205,9 +204,7 @@ def _how_far_card(diagnosis: DiagnosisFile | None, rows: tuple[ChannelErrors, ..
     steps = [one for one in (row.refitted, row.with_cause) if one is not None]
     if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
         steps = [row.data_sheet, row.refitted]
-    lead = " → ".join(short(one) for one in steps) + (
-        f"{formatting.SPACE}{unit_text}" if unit_text else ""
-    )
+    lead = formatting.in_one_unit(steps, unit_text, " → ")
     names = "refitted → with the cause" if row.with_cause is not None else "data sheet → refitted"
     lines = [f"held-out {what} error, {names}"]
     known = []

@@ -13,7 +13,7 @@ from synthetic_run import diagnosis_json, fit_json, make_run
 from pamid.base.share_words import minutes_text, times_text
 from pamid.report.correlation_figure import correlation_drawing
 from pamid.report.figures import missing_drawing
-from pamid.report.formatting import span, with_unit_text
+from pamid.report.formatting import in_one_unit, span, with_unit_text
 from pamid.report.load import load_run
 from pamid.report.ranking import rivals_table, why_not
 from pamid.schemas.diagnosis_file import DiagnosisFile
@@ -101,6 +101,9 @@ def test_small_values_have_small_units() -> None:
     assert flat(with_unit_text(0.4, "m")) == "0.4 m"
     assert flat(with_unit_text(2.0e-5, "rad")) == "2 × 10⁻⁵ rad"
     assert flat(span(3.01e-5, 9.0e-5, "m")) == "30.1 to 90 µm"
+    assert flat(in_one_unit((0.00598, 0.00263), "m", " → ")) == "5.98 → 2.63 mm"
+    assert flat(in_one_unit((0.5, 0.02), "m", " to ")) == "0.5 to 0.02 m"
+    assert in_one_unit((0.5, 0.02), "", " to ") == "0.5 to 0.02"
 
 
 def test_what_is_missing_is_not_drawn_over_itself(tmp_path: Path) -> None:
