@@ -33,6 +33,7 @@ from pamid.diagnosis.effect_subsets import (
 from pamid.diagnosis.judgement import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import is_plain_inside
+from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
     Refitting,
@@ -169,9 +170,11 @@ def _larger(
     # nothing is put on top of what does not help by itself: there is no first effect
     helps = search.budget.shrinkage(best.absolutes, search.asked) > search.settings.worth
     beside = [a for a in others if helps and open_ports & set(a.ports)]
-    # the lines of the gap's spectrum, and over the position, are those of what is left by now
-    left = replace(search, hints=gather_hints(search.evidence, best, search.settings))
-    models = run_round(left, best, beside).models if beside else []
+    models = list[CandidateModel]()
+    if beside:
+        # the lines of the gap's spectrum, and over the position, are those of what is left by now
+        hints = gather_hints(search.evidence, best, search.settings)
+        models = run_round(replace(search, hints=hints), best, beside).models
     known = {_labels(c) for c in models}
     subsets = best_subsets(responses, search.family, len(best.attached) + 1, search.settings)
     work = Refitting(
@@ -203,7 +206,7 @@ def _joint_start(
     effects that cannot act together."""
     alone = {c.label: (c.assembly, c.fit.p) for c in ranking}
     before = [a.label for a in best.attached]
-    strongest = sorted(subset.members, key=lambda s: (-s.gain, s.attachment.label))
+    strongest = by_gain(subset.members)
     members = sorted(
         strongest,
         key=lambda s: (

@@ -66,16 +66,13 @@ def _company(d: Diagnosis) -> list[str]:
 def _between(d: Diagnosis) -> list[str]:
     """Readings that are half a sampling period early, or commands that are as late: what an input
     that is taken for held, or for linear between samples, makes of a model."""
-    c, rig = (d.judged.best if d.judged else None), d.evidence.rig
+    if d.judged is None:
+        return []
+    model, rig = d.judged.best, d.evidence.rig
     period_s = max(r.sampling_period_s for r in d.evidence.recordings)
-    timings = [
-        (b, float(c.fit.p[i]))
-        for i, b in enumerate(c.assembly.parameters if c else ())
-        if c is not None and b.owner and b.unit == "s"
-    ]
     found = []
-    for b, late in timings:
-        if round(abs(late) / period_s, 1) != 0.5:
+    for b, late in zip(model.assembly.parameters, model.fit.p, strict=True):
+        if not b.owner or b.unit != "s" or round(abs(late) / period_s, 1) != 0.5:
             continue
         way = HELD if late < 0.0 else LINEAR
         taken = [name for name in rig.inputs if between_of(rig, name) == way]

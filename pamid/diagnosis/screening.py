@@ -257,6 +257,7 @@ def _probed(
 
 
 def by_gain(screened: Iterable[Screened]) -> list[Screened]:
+    """The largest gain first; among equal ones by name."""
     return sorted(screened, key=lambda s: (-s.gain, s.attachment.label))
 
 

@@ -164,8 +164,9 @@ def diagnose(
         rest = by_gain(rest)[: first.reference.affordable if named else None]
         models, more = refit_screened(search, base, rest)
         failed = failed + more
-        open_ended = models if named else [*first.models, *models]
-        everything = [*(first.models if named else []), *carried_on(search, open_ended)]
+        # what stands behind a name has been fitted to its end
+        before = first.models if named else carried_on(search, first.models)
+        everything = [*before, *carried_on(search, models)]
         if any(a is not b for a, b in zip_longest(everything, first.models)):
             judged = judge(search, located, first, everything, judged.selection)
         if not judged.decision.named:

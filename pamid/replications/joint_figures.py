@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import mae, rms
 from pamid.correction.force_map import ForceMap, forces
+from pamid.networks.scaling import scaling_of
 from pamid.recording.recording import Recording
 from pamid.replications.joint_twin import (
     ANGLE_COLUMN,
@@ -87,9 +88,8 @@ def excitation_png(training: Recording, model: Array) -> bytes:
         f"{rms(error, np.zeros_like(error)):.2f} deg RMS, at most {np.abs(error).max():.1f} deg, "
         "for the network to learn"
     )
-    return excitation_picture(
-        time, _scaled(reference), _scaled(error), (begin, begin + CLOSER_S), title
-    )
+    sent, left = (scaling_of(one, ("signal",)).forward(one) for one in (reference, error))
+    return excitation_picture(time, sent, left, (begin, begin + CLOSER_S), title)
 
 
 def training_png(trace: Mapping[str, Array], published: Mapping[str, Any]) -> bytes:
@@ -118,9 +118,3 @@ def force_surface_png() -> bytes:
         f"{rms(pull[pulling], others[pulling]):.1f} N RMS where a muscle pulls"
     )
     return force_surface_picture(SURFACE_CONTRACTION, SURFACE_KPA, own, other, title)
-
-
-def _scaled(values: Array) -> Array:
-    """Into [-1, 1], as the network sees a signal."""
-    low, high = values.min(), values.max()
-    return np.asarray(2.0 * (values - low) / (high - low) - 1.0)

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pamid.report.style import Drawing, Picture, colour, grid, legend_above, render
 
 Array = NDArray[np.float64]
+Line = tuple[str, str, str, float, str]  # attribute, word, colour's role, width, style
 
-ROUGH_LINE, THIN_LINE = (
-    0.05,
-    0.5,
-)  # noise over range from which a measured line is drawn thin, and how thin
+# noise over range from which a measured line is drawn thin, and how thin
+ROUGH_LINE, THIN_LINE = 0.05, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +43,7 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for one, panel in zip(axes.flat, panels, strict=True):
             rough = np.std(np.diff(panel.measured)) > ROUGH_LINE * np.ptp(panel.measured)
-            for part, word, role, broad, style in lines:
-                width = THIN_LINE if rough and part == "measured" else broad
-                one.plot(
-                    time_s,
-                    getattr(panel, part),
-                    style,
-                    color=colour(role),
-                    linewidth=width,
-                    label=word,
-                )
-            grid(one, "y")
-            one.set_ylabel(panel.label)
+            _against_time(one, time_s, panel, lines, thin=bool(rough))
         for one in axes[-1]:
             one.set_xlabel("time [s]")
         figure.legend(
@@ -88,18 +77,25 @@ def coupling_picture(title: str, swings: Sequence[Swung]) -> Picture:
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(swings), 1, squeeze=False)[:, 0]
         for one, swing in zip(axes, swings, strict=True):
-            for part, word, role, width, style in lines:
-                one.plot(
-                    swing.time_s,
-                    getattr(swing, part),
-                    style,
-                    color=colour(role),
-                    linewidth=width,
-                    label=word,
-                )
-            grid(one, "y")
-            one.set_ylabel(swing.label)
+            _against_time(one, swing.time_s, swing, lines)
         legend_above(axes[0], 1 if narrow else 3)
         axes[-1].set_xlabel("time [s]")
 
     return render(Drawing("coupling", title, draw, 4.4, 4.6))
+
+
+def _against_time(
+    axes: Axes, time_s: Array, shown: Panel | Swung, lines: Sequence[Line], *, thin: bool = False
+) -> None:
+    """The lines of a panel; thin: the measured one."""
+    for part, word, role, width, style in lines:
+        axes.plot(
+            time_s,
+            getattr(shown, part),
+            style,
+            color=colour(role),
+            linewidth=THIN_LINE if thin and part == "measured" else width,
+            label=word,
+        )
+    grid(axes, "y")
+    axes.set_ylabel(shown.label)

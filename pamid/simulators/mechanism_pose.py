@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pamid.base.errors import DataError
 from pamid.simulators.mechanism import Mechanism, Vector
@@ -31,7 +32,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
     for number, body in enumerate(m.bodies[1:], start=1):
         above, turn = places[body.parent], turns[body.parent]
         place = above + _turned(turn, body.position)
-        turn = turn @ _matrix(body.quaternion)
+        turn = turn @ Rotation.from_quat(body.quaternion, scalar_first=True).as_matrix()
         anchor = place
         for k, joint in enumerate(m.joints):
             if joint.body != number:
@@ -44,7 +45,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
                 anchor = anchor + way[:, None] * axis
             else:
                 axes += np.abs(axis[0])
-                turn = turn @ _about(joint.axis, way)
+                turn = turn @ Rotation.from_rotvec(np.outer(way, joint.axis)).as_matrix()
                 place = anchor - _turned(turn, joint.anchor)
         places.append(place)
         turns.append(turn)
@@ -100,22 +101,3 @@ def _chain(m: Mechanism, last: int) -> list[int]:
 def _turned(turn: FloatArray, vector: Vector) -> FloatArray:
     """(samples, 3)."""
     return np.asarray(turn @ np.asarray(vector))
-
-
-def _matrix(quaternion: Vector) -> FloatArray:
-    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _about(axis: Vector, angle: FloatArray) -> FloatArray:
-    """Rotations (samples, 3, 3) about a unit vector, by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
