@@ -1,5 +1,6 @@
 """Starting values from the gap: the strongest lines of its spectrum, how far the signals at a port
-reach, and, where a motion port of the general catalogue offers its position, the lines over it."""
+reach, where a motion port of the general catalogue offers its position the lines over it, and the
+plateaus on which a reading rests."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
+from pamid.recording.noise import plateau_spacing
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
@@ -24,25 +26,45 @@ Array = NDArray[np.float64]
 class GapHints:
     """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
     periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
-    correlation time of the recordings."""
+    correlation time of the recordings; plateaus: by reading, the spacing of those on which what it
+    returns rests (SI)."""
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
     periods: dict[str, tuple[float, ...]] = field(default_factory=dict)
     timescale_s: float = math.nan
+    plateaus: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     def at(self, port: str) -> Hints:
         reach, periods = self.reach.get(port, {}), self.periods.get(port, ())
-        return Hints(self.peaks_hz, reach, periods, self.timescale_s)
+        steps = self.plateaus.get(port, ())
+        return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps)
 
 
 def gather_hints(
     evidence: DataSplit, base: CandidateModel, settings: Settings = DEFAULT
 ) -> GapHints:
-    """From the windows of a model's fit and its held-out replays."""
+    """From the windows of a model's fit, its held-out replays, and what was recorded."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
     periods = _periods(base, evidence.noise, settings)
-    return GapHints(peaks, _reach(base), periods, evidence.timescale_s)
+    plateaus = _plateaus(evidence.channels, base)
+    return GapHints(peaks, _reach(base), periods, evidence.timescale_s, plateaus)
+
+
+def _plateaus(channels: tuple[str, ...], base: CandidateModel) -> dict[str, tuple[float, ...]]:
+    """Spacings of the plateaus of what is recorded, by the reading that returns it."""
+    found: dict[str, set[float]] = {}
+    for track in base.fit.problem.tracks:
+        spacings = {
+            name: plateau_spacing(y)
+            for name, y, seen in zip(channels, track.y.T, track.seen, strict=True)
+            if seen
+        }
+        for q in base.assembly.traced.passages:
+            for name, value in base.assembly.traced.outputs.items():
+                if value is q.result and spacings.get(name, 0.0) > 0.0:
+                    found.setdefault(q.port, set()).add(spacings[name])
+    return {port: tuple(sorted(spacings)) for port, spacings in found.items()}
 
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, floor, maximum
 
@@ -48,6 +48,10 @@ class Quantisation(Effect):
         ),
     )
     look_alikes = ("dead-zone",)
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """A rounded reading tells its step by the plateaus on which it rests."""
+        return [{"quantum": spacing} for spacing in hints.plateaus]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         steps = value / maximum(p.quantum, 1e-12)

@@ -37,6 +37,10 @@ BLOCK = 40  # samples over which differences are squared
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
 MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
+# plateaus further apart than the recorder's own steps: cycles of their spacing in the span of a
+# channel, and the share of its samples that must lie on them for it to be believed
+BINS, PADDED, LEAST_PLATEAUS, ON_PLATEAUS = 1 << 15, 8, 5, 0.8
+APART = 6.0  # recorder's steps, or plateaus' own widths, from one plateau to the next
 #: order of the differences -> their standard deviation in white noise of 1
 ORDERS = {k: math.sqrt(math.comb(2 * k, k)) for k in (4, 6, 8, 12)}
 MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1: its upper quartile
@@ -90,6 +94,45 @@ def _lattice(levels: Array, step: float) -> float:
         ):
             return 0.0
     return step
+
+
+def plateau_spacing(values: Array) -> float:
+    """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer;
+    0 where there are none.
+
+    Something on the way to the recorder rounds, and something after it adds noise: no recorder's
+    step, whose readings are exact. The levels are lines of the characteristic function
+    |mean exp(2 pi i f x)|: 1 at f = 1/spacing where every sample lies on a level, and
+    exp(-2 (pi w f)^2) where plateaus have the width w (standard deviation).
+    """
+    low, span, own = float(values.min()), float(np.ptp(values)), quantisation_step(values)
+    if not span > 0.0:
+        return 0.0
+    counts = np.histogram(values, BINS, (low, low + span))[0]
+    # padded: a line between two cycles is seen, too
+    lines = np.abs(np.fft.rfft(counts, PADDED * BINS))[: PADDED * BINS // 8] / values.size
+    cycles = np.arange(lines.size) / PADDED
+    far = PADDED * LEAST_PLATEAUS
+    best = far + int(np.argmax(np.where(cycles * APART * own <= span, lines, 0.0)[far:]))
+    # a channel that mostly rests is strong everywhere
+    if lines[best] < ON_PLATEAUS or lines[far] > ON_PLATEAUS:
+        return 0.0
+    for harmonic in (2, 3):
+        below = round(best / harmonic) + np.arange(-1, 2)
+        if below[0] >= far and lines[below].max() > ON_PLATEAUS:
+            best = int(below[np.argmax(lines[below])])
+    spacing = _refined(values, span / cycles[best], span)
+    phase = np.angle(np.mean(np.exp(2j * np.pi * values / spacing))) / (2.0 * np.pi)
+    off = values / spacing - phase
+    width = float(np.median(np.abs(off - np.round(off)))) / MEDIAN
+    return spacing if APART * width < 1.0 else 0.0
+
+
+def _refined(values: Array, spacing: float, span: float) -> float:
+    """The spacing near this one at which the line is strongest."""
+    near = (span / spacing + np.linspace(-1.0, 1.0, 41) / PADDED) / span
+    lines = [abs(np.exp(2j * np.pi * f * values).mean()) for f in near]
+    return float(1.0 / near[int(np.argmax(lines))])
 
 
 def noise_level(y: Array) -> Array:

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
-from pamid.recording.noise import noise_level, quantisation_step, sensor_noise
+from pamid.recording.noise import (
+    noise_level,
+    plateau_spacing,
+    quantisation_step,
+    sensor_noise,
+)
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.tracks import stated_noise, track_of
@@ -169,3 +174,27 @@ def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     assert problem.noise == pytest.approx([ROUNDING * step], rel=0.1)
     assert replace(problem, window_s=1.0).noise == pytest.approx(problem.noise)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("recorded", [0.0, 0.01])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_plateaus_are_seen_through_the_noise_behind_them(
+    motion: str, recorded: float, unit: float
+) -> None:
+    """What rounds before noise is added leaves plateaus, whatever step the recorder has."""
+    step, noise = 4.0, np.random.default_rng(5).normal(size=SAMPLES)
+    y = step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
+    y = recorded * np.round(y / recorded) if recorded else y
+    assert plateau_spacing(unit * y) == pytest.approx(unit * step, rel=3e-3)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_recorders_own_step_is_no_plateau(motion: str, channel: str) -> None:
+    step, rounded = CHANNELS[channel]
+    noise = np.random.default_rng(5).normal(size=SAMPLES)
+    for more in (0.0, 0.3, 3.0):
+        assert plateau_spacing(rounded(MOTIONS[motion] + more * step * noise, step)) == 0.0
+    assert plateau_spacing(MOTIONS[motion] + 0.05 * noise) == 0.0
+    assert plateau_spacing(np.zeros(SAMPLES)) == 0.0

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from small_cart import cart_evidence, record_cart
 from virtual_joint import record
 
 from pamid.diagnosis.candidate_model import candidate_from
@@ -17,6 +19,7 @@ from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 
 
@@ -96,3 +99,20 @@ def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
     residual = np.sin(2.0 * np.pi * hz * track.period_s * np.arange(samples))[:, None]
     replayed: Any = SimpleNamespace(track=track, residual=residual)
     assert spectrum_peaks([replayed], np.ones(1))[0] == pytest.approx(hz, abs=0.5)
+
+
+def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path: Path) -> None:
+    """A converter of 16 levels before the logger: seen through the noise behind it."""
+    told = read_recording(record_cart(tmp_path, planted=()))
+    place, random = told.columns["position_m"], np.random.default_rng(2)
+    step = float(np.ptp(place)) / 16.0
+    rough = step * np.round(place / step) + 0.03 * step * random.normal(size=len(place))
+    write_recording(tmp_path / "rough.csv", told.time, told.columns | {"position_m": rough})
+    evidence = cart_evidence(tmp_path / "rough.csv")
+    model = fit_model(evidence)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    hints = gather_hints(evidence, base)
+    assert not hints.at("force").plateaus
+    assert hints.at("sensor").plateaus == pytest.approx((step,), rel=0.01)
+    found = effects()["quantisation"]().starts(hints.at("sensor"))
+    assert found == [{"quantum": hints.at("sensor").plateaus[0]}]
