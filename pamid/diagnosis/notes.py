@@ -35,14 +35,14 @@ def _company(d: Diagnosis) -> list[str]:
     j = d.judged
     named = {m.effect.label for m in j.named} if j else set()
     left_out = [m for m in j.members if m.effect.label not in named] if j else []
-    if j is None or not left_out or len(j.members) < 2:
+    if j is None or not left_out:
         return []
 
     def told(m: Member) -> str:
         return f"{m.effect.label} (P {chance_figure(m.probability)})"
 
-    share = d.removed_by(j.best)
-    if share.share < d.settings.worth:
+    share, several = d.removed_by(j.best), len(j.members) > 1
+    if share.share < d.settings.worth or (not several and share.low <= 0.0):
         return []
     instead = [
         f" In the place of {m.effect.label} {' or '.join(m.instead)} would do as well."
@@ -55,7 +55,8 @@ def _company(d: Diagnosis) -> list[str]:
         f"{percents_text(share.low, share.high)})"
     )
     if not named:
-        return [f"The nearest is {beside}: together they remove {size}.{''.join(instead)}"]
+        removing = "together they remove" if several else "it removes"
+        return [f"The nearest is {beside}: {removing} {size}.{''.join(instead)}"]
     lost = " and ".join(map(told, left_out))
     return [
         f"The model with the cause holds {lost}, too, which is not named; all of them together "

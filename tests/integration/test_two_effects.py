@@ -202,6 +202,10 @@ def test_an_effect_that_needs_a_nameless_one_beside_it_is_told_with_it(tmp_path:
         (said,) = _company(replace(d, judged=judged))
         assert late.effect.label in said and "sensor-timing would do as well" in said
         assert ("The nearest is" in said) == (not kept)
+    # one that stands alone, too, and is not probable enough to be named
+    nobody = replace(d.judged.decision, named=())
+    (said,) = _company(replace(d, judged=replace(d.judged, decision=nobody, members=(rubbing,))))
+    assert said.startswith(f"The nearest is {rubbing.effect.label} (P ") and ": it removes" in said
 
 
 def test_the_newest_is_dropped_where_it_only_led_out_of_a_minimum(
