@@ -25,6 +25,7 @@ from pamid.report.formatting import (
     channel_label,
     channel_unit,
     effect_label,
+    not_converged,
     percent,
     percent_span,
     sentence,
@@ -233,10 +234,7 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
     """Causes whose refit did not converge."""
     named = {cause.effect for cause in diagnosis.causes}
     return [
-        sentence(
-            f"the refit with {effect_label(one.effect)} did not converge"
-            f"{': ' + formatting.clean(one.why) if one.why else ''}"
-        )
+        sentence(not_converged(f"the refit with {effect_label(one.effect)}", one.why))
         for one in diagnosis.ranking
         if one.effect in named and not one.converged
     ]

@@ -244,7 +244,7 @@ def candidate_tip(one: Candidate, diagnosis: DiagnosisFile) -> str:
     )
     text += "" if one.probability is None else f", probability {formatting.chance(one.probability)}"
     if not one.converged:
-        text += f"; its fit did not converge{': ' + formatting.clean(one.why) if one.why else ''}"
+        text += f"; {formatting.not_converged('its fit', one.why)}"
     return formatting.sentence(text)
 
 

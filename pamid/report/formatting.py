@@ -204,6 +204,11 @@ def join(parts: Iterable[str], last: str = "and") -> str:
     )
 
 
+def not_converged(what: str, why: str) -> str:
+    """ "the fit did not converge: iterations used up", as every page and picture says it."""
+    return f"{what} did not converge: {clean(why) or 'no reason given'}"
+
+
 def sentence(text: str) -> str:
     """With a capital first letter and a full stop."""
     text = text.strip()

@@ -75,7 +75,7 @@ def why_not(one: Candidate, diagnosis: DiagnosisFile) -> str:
     if one.effect in named:
         return "is named"
     if not one.converged:
-        return f"its fit did not converge: {formatting.clean(one.why) or 'no reason given'}"
+        return formatting.not_converged("its fit", one.why)
     if one.shrinkage is None:
         return formatting.clean(one.why) or "was not refitted"
     reasons = [

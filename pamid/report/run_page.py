@@ -188,14 +188,10 @@ def _subtitle(run: RunData) -> str:
 def _warnings(run: RunData) -> Paragraphs:
     texts = []
     if run.fit is not None and not run.fit.converged:
-        texts.append(
-            f"The fit did not converge: {formatting.clean(run.fit.why) or 'no reason given'}."
-        )
+        texts.append(f"{formatting.not_converged('The fit', run.fit.why)}.")
     if run.network is not None and not run.network.summary.converged:
-        texts.append(
-            "The training of the network did not converge: "
-            f"{formatting.clean(run.network.summary.why)}."
-        )
+        why = run.network.summary.why
+        texts.append(f"{formatting.not_converged('The training of the network', why)}.")
     texts += [
         f"This command did not end: {' '.join(step.command)}."
         for step in run.steps
