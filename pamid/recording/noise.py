@@ -39,8 +39,8 @@ MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
 # plateaus further apart than the recorder's own steps: cycles of their spacing in the span of a
 # channel, and the share of its samples that must lie on them for it to be believed
-BINS, PADDED, LEAST_PLATEAUS, ON_PLATEAUS = 1 << 15, 8, 5, 0.8
-APART = 6.0  # recorder's steps, or plateaus' own widths, from one plateau to the next
+HISTOGRAM_BINS, PADDED, LEAST_PLATEAUS, ON_PLATEAUS = 1 << 15, 8, 5, 0.8
+PLATEAUS_APART = 6.0  # recorder's steps, or plateaus' own widths, from one plateau to the next
 #: order of the differences -> their standard deviation in white noise of 1
 ORDERS = {k: math.sqrt(math.comb(2 * k, k)) for k in (4, 6, 8, 12)}
 MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1: its upper quartile
@@ -108,12 +108,15 @@ def plateau_spacing(values: Array) -> float:
     low, span, own = float(values.min()), float(np.ptp(values)), quantisation_step(values)
     if not span > 0.0:
         return 0.0
-    counts = np.histogram(values, BINS, (low, low + span))[0]
+    counts = np.histogram(values, HISTOGRAM_BINS, (low, low + span))[0]
     # padded: a line between two cycles is seen, too
-    lines = np.abs(np.fft.rfft(counts, PADDED * BINS))[: PADDED * BINS // 8] / values.size
+    lines = (
+        np.abs(np.fft.rfft(counts, PADDED * HISTOGRAM_BINS))[: PADDED * HISTOGRAM_BINS // 8]
+        / values.size
+    )
     cycles = np.arange(lines.size) / PADDED
     far = PADDED * LEAST_PLATEAUS
-    best = far + int(np.argmax(np.where(cycles * APART * own <= span, lines, 0.0)[far:]))
+    best = far + int(np.argmax(np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]))
     # a channel that mostly rests is strong everywhere
     if lines[best] < ON_PLATEAUS or lines[far] > ON_PLATEAUS:
         return 0.0
@@ -125,7 +128,7 @@ def plateau_spacing(values: Array) -> float:
     phase = np.angle(np.mean(np.exp(2j * np.pi * values / spacing))) / (2.0 * np.pi)
     off = values / spacing - phase
     width = float(np.median(np.abs(off - np.round(off)))) / MEDIAN
-    return spacing if APART * width < 1.0 else 0.0
+    return spacing if PLATEAUS_APART * width < 1.0 else 0.0
 
 
 def _refined(values: Array, spacing: float, span: float) -> float:
