@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 from pamid.base.share_words import percent_text, percents_text
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.verdict_words import chance_figure
-from pamid.estimation.intervals import background_pull
+from pamid.estimation.intervals import background_pull, estimates
 from pamid.estimation.observed_sizes import unsized
+from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.port_guide import driving_words
 
 
 def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
-    kinds = (_signs, _company, _between, _halves, _windows, _fits, _bounds, _background, _sizes)
+    kinds = (
+        _signs,
+        _company,
+        _between,
+        _halves,
+        _windows,
+        _fits,
+        _bounds,
+        _background,
+        _strained,
+        _sizes,
+    )
     return [note for of_kind in kinds for note in of_kind(d)]
 
 
@@ -132,28 +146,46 @@ def _bounds(d: Diagnosis) -> list[str]:
 
 
 def _background(d: Diagnosis) -> list[str]:
-    """Background terms that stand as far off as they may, and the effects that would take that
-    up: a muscle that is stronger than its twin bends a force map, too."""
+    """Background terms that stand as far off as they may: a muscle that is stronger than its twin
+    bends a force map, too."""
+    return [
+        f"Background {term} stands at {pull:.1f} tolerances: "
+        f"{like or 'no effect of the ranking takes that up; the tolerance may be too tight'}."
+        for term, pull, like in _far_off(d, background_pull)
+    ]
+
+
+def _strained(d: Diagnosis) -> list[str]:
+    """Parameters of the rig that the refit has moved far: the data sheet is wrong, or they take up
+    what is missing."""
+    return [
+        f"{name} was moved {strain:.1f} standard deviations of its prior: "
+        f"{like or 'no effect of the ranking brings it back; the data sheet may be wrong there'}."
+        for name, strain, like in _far_off(d, _strains)
+    ]
+
+
+def _strains(fitted: Fit) -> dict[str, float]:
+    return {e.name: e.strain for e in estimates(fitted) if not e.bound.owner}
+
+
+def _far_off(
+    d: Diagnosis, off: Callable[[Fit], dict[str, float]]
+) -> Iterator[tuple[str, float, str]]:
+    """What stands far off in the model that is reported, how far, and the effects that would look
+    like this, since with them it comes back ("" where there are none)."""
     final, s = d.cause or d.budget.baseline, d.settings
+    far = {name: size for name, size in off(final.fit).items() if size >= s.far_off}
     named = {a.label for a in final.attached}
-    others = [c for c in d.ranking if not named & {a.label for a in c.attached}]
-    texts = []
-    for term, pull in background_pull(final.fit).items():
-        if pull < s.background_pressed:
-            continue
-        eased = {c.label: background_pull(c.fit).get(term, pull) for c in others}
+    others = [c for c in d.ranking if not named & {a.label for a in c.attached}] if far else []
+    eased = {c.label: off(c.fit) for c in others}
+    for name, size in far.items():
         like = [
-            f"{label} (with it {now:.1f})"
+            f"{label} (with it {now[name]:.1f})"
             for label, now in eased.items()
-            if now <= pull - s.background_eased
-        ][: s.background_alike]
-        meant = (
-            f"{' or '.join(like)} would look like this"
-            if like
-            else "no effect of the ranking takes that up; the tolerance may be too tight"
-        )
-        texts.append(f"Background {term} stands at {pull:.1f} tolerances: {meant}.")
-    return texts
+            if now.get(name, size) <= size - s.far_off_eased
+        ][: s.far_off_alike]
+        yield name, size, f"{' or '.join(like)} would look like this" if like else ""
 
 
 def _sizes(d: Diagnosis) -> list[str]:

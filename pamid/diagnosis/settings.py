@@ -190,16 +190,15 @@ class Settings:
     few_windows: int = setting(
         12, "windows", "with fewer held out it is said that they are few", SHOWN_ONLY
     )
-    background_pressed: float = setting(
+    far_off: float = setting(
         2.9,
         "tolerances",
-        "a background term farther off is named beside the effects that would take that up",
-        "its range ends at three tolerances (REACH in pamid/model/background.py)",
+        "a background term, or a parameter of the rig, that is farther off is named beside the "
+        "effects that would bring it back",
+        "the term's range ends at three tolerances (REACH in pamid/model/background.py)",
     )
-    background_eased: float = setting(
-        0.5, "tolerances", "what an effect has to take off such a term to be named", SHOWN_ONLY
-    )
-    background_alike: int = setting(3, "effects", "named beside such a term at most", SHOWN_ONLY)
+    far_off_eased: float = setting(0.5, "tolerances", "that an effect takes off it", SHOWN_ONLY)
+    far_off_alike: int = setting(3, "effects", "named beside it at most", SHOWN_ONLY)
     reweight_rounds: int = setting(
         2, "count", "refits with the weights of the model's own residuals, at most", COST
     )

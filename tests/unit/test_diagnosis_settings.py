@@ -154,12 +154,26 @@ def test_the_pull_from_which_a_background_is_named() -> None:
         "Background force_map_1 stands at 3.0 tolerances: length-asymmetry (with it 2.0) or "
         "force-asymmetry (with it 2.4) would look like this."
     )
-    (fewer,) = told(Settings(background_alike=1))
+    (fewer,) = told(Settings(far_off_alike=1))
     assert "length-asymmetry" in fewer and "force-asymmetry" not in fewer
-    (none,) = told(Settings(background_eased=2.0))
+    (none,) = told(Settings(far_off_eased=2.0))
     assert "no effect of the ranking takes that up" in none
-    assert told(Settings(background_pressed=3.1)) == []
-    assert len(told(Settings(background_pressed=1.0))) == 2, "force_map_2 stands at 1.2"
+    assert told(Settings(far_off=3.1)) == []
+    assert len(told(Settings(far_off=1.0))) == 2, "force_map_2 stands at 1.2"
+
+
+def test_a_parameter_that_was_moved_far_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    moved = {"": 4.1, "leak": 4.0, "length-asymmetry": 0.4, "force-asymmetry": 2.0, "gravity": 4.1}
+    d = pulled(DEFAULT)
+    for model in (d.budget.baseline, *d.ranking):
+        model.fit.strains = {"contraction_0": moved[model.label], "mass_kg": 0.2}
+    monkeypatch.setattr(notes, "_strains", lambda fitted: fitted.strains)
+    assert notes._strained(d) == [
+        "contraction_0 was moved 4.1 standard deviations of its prior: length-asymmetry (with it "
+        "0.4) or force-asymmetry (with it 2.0) would look like this."
+    ]
+    d.ranking = ()
+    assert "no effect of the ranking brings it back" in notes._strained(d)[0]
 
 
 def pulled(settings: Settings) -> Any:
