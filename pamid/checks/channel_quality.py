@@ -16,7 +16,7 @@ natural, and only a motion that stops or goes on with a jump counts.
     spikes    one or two samples beyond both neighbours by SPIKE_NOISE sigma, SPIKE_SPAN of the
               span and SPIKE_BEND times the 98 % quantile of second differences
     dead      standard deviation below ONLY_NOISE sigma, or a span of one step
-    coarse    step above COARSE_STEP of the span
+    coarse    step, or spacing of plateaus, above COARSE_STEP of the span
     noisy     sigma above NOISY of the standard deviation and twice what the sensor is known for
 """
 
@@ -32,7 +32,13 @@ from numpy.typing import NDArray
 from pamid.base.metrics import runs_of
 from pamid.base.units import NONE, split_column
 from pamid.recording.file_checks import HUGE, TINY
-from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, quantisation_step
+from pamid.recording.noise import (
+    MAY_BE_NOISE,
+    is_white,
+    noise_level,
+    plateau_spacing,
+    quantisation_step,
+)
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -402,14 +408,16 @@ def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> l
             if others_move
             else []
         )
-    if s.step > COARSE_STEP * float(high - low) > 0.0:
+    plateaus = 0.0 if s.sent else plateau_spacing(y)
+    if (step := plateaus or s.step) > COARSE_STEP * float(high - low) > 0.0:
+        finer = "; something rounds it before the logger, which is finer" if plateaus else ""
         return [
             QualityIssue(
                 "coarse",
                 (s.name,),
                 "advice",
-                f"{s.name} moves in steps of {s.step:.3g}{s.unit}, of which its "
-                f"range has only {float(high - low) / s.step:.0f}",
+                f"{s.name} moves in steps of {step:.3g}{s.unit}, of which its "
+                f"range has only {float(high - low) / step:.0f}{finer}",
                 "Use a finer range of the converter, a finer "
                 "encoder, or larger motion; friction and backlash hide below a step.",
                 (),

@@ -161,10 +161,15 @@ def rounded(values: Array, step: float) -> Array:
     return np.asarray(np.round(values / step) * step)
 
 
+def hum(count: int) -> Array:
+    return 0.5 * np.random.default_rng(4).standard_normal(count)
+
+
 DEFECTS: dict[str, tuple[str, Callable[[Array], Array], str, tuple[float, float] | None]] = {
     "clipped": (P2, lambda y: np.minimum(y, 540.0), "clipped", None),
     "clipped on an encoder": (ANGLE, lambda y: np.minimum(rounded(y, 0.09), 18.0), "clipped", None),
     "coarse": (P1, lambda y: rounded(y, 8.0), "coarse", None),
+    "coarse before the logger": (P1, lambda y: rounded(y, 20.0) + hum(y.size), "coarse", None),
     "dead": (P1, lambda y: np.full(y.size, 101.0), "dead", None),
     "unplugged": (
         P1,
