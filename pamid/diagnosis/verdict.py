@@ -214,12 +214,13 @@ def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
 
 def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
     """What the verdict names, strongest first; for "ambiguous" the members that cannot be told
-    apart."""
+    apart, the most probable first: what they remove does not decide between them."""
     j = d.judged
     if d.cause is None or j is None:
         return ()
     if d.verdict == "ambiguous":
         tied = [one for one in j.tied if one[1].effect.label in j.decision.named]
+        tied.sort(key=lambda one: -one[1].probability)
         return tuple(_cause(c, m, 1.0 / len(tied)) for c, m in tied)
     shares = _cause_shares(d, [m.effect.label for m in j.named])
     ordered = sorted(j.named, key=lambda m: -shares[m.effect.label])

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pamid.diagnosis.decision as decision
+import pamid.diagnosis.verdict as verdict
 from pamid.base.errors import DataError
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.budget import Budget
@@ -432,3 +433,20 @@ def test_the_line_does_not_overrule_what_leaves_nothing_but_noise() -> None:
     assert cause_probability(slight) == yes
     for doubt in ({"remaining": 1.5}, {"sure": 4.0}, {"lead_sure": 4.0}):
         assert cause_probability(replace(slight, **doubt)) < yes
+
+
+def test_of_effects_that_cannot_be_told_apart_the_most_probable_comes_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What they remove is alike: the order of the ranking says nothing."""
+
+    def one(label: str, probability: float) -> Any:
+        return label, SimpleNamespace(effect=SimpleNamespace(label=label), probability=probability)
+
+    tied = [one("lugre-friction", 0.46), one("bouc-wen-hysteresis", 0.66), one("play", 0.9)]
+    chosen = SimpleNamespace(named=("lugre-friction", "bouc-wen-hysteresis"))
+    d: Any = SimpleNamespace(
+        verdict="ambiguous", cause=object(), judged=SimpleNamespace(tied=tied, decision=chosen)
+    )
+    monkeypatch.setattr(verdict, "_cause", lambda model, member, share: (model, share))
+    assert verdict._causes(d) == (("bouc-wen-hysteresis", 0.5), ("lugre-friction", 0.5))
