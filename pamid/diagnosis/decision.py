@@ -9,7 +9,8 @@ one, too. The word of the verdict follows from them:
                         which none is probable alone
     unknown-effect      no cause that may be named, and a gap that is real
     no-structural-gap   nothing beyond retuned parameters and tolerances
-    cannot-tell         data too few, too quiet or too doubtful to say
+    cannot-tell         data too few, too quiet or too doubtful to say; a gap that is more probable
+                        than not, and not sure enough to be called one
 """
 
 from __future__ import annotations
@@ -226,6 +227,9 @@ def decide(
         unsure = [w for w in weighed if w.probability >= yes and w.removes.low <= 0.0]
         verdict = "cannot-tell" if unsure else "unknown-effect"
         why = "few" if unsure else ""
+    elif gap > settings.open_gap and before.floors >= 1.0 + settings.gap_margin:
+        # not sure enough to call it real, and less sure that there is none
+        verdict, why = "cannot-tell", "open"
     else:
         verdict = "no-structural-gap"
     return Decision(

@@ -49,8 +49,8 @@ def _company(d: Diagnosis) -> list[str]:
     j = d.judged
     named = {m.effect.label for m in j.named} if j else set()
     left_out = [m for m in j.members if m.effect.label not in named] if j else []
-    if j is None or not left_out:
-        return []
+    if j is None or not left_out or (len(j.members) == 1 and d.verdict == "cannot-tell"):
+        return []  # a sentence that cannot tell names the nearest
 
     def told(m: Member) -> str:
         return f"{m.effect.label} (P {chance_figure(m.probability)})"

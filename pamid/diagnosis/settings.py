@@ -29,8 +29,10 @@ class Settings:
         "share of the noise floor",
         "a refitted model nearer to the floor than this in every channel, with 95 % confidence, "
         "has no structural gap",
-        "an equivalence margin, stated before the first trial; alarms where nothing is planted: "
-        "docs/measured/blind-trial.md",
+        "an equivalence margin, stated before the first trial; docs/measured/blind-trial.md",
+    )
+    open_gap: float = setting(
+        0.5, "probability", "of a gap that is not denied", "more probable than not is no denial"
     )
     naive_margin: float = setting(
         0.10,
@@ -193,8 +195,7 @@ class Settings:
     far_off: float = setting(
         2.9,
         "tolerances",
-        "a background term, or a parameter of the rig, that is farther off is named beside the "
-        "effects that would bring it back",
+        "a background term or parameter farther off is named, with what would bring it back",
         "the term's range ends at three tolerances (REACH in pamid/model/background.py)",
     )
     far_off_eased: float = setting(0.5, "tolerances", "that an effect takes off it", SHOWN_ONLY)

@@ -154,6 +154,26 @@ def test_the_words_follow_from_causes_and_remainder() -> None:
     assert decide(SILENT, SILENT, []).verdict == "no-structural-gap"
 
 
+def test_a_gap_between_none_and_real_stays_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More probable than not, and less than what is called real: neither is said."""
+    surer = replace(PLAIN.lines["missing"], yes=0.95)
+    strict = replace(PLAIN, lines={**PLAIN.lines, "missing": surer})
+    monkeypatch.setattr(decision, "calibration", lambda: strict)
+    features = {f: replace(GAP, missing=f) for f in (0.2, 1.1, 30.0)}
+    chances = {f: surer.probability(one.features()) for f, one in features.items()}
+    unlikely = replace(FRICTION, probability=0.4)
+    words = {f: decide(one, one, [unlikely], [unlikely]) for f, one in features.items()}
+    told = {
+        f: "unknown-effect" if p >= 0.95 else "cannot-tell" if p > 0.5 else "no-structural-gap"
+        for f, p in chances.items()
+    }
+    assert {f: d.verdict for f, d in words.items()} == told and len(set(told.values())) == 3
+    (still_open,) = (d for d in words.values() if d.verdict == "cannot-tell")
+    assert (still_open.named, still_open.why, still_open.gap_real) == ((), "open", False)
+    near = replace(features[1.1], floors=1.05)
+    assert decide(near, near, [unlikely]).verdict == "no-structural-gap", "at the noise floor"
+
+
 @pytest.mark.usefixtures("plain")
 def test_families_that_tie_are_ambiguous_where_one_of_them_is_probable() -> None:
     halves = [replace(FRICTION, probability=0.45), replace(LEAK, probability=0.4)]

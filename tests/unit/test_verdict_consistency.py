@@ -19,6 +19,7 @@ import pamid.diagnosis.consistency as consistency
 import pamid.diagnosis.decision as decision
 from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.verdict_grounds import LeftOver
 from pamid.diagnosis.verdict_words import RECORD_MORE, sentence
 from pamid.report import captions
@@ -116,7 +117,11 @@ def test_a_decision_never_contradicts_what_it_was_asked(
         assert all(w.probability >= yes for w in named)
         assert (found.verdict == "partly-explained") == found.remainder_real
     elif not doubt:
-        assert (found.verdict == "no-structural-gap") == (not found.gap_real)
+        silent = found.verdict == "no-structural-gap"
+        beyond = before.floors >= 1.0 + DEFAULT.gap_margin
+        # none is said neither of a gap that is real nor of one that is more probable than not
+        assert silent == (not found.gap_real and not (beyond and found.gap > DEFAULT.open_gap))
+        assert (found.why == "open") == (not silent and not found.gap_real)
     assert all(0.0 <= p <= 1.0 for p in (found.gap, found.remainder, found.known))
     assert 0.0 < found.gap_p_value <= 1.0 and 0.0 < found.remainder_p_value <= 1.0
 
