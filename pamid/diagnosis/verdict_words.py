@@ -173,16 +173,17 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
     m = max(found.members, key=lambda m: m.probability or 0.0, default=None)
     rest = found.remainder
     if rest is not None and not rest.real and rest.probability is not None:
-        size = f", {size_of(rest, beside=False)}," if rest.floors is not None else ""
         text = (
-            f"Whether anything is missing these recordings do not tell: what is left{size} is more "
-            f"than noise and ordinary tolerances with P {chance_figure(rest.probability)}."
+            "These recordings leave open whether anything is missing "
+            f"(P {chance_figure(rest.probability)})"
         )
+        if rest.floors is not None:
+            text += f": what is left is {size_of(rest, beside=False)}"
+        text += "."
         if m is not None and m.removes is not None and m.removes.share >= DEFAULT.worth:
             text += (
-                f" The nearest is {_with_chance(m, spelling)}: it removes "
-                f"{percent_text(m.removes.share)} of that (95 % interval "
-                f"{percents_text(m.removes.low, m.removes.high)})."
+                f" The nearest is {_with_chance(m, spelling)}, {percent_text(m.removes.share)} of "
+                f"it (95 % interval {percents_text(m.removes.low, m.removes.high)})."
             )
         return f"{text} {RECORD_MORE}"
     if m is None or m.removes is None:

@@ -399,3 +399,22 @@ def test_probabilities_are_never_certain_and_small_shares_are_not_nothing() -> N
         "coulomb-friction at the joint port (P > 0.99) and leak at the valve port (P 0.50) explain "
         "99.3 % of the gap; 0.6 % remain, at the muscle port."
     )
+
+
+def test_a_gap_that_stays_open_is_told_with_its_chance_and_the_nearest_effect() -> None:
+    nearest = {
+        "effect": "coulomb-friction",
+        "family": "friction",
+        "port": "joint",
+        "probability": 0.43,
+        "removes": {"share": 0.45, "low": -0.46, "high": 0.64},
+    }
+    rest = {"share": 1.0, "floors": 21.0, "probability": 0.72, "real": False, "port": ""}
+    found = changed("cannot-tell", remark="", members=[nearest], remainder=rest)
+    assert sentence(found) == (
+        "These recordings leave open whether anything is missing (P 0.72): what is left is 21 times "
+        "the noise floor in the worst channel. The nearest is coulomb-friction at the joint port "
+        f"(P 0.43), 45 % of it (95 % interval -46 to 64 %). {RECORD_MORE}"
+    )
+    weak = changed("cannot-tell", remark="", members=[], remainder=rest)
+    assert "nearest" not in sentence(weak) and RECORD_MORE in sentence(weak)
