@@ -413,8 +413,8 @@ def test_a_gap_that_stays_open_is_told_with_its_chance_and_the_nearest_effect() 
     found = changed("cannot-tell", remark="", members=[nearest], remainder=rest)
     assert sentence(found) == (
         "These recordings leave open whether anything is missing (P 0.72): what is left is 21 "
-        "times the noise floor in the worst channel. The nearest is coulomb-friction at the joint port "
-        f"(P 0.43), 45 % of it (95 % interval -46 to 64 %). {RECORD_MORE}"
+        "times the noise floor in the worst channel. The nearest is coulomb-friction at the joint "
+        f"port (P 0.43), 45 % of it (95 % interval -46 to 64 %). {RECORD_MORE}"
     )
     weak = changed("cannot-tell", remark="", members=[], remainder=rest)
     assert "nearest" not in sentence(weak) and RECORD_MORE in sentence(weak)
