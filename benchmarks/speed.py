@@ -1,5 +1,5 @@
-"""Everything that is wanted of the speed of pamid, in one table: measured now, beside the peer in the
-same run, the goal, and whether it is reached.
+"""All that is wanted of the speed of pamid in one table: measured now, beside the peer of the same
+run, with the goal and whether it is reached.
 
     OMP_NUM_THREADS=1 python benchmarks/speed.py [--rows pass,free-run] [--long] [--json FILE]
     [--environment FOLDER] [--samples 66667] [--jobs 2]
