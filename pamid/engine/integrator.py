@@ -334,6 +334,7 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
     Where Newton does not converge the state becomes NaN, so that the sweep reports it.
     """
     sensitive, x, S, D = inputs.sensitive, memory.x, memory.S, work.D
+    c, b = memory.cells, memory.past
     x0, k1, S0, A = work.x0, work.slope, work.S0, work.slope_S
     out, M, pivots = work.out, work.M, work.pivots
     nx, ns = x.shape[0], S.shape[1]
@@ -357,17 +358,7 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
             x[:] = np.nan
             return
         if sensitive:
-            call(
-                equations.address[1],
-                x,
-                memory.cells,
-                memory.past,
-                inputs.u,
-                row,
-                inputs.p,
-                work.ticks,
-                out,
-            )
+            call(equations.address[1], x, c, b, inputs.u, row, inputs.p, t, out)
             _newton_matrix(out, equations.pointer, equations.columns, nx, gh, M)
             factor(M, pivots)
             for i in range(nx):

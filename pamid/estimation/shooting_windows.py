@@ -4,18 +4,35 @@ to (`pamid.estimation.multiple_shooting` says of what)."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
+from pamid.estimation.problem import Problem, Scale
+from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Runner
 
-if TYPE_CHECKING:  # which simulates by what stands here
-    from pamid.estimation.multiple_shooting import MultipleShooting
-
 Array = NDArray[np.float64]
+
+
+class ShootingFit(Protocol):
+    """What the windows have to know of a fit; as in `MultipleShooting`."""
+
+    @property
+    def problem(self) -> Problem: ...
+    @property
+    def p(self) -> Array: ...
+    @property
+    def weights(self) -> Weights: ...
+    @property
+    def continuity(self) -> tuple[Array, ...]: ...
+    @property
+    def stepping(self) -> Stepping: ...
+    @property
+    def scale(self) -> Scale: ...
 
 
 @dataclass
@@ -53,7 +70,7 @@ class TrackRuns(NamedTuple):
 # where a model runs away, sums of its sensitivities may overflow: that is looked for at the end
 @np.errstate(over="ignore", invalid="ignore")
 def run_tracks(
-    fitted: MultipleShooting, s: Array, starts: tuple[Array, ...], derivatives: bool
+    fitted: ShootingFit, s: Array, starts: tuple[Array, ...], derivatives: bool
 ) -> list[TrackRuns] | None:
     """Every window simulated at scaled parameters and window starts; None where the model runs
     away."""
@@ -98,7 +115,7 @@ def run_tracks(
 
 @np.errstate(over="ignore", invalid="ignore")
 def assembled(
-    fitted: MultipleShooting, s: Array, tracks: list[TrackRuns] | None, derivatives: bool
+    fitted: ShootingFit, s: Array, tracks: list[TrackRuns] | None, derivatives: bool
 ) -> ShootingNormal:
     """Cost at scaled parameters and window starts, and with derivatives the normal equations, of
     what `run_tracks` has simulated there."""
