@@ -28,7 +28,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.simulation.free_runs import choose_stepping
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+TESTS = Path(__file__).resolve().parents[1] / "tests"
+sys.path[:0] = [str(TESTS / "unit"), str(TESTS / "support")]  # test_two_link.py and its helpers
 
 SAMPLES, PERIOD_S, ROUNDS = 66667, 0.003, 9
 WANTED_S = 0.15
