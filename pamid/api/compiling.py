@@ -17,23 +17,37 @@ import numpy as np
 from pamid.base.progress import ProgressLine
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named, rigs
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named, rigs
 
 #: their functions are compiled when they are imported
 _EAGER = ("pamid.engine.block_tridiagonal", "pamid.engine.recurrence_kernels")
+#: the rig of the recording that is shipped, and of the demonstration
+_FIRST = "one-dof"
 
 
 def compile_ahead() -> None:
     """Compile all of it, with a line of progress on stderr."""
-    names = sorted(rigs())
-    with ProgressLine("compiling, once", len(names) + 1, in_logs=True) as line:
+    rig = rig_named(_FIRST)
+    models = {
+        f"{name}{' with background' if background else ''}": Assembly(
+            rig_named(name), background=background
+        )
+        for name in sorted(rigs())
+        for background in (False, True)
+    } | {
+        f"{_FIRST} with {found.label}": Assembly(rig, (found,), background=True)
+        for found in attachments(rig, effects().values())
+    }
+    with ProgressLine("compiling, once", len(models) + 2, in_logs=True) as line:
         line.update(0, "networks")
         for name in _EAGER:
             importlib.import_module(name)
-        for done, name in enumerate(names):
-            line.update(done + 1, f"{name}, and the integration in time" if not done else name)
-            for background in (False, True):
-                _run_once(Assembly(rig_named(name), background=background).for_fitting())
+        line.update(1, "integration in time")
+        _run_once(Assembly(rig))
+        for done, (name, model) in enumerate(models.items(), start=2):
+            line.update(done, name)
+            model.for_fitting().program  # noqa: B018 (compiled where it is first asked for)
 
 
 def _run_once(assembly: Assembly) -> None:
