@@ -63,6 +63,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' \
 		$$($(PYTHON) -c '$(ANSWERS)' '$(TORCH_INDEX)' 2>/dev/null && echo --extra-index-url '$(TORCH_INDEX)')
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pamid.api.compiling
 	touch $@
 
 clean:

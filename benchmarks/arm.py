@@ -28,7 +28,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.simulation.free_runs import choose_stepping
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+TESTS = Path(__file__).resolve().parents[1] / "tests"
+sys.path[:0] = [str(TESTS / "unit"), str(TESTS / "support")]  # test_two_link.py and its helpers
 
 SAMPLES, PERIOD_S, ROUNDS = 66667, 0.003, 9
 WANTED_S = 0.15
@@ -45,8 +46,8 @@ def seconds(work: Callable[[], object]) -> float:
     return statistics.median(taken)
 
 
-def main() -> None:
-    """Print all figures."""
+def measured() -> dict[str, float]:
+    """CPU seconds of a free run and of one with nine sensitivities; steps per sample."""
     rig = rig_named("two-link")
     a = Assembly(rig, outputs=tuple(c for c in rig.outputs if not c.startswith("force")))
     p, random = a.values(), np.random.default_rng(0)
@@ -64,23 +65,15 @@ def main() -> None:
         )
         assert bad < 0, "the arm became unstable"
 
-    free, nine = seconds(run), seconds(lambda: run(9))
-    print(
-        f"free run of {SAMPLES} samples, {step.substeps} step(s) each: {1e3 * free:.1f} ms "
-        f"({'within' if free <= WANTED_S else 'MISSES'} the {1e3 * WANTED_S:.0f} ms wanted)"
-    )
-    print(f"with 9 exact sensitivities: {1e3 * nine:.1f} ms ({nine / free:.1f} times)")
-    beside_mujoco(free)
+    return {"free": seconds(run), "nine": seconds(lambda: run(9)), "substeps": step.substeps}
 
 
-def beside_mujoco(free: float) -> None:
-    """The links alone, by MuJoCo."""
-    try:
-        import mujoco
-        from test_two_link import arm, furthest_acceleration, judge
-    except ImportError as error:
-        print(f"MuJoCo: left out ({error})")
-        return
+def beside_mujoco() -> tuple[float, float]:
+    """MuJoCo's CPU seconds for the links alone, and how far accelerations are apart; ImportError
+    where there is no MuJoCo."""
+    import mujoco
+    from test_two_link import arm, furthest_acceleration, judge
+
     a = arm()
     model, data = judge(a, a.values(), step=PERIOD_S)
 
@@ -93,12 +86,30 @@ def beside_mujoco(free: float) -> None:
         for _ in range(SAMPLES):
             mujoco.mj_version()
 
-    peer = seconds(stepped) - seconds(idle)
+    return seconds(stepped) - seconds(idle), furthest_acceleration()
+
+
+def main() -> None:
+    """Print all figures."""
+    ours = measured()
+    free = ours["free"]
+    print(
+        f"free run of {SAMPLES} samples, {ours['substeps']} step(s) each: {1e3 * free:.1f} ms "
+        f"({'within' if free <= WANTED_S else 'MISSES'} the {1e3 * WANTED_S:.0f} ms wanted)"
+    )
+    print(
+        f"with 9 exact sensitivities: {1e3 * ours['nine']:.1f} ms ({ours['nine'] / free:.1f} times)"
+    )
+    try:
+        peer, apart = beside_mujoco()
+    except ImportError as error:
+        print(f"MuJoCo: left out ({error})")
+        return
     print(
         f"MuJoCo, links only, RK4, one step per sample: {1e3 * peer:.1f} ms ({peer / free:.1f} "
         "times the whole arm)"
     )
-    print(f"accelerations apart by {furthest_acceleration():.1e} at most")
+    print(f"accelerations apart by {apart:.1e} at most")
 
 
 if __name__ == "__main__":

@@ -151,6 +151,19 @@ def rig_columns(a: Assembly) -> list[int]:
     return [i for i, b in enumerate(a.parameters) if b.fitted and not b.owner]
 
 
+def of_the_rig(s: Setting) -> Setting:
+    """The same with derivatives by the rig's own parameters alone."""
+    keys = frozenset(s.assembly.parameters[i].key for i in rig_columns(s.assembly))
+    return replace(s, assembly=replace(s.assembly, sensitive=keys))
+
+
+def problem_of(recording: Recording, background: bool) -> Problem:
+    """The fit of a recording, with the background's terms or without."""
+    a = Assembly(rig_named("one-dof"), background=background)
+    track = track_of(a, recording, a.program.outputs)
+    return Problem(a, (track,), free_parameters(a, (track,)))
+
+
 # ---- compiling --------------------
 
 
@@ -313,9 +326,7 @@ def engine_rows(plain: Setting, wide: Setting, everything: Setting) -> list[Row]
             0.080,
         ),
     ]
-    own = rig_columns(everything.assembly)
-    keys = frozenset(everything.assembly.parameters[i].key for i in own)
-    narrow = replace(everything, assembly=replace(everything.assembly, sensitive=keys))
+    own, narrow = rig_columns(everything.assembly), of_the_rig(everything)
     for what, seconds, base in (
         (
             f"all {len(everything.assembly.attachments)} effects at once, free run",
@@ -356,9 +367,7 @@ def fit_rows(short: Recording, long: Recording) -> tuple[list[Row], float]:
     rows, twenty = [], math.nan
     for recording, seconds, target in ((short, 20, 1.0), (long, 200, 10.0)):
         for background in (False, True):
-            a = Assembly(rig_named("one-dof"), background=background)
-            track = track_of(a, recording, a.program.outputs)
-            problem = Problem(a, (track,), free_parameters(a, (track,)))
+            problem = problem_of(recording, background)
             done = fit_robustly(problem)
             state = "converged" if done.converged else f"not converged: {done.why}"
             taken = cpu(lambda problem=problem: fit_robustly(problem), 3)

@@ -27,7 +27,6 @@ from pamid.recording.recording import Recording
 from pamid.report.captions import reason_text
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
-from pamid.report.rig_card import rig_svg
 from pamid.schemas.diagnosis_file import (
     Candidate,
     GapShare,
@@ -344,6 +343,8 @@ class DiagnosisResult(FitResult):
         return f"<DiagnosisResult {self.verdict}: {self.remark or self.sentence}>{causes}"
 
     def _repr_html_(self) -> str:
+        from pamid.report.rig_card import rig_svg  # with matplotlib, which no diagnosis needs
+
         if self.remark:
             return card(self.verdict, paragraph(self.remark), self._errors_html())
         where = ", ".join(f"{port} {percent_text(s)}" for port, s in self.ports if s >= 0.005)

@@ -163,7 +163,7 @@ def _rows(equations, f, n, inputs, S, work):  # type: ignore[no-untyped-def]
             D[direct[e, 0], k] += out[n + direct[e, 2]]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-untyped-def]
     """All cells at the start of a step. Delay lines sit between phases: push the input, read at the
     delay."""
@@ -201,7 +201,8 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
                 buffers[delayed, :] = out[n]
                 if sensitive:
                     for m in range(size):
-                        buffer_S[delayed, m] = D[n]
+                        for k in range(ns):
+                            buffer_S[delayed, m, k] = D[n, k]
             buffers[delayed, head] = out[n]
             position = min(max(out[n + 1] / t[1], 0.0), size - 2.0)
             steps = int(position)
@@ -220,7 +221,7 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
                     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-def]
     """One step of h: k1 = f(x), k2 = f(x + h/2 k1), k3 = f(x + h/2 k2), k4 = f(x + h k3), and
     x + h/6 (k1 + 2 k2 + 2 k3 + k4); S likewise, with the derivative of every stage."""
@@ -333,17 +334,20 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
     Where Newton does not converge the state becomes NaN, so that the sweep reports it.
     """
     sensitive, x, S, D = inputs.sensitive, memory.x, memory.S, work.D
+    c, b = memory.cells, memory.past
     x0, k1, S0, A = work.x0, work.slope, work.S0, work.slope_S
     out, M, pivots = work.out, work.M, work.pivots
     nx, ns = x.shape[0], S.shape[1]
     gh = GAMMA * h
     t = work.ticks
     begun, share = t[6], h / t[2]
-    x0[:] = x
-    k1[:] = 0.0
-    if sensitive:
-        S0[:] = S[:nx]
-        A[:] = 0.0
+    for i in range(nx):
+        x0[i] = x[i]
+        k1[i] = 0.0
+        if sensitive:
+            for k in range(ns):
+                S0[i, k] = S[i, k]
+                A[i, k] = 0.0
     for stage in range(2):
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
         t[7] = GAMMA if stage == 0 else 1.0
@@ -354,20 +358,12 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
             x[:] = np.nan
             return
         if sensitive:
-            call(
-                equations.address[1],
-                x,
-                memory.cells,
-                memory.past,
-                inputs.u,
-                row,
-                inputs.p,
-                work.ticks,
-                out,
-            )
+            call(equations.address[1], x, c, b, inputs.u, row, inputs.p, t, out)
             _newton_matrix(out, equations.pointer, equations.columns, nx, gh, M)
             factor(M, pivots)
-            S[:nx] = 0.0
+            for i in range(nx):
+                for k in range(ns):
+                    S[i, k] = 0.0
             # the states' rows of S are zero here, so that D holds f_p alone, without f_x S
             _rows(equations, RATES, nx, inputs, S, work)
             for i in range(nx):
@@ -386,7 +382,7 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
                 k1[i] = (x[i] - x0[i]) / gh
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
     nx, nc, ns = memory.x.shape[0], memory.cells.shape[0], memory.S.shape[1]
     width = max(max(nx, n_outputs), nc) + 2
@@ -407,7 +403,7 @@ def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _read_outputs(equations, memory, inputs, k, row, work, results):  # type: ignore[no-untyped-def]
     """Row k of Y and JY."""
     address, direct, out = equations.address, equations.direct, work.out

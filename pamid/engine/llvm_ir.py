@@ -170,22 +170,19 @@ def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Ex
     expressions too."""
     every = [root for group in groups for root in group]
     nodes = walk(every)
-    fixed: dict[Expr, bool] = {}
+    fixed: set[Expr] = set()
     for node in nodes:
-        fixed[node] = (
-            node.value[0] == "parameter"
-            if node.op == "symbol"
-            else all(fixed[a] for a in node.args)
-        )
+        if node.value[0] == "parameter" if node.op == "symbol" else fixed.issuperset(node.args):
+            fixed.add(node)
     # only the uppermost of such nodes: those below are computed on the way to them
     top: dict[Expr, Expr] = {}
 
     def take(node: Expr) -> None:
-        if node.args and fixed[node] and node not in top:
+        if node.args and node in fixed and node not in top:
             top[node] = symbol("derived", str(len(top)))
 
     for node in nodes:
-        if not fixed[node]:
+        if node not in fixed:
             for argument in node.args:
                 take(argument)
     for root in every:

@@ -33,8 +33,12 @@ from numpy.typing import NDArray
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Stepping
-from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale
+from pamid.estimation.shooting_windows import (
+    ShootingNormal,
+    assembled,
+    run_tracks,
+)
 from pamid.estimation.weights import Weights, residual_weights
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
@@ -81,117 +85,6 @@ def initial_states(
     return tuple(out)
 
 
-@dataclass
-class _Normal:
-    """Normal equations: parameters bordering a block-tridiagonal system of window starts."""
-
-    cost: float
-    H: Array
-    g: Array
-    # per track: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
-    blocks: list[tuple[Array, Array, Array, Array]]
-    residuals: list[Array]
-    fine: bool
-
-
-# where a model runs away, sums of its sensitivities may overflow: that is looked for at the end
-@np.errstate(over="ignore", invalid="ignore")
-def _evaluate(
-    fitted: MultipleShooting, s: Array, starts: tuple[Array, ...], derivatives: bool
-) -> _Normal:
-    """Cost at scaled parameters and window starts, and with derivatives the normal equations."""
-    problem, scale, weights, continuity = (
-        fitted.problem,
-        fitted.scale,
-        fitted.weights,
-        fitted.continuity,
-    )
-    k = len(problem.free)
-    values = fitted.p.copy()
-    values[list(problem.free)] = scale.outside(s)
-    slope, root = scale.slope(values[list(problem.free)]), weights.root
-    cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
-    blocks: list[tuple[Array, Array, Array, Array]] = []
-    residuals: list[Array] = []
-    fine, at = True, 0
-    for i, track in enumerate(problem.tracks):
-        runner = Runner(problem.assembly, track, fitted.stepping, problem.free)
-        own = runner.parameters(values)
-        windows, n = problem.windows(track), runner.start_states
-        memory = runner.memory(own)
-        D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
-        B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
-        left, own_root = np.empty_like(track.y), np.where(track.seen, root, 0.0)
-        for w, window in enumerate(windows):
-            important = 1.0 if problem.importance is None else float(problem.importance[at + w])
-            runner.enter(memory, starts[i][w])
-            Y, A, ok = runner.run(memory, window, own, derivatives, own_root)
-            if not ok:
-                return _Normal(np.inf, H, g, blocks, residuals, False)
-            left[window.start : window.stop] = Y - track.y[window.start : window.stop]
-            r = np.nan_to_num(left[window.start : window.stop] * root).ravel()
-            cost += important * float(r @ r)
-            joint = w + 1 < len(windows)
-            jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
-            cost += float((jump**2 * continuity[i]).sum())
-            if not derivatives:
-                continue
-            # J'J and J'r of this window by (parameters in SI, its start); rows beyond k + n are
-            # the padding of the sensitivities
-            N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
-            _scale(N, v, slope)
-            H += N[:k, :k]
-            g += v[:k]
-            D[w] += N[k:, k:]
-            B[w] += N[k:, :k]
-            gx[w] += v[k:]
-            if joint:
-                end = memory.S[:n, : k + n].copy()  # d end / d (parameters, start)
-                end[:, :k] *= slope
-                _add_joint(w, end, jump, continuity[i], H, g, (D, off, B, gx))
-        at += len(windows)
-        blocks.append((D, off, B, gx))
-        residuals.append(left)
-        if derivatives and not (
-            np.isfinite(H).all() and np.isfinite(B).all() and np.isfinite(D).all()
-        ):
-            return _Normal(np.inf, H, g, blocks, residuals, False)
-    return _Normal(cost, H, g, blocks, residuals, fine)
-
-
-def _scale(N: Array, v: Array, slope: Array) -> None:
-    """Normal equations by parameters in SI become those by scaled ones, in place."""
-    k = len(slope)
-    N[:k] *= slope[:, None]
-    N[:, :k] *= slope
-    v[:k] *= slope
-
-
-def _add_joint(
-    w: int,
-    end: Array,
-    jump: Array,
-    weight: Array,
-    H: Array,
-    g: Array,
-    block: tuple[Array, Array, Array, Array],
-) -> None:
-    """Normal equations of |L (x_(w+1) - f_w(s, x_w))|^2; end: df_w / d(s, x_w); jump: x_(w+1) -
-    f_w; weight: the diagonal of L'L."""
-    D, off, B, gx = block
-    k = len(g)
-    P = weight[:, None]
-    H += end[:, :k].T @ (P * end[:, :k])
-    g -= end[:, :k].T @ (weight * jump)
-    D[w] += end[:, k:].T @ (P * end[:, k:])
-    B[w] += end[:, k:].T @ (P * end[:, :k])
-    gx[w] -= end[:, k:].T @ (weight * jump)
-    D[w + 1] += np.diag(weight)
-    off[w] -= P * end[:, k:]
-    B[w + 1] -= P * end[:, :k]
-    gx[w + 1] += weight * jump
-
-
 def _eliminated(
     block: tuple[Array, Array, Array, Array], damping: float
 ) -> tuple[Array, Array, Array, Array]:
@@ -205,7 +98,7 @@ def _eliminated(
 
 
 def _reduced(
-    normal: _Normal, s: Array, scale: Scale, damping: float
+    normal: ShootingNormal, s: Array, scale: Scale, damping: float
 ) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array, Array, Array]]]:
     """Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters alone (Schur
     complement: window starts at their best), which of them a bound holds, and the starts' parts."""
@@ -223,7 +116,7 @@ class _ShootingPoint(NamedTuple):
 
     s: Array
     starts: tuple[Array, ...]
-    normal: _Normal
+    normal: ShootingNormal
     linearised: bool
 
     @property
@@ -258,7 +151,8 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         return self.problem.scale
 
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _ShootingPoint:
-        return _ShootingPoint(s, starts, _evaluate(self, s, starts, derivatives), derivatives)
+        tracks = run_tracks(self, s, starts, derivatives)
+        return _ShootingPoint(s, starts, assembled(self, s, tracks, derivatives), derivatives)
 
     def step(self, at: _ShootingPoint, damping: float) -> _ShootingStep:
         """Eliminating the window starts block by block leaves the reduced system of the parameters
@@ -352,7 +246,8 @@ def begin(
     starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
     none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
     shooting = MultipleShooting(problem, p, weights, continuity or none, stepping, tolerance, probe)
-    point = shooting.at(s, starts)
+    tracks = run_tracks(shooting, s, starts, True)
+    point = _ShootingPoint(s, starts, assembled(shooting, s, tracks, True), True)
     if point.normal.fine and not continuity:
         # the factor by which residuals exceed what the sensors' noise explains: by as much more the
         # states of a wrong model may depart from where they were carried to
@@ -364,8 +259,9 @@ def begin(
             )
             for b, t in zip(point.normal.blocks, problem.tracks, strict=True)
         )
+        # the same runs, with another weight of where they end
         shooting = replace(shooting, continuity=continuity)
-        point = shooting.at(s, starts)
+        point = point._replace(normal=assembled(shooting, s, tracks, True))
     return shooting, Iteration(point, shooting.rule.start)
 
 

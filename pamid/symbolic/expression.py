@@ -159,8 +159,9 @@ def apply(op: str, *arguments: Number) -> Expr:
 def _node(op: str, *arguments: Number) -> Expr:
     """The operator's node, or its value where all arguments are constants."""
     args = tuple(map(expression, arguments))
-    if any(a.op != "const" for a in args):
-        return Expr(op, args)
+    for a in args:
+        if a.op != "const":
+            return Expr(op, args)
     values = [a.value for a in args]
     try:
         return const(OPERATORS[op].evaluate(*values))
@@ -275,32 +276,33 @@ _SIMPLIFIED: dict[str, Callable[..., Expr]] = {
 # ---- walking -----------------------------------------------------------------------------------
 
 
-def _arguments(node: Expr) -> tuple[Expr, ...]:
-    return node.args
-
-
 def walk(
-    roots: Iterable[Expr], below: Callable[[Expr], tuple[Expr, ...]] = _arguments
+    roots: Iterable[Expr], below: Callable[[Expr], tuple[Expr, ...]] | None = None
 ) -> list[Expr]:
     """Every node below `roots`, arguments first, in an order that depends on the equations only.
 
-    below: which arguments of a node are looked at.
+    below: which arguments of a node are looked at (default: all).
     """
-    seen: set[int] = set()
+    seen: set[Expr] = set()
     order: list[Expr] = []
+    # a stack of its own, for graphs that are deeper than Python's recursion may go; None stands
+    # above a node whose arguments have been looked at
+    stack: list[Expr | None] = []
     for root in roots:
-        # a stack of its own, for graphs that are deeper than Python's recursion may go
-        stack = [(root, False)]
+        stack.append(root)
         while stack:
-            node, done = stack.pop()
-            if done:
-                order.append(node)
-            elif id(node) not in seen:
-                seen.add(id(node))
-                stack.append((node, True))
-                stack.extend((a, False) for a in reversed(below(node)) if id(a) not in seen)
-    unique: set[int] = set()
-    return [n for n in order if not (id(n) in unique or unique.add(id(n)))]  # type: ignore[func-returns-value]
+            node = stack.pop()
+            if node is None:
+                order.append(stack.pop())  # type: ignore[arg-type]
+            elif node not in seen:
+                seen.add(node)
+                args = below(node) if below is not None else node.args
+                if args:
+                    stack += (node, None)
+                    stack += [a for a in reversed(args) if a not in seen]
+                else:
+                    order.append(node)
+    return order
 
 
 def rebuild(node: Expr, args: tuple[Expr, ...]) -> Expr:
@@ -310,23 +312,23 @@ def rebuild(node: Expr, args: tuple[Expr, ...]) -> Expr:
     return Expr(node.op, args, node.value)
 
 
+def _on_other_arguments(node: Expr, new: dict[Expr, Expr]) -> Expr:
+    """The node where some of its arguments have become others; itself where none has."""
+    for argument in node.args:
+        if argument in new:
+            return rebuild(node, tuple([new.get(a, a) for a in node.args]))
+    return node
+
+
 def substitute(roots: Iterable[Expr], values: dict[Expr, Expr]) -> list[Expr]:
     """The roots with some nodes replaced."""
     roots = list(roots)
-    new: dict[Expr, Expr] = {}
+    new: dict[Expr, Expr] = {}  # of those alone that change
     for node in walk(roots):
-        if node in values:
-            new[node] = values[node]
-        elif node.args:
-            args = tuple(new[a] for a in node.args)
-            new[node] = (
-                node
-                if all(a is b for a, b in zip(args, node.args, strict=True))
-                else rebuild(node, args)
-            )
-        else:
-            new[node] = node
-    return [new[r] for r in roots]
+        other = values[node] if node in values else _on_other_arguments(node, new)
+        if other is not node:
+            new[node] = other
+    return [new.get(r, r) for r in roots]
 
 
 def _value_of(node: Expr) -> tuple[Expr, ...]:
@@ -341,15 +343,13 @@ def change_of(node: Expr) -> tuple[Expr, ...]:
 def plain(roots: Iterable[Expr]) -> list[Expr]:
     """The roots for their values alone: what `tangent` says of derivatives is dropped."""
     roots = list(roots)
-    new: dict[Expr, Expr] = {}
+    new: dict[Expr, Expr] = {}  # of those alone that change
     for node in walk(roots, _value_of):
         if node.op == "tangent":
-            new[node] = new[node.args[0]]
-        else:
-            args = tuple(new[a] for a in node.args)
-            same = all(a is b for a, b in zip(args, node.args, strict=True))
-            new[node] = node if same else rebuild(node, args)
-    return [new[r] for r in roots]
+            new[node] = new.get(node.args[0], node.args[0])
+        elif (other := _on_other_arguments(node, new)) is not node:
+            new[node] = other
+    return [new.get(r, r) for r in roots]
 
 
 def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:

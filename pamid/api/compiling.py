@@ -1,0 +1,64 @@
+"""What the first command would compile, compiled ahead: the integration in time, the networks, the
+shipped rigs' equations.
+
+    python -m pamid.api.compiling
+
+`make` does it when it installs. Without it the first command takes so many seconds longer, once;
+nothing else changes. What is compiled lies beside the package or in the user's cache
+(`pamid.engine.numba_cache`, `pamid.engine.jit_cache`); what has been compiled before is left.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+
+from pamid.base.progress import ProgressLine
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named, rigs
+
+#: their functions are compiled when they are imported
+_EAGER = ("pamid.engine.block_tridiagonal", "pamid.engine.recurrence_kernels")
+#: the rig of the recording that is shipped, and of the demonstration
+_FIRST = "one-dof"
+
+
+def compile_ahead() -> None:
+    """Compile all of it, with a line of progress on stderr."""
+    rig = rig_named(_FIRST)
+    models = {
+        f"{name}{' with background' if background else ''}": Assembly(
+            rig_named(name), background=background
+        )
+        for name in sorted(rigs())
+        for background in (False, True)
+    } | {
+        f"{_FIRST} with {found.label}": Assembly(rig, (found,), background=True)
+        for found in attachments(rig, effects().values())
+    }
+    with ProgressLine("compiling, once", len(models) + 2, in_logs=True) as line:
+        line.update(0, "networks")
+        for name in _EAGER:
+            importlib.import_module(name)
+        line.update(1, "integration in time")
+        _run_once(Assembly(rig))
+        for done, (name, model) in enumerate(models.items(), start=2):
+            line.update(done, name)
+            model.for_fitting().program  # noqa: B018 (compiled where it is first asked for)
+
+
+def _run_once(assembly: Assembly) -> None:
+    """A sample, by which a model and what steps it are compiled; every way to step is in one."""
+    program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
+    memory = program.memory(assembly.start(p), period_s=period)
+    u = np.zeros((1, len(program.inputs)))
+    # the numbers are of no interest, nor is a state that runs away
+    program.rate_matrix(memory, u[0], p, period_s=period)
+    program.run(memory, u, p, period_s=period, stepping=Stepping())
+
+
+if __name__ == "__main__":
+    compile_ahead()
