@@ -13,9 +13,9 @@ F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's
     recordings (`_bounded`) is not taken, however far it lowers F.
 `TrainingProblem.plain` leaves out all but the third, a `Damping.decrease` that one. Trial steps
 cost simulations, accepted ones a pass with derivatives, and a second one where J'J does not hold
-enough (root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises one
-fixed cost: here F itself changes with alpha and beta after every step, the trial steps of one point
-are computed side by side, and an attempt has to be resumable after each of them.
+enough (root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises
+one fixed cost: here F itself changes with alpha and beta after every step, the trial steps of one
+point are computed side by side, and an attempt has to be resumable after each of them.
 
 References: Marquardt (1963), SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992),
 Neural Computation 4(3); Foresee and Hagan (1997), ICNN; Golub and Pereyra (1973), SIAM J. Numer.
