@@ -2,12 +2,15 @@
 beside what others have published.
 
     python benchmarks/published.py [--data FOLDER] [--environment FOLDER] [--install] [--quick]
-    [--sets cascaded_tanks,emps,silverbox] [--rows pamid,sysidentpy,deepsi,jax-sysid]
+    [--sets cascaded_tanks,emps,silverbox]
+    [--rows pamid,pamid-loop,pamid-network,sysidentpy,deepsi,jax-sysid]
 
 Fitted to one record of each set, judged on others: the whole input of a test record and the first
 5 (tanks), 20 (EMPS) or 50 samples (silverbox) of its output are known, the root mean square of the
 free run's error counts from there on (benchmarks/peers/public_sets.py). EMPS is force in, position
-out, open loop. Every row is a process of its own, one after the other, held to one thread. Peers
+out, open loop; only the row pamid-loop is reference in, behind the recordings' controller.
+pamid-network is pamid's grey box of the silverbox with a network for what it leaves. Every row is a
+process of its own, one after the other, held to one thread. Peers
 live in an environment of their own, which --install makes with the versions of the extra `peers`
 and constraints-peers.txt; a peer or data that are not there are a row with the reason.
 """
@@ -29,14 +32,17 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 DATA = ROOT.parent / "shared" / "data"
 CONSTRAINTS = ROOT / "constraints-peers.txt"
-PAMID = "pamid"
-#: row -> script, package of a peer
+#: row -> script, package of a peer ("" for pamid's own)
 ROWS = {
-    PAMID: ("public_ours.py", ""),
+    "pamid": ("public_ours.py", ""),
+    "pamid-loop": ("public_loop.py", ""),
+    "pamid-network": ("public_network.py", ""),
     "sysidentpy": ("public_sysidentpy.py", "sysidentpy"),
     "deepsi": ("public_deepsi.py", "deepSI"),
     "jax-sysid": ("public_jax_sysid.py", "jax-sysid"),
 }
+#: rows that belong to one set
+ONLY = {"pamid-loop": "emps", "pamid-network": "silverbox"}
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -135,7 +141,9 @@ def main() -> None:
     for word in options.sets.split(","):
         one = SETS[word]
         for name in options.rows.split(","):
-            python = Path(sys.executable) if name == PAMID else theirs
+            if ONLY.get(name, word) != word:
+                continue
+            python = theirs if ROWS[name][1] else Path(sys.executable)
             found = row_of(name, one, options.data, python, options.quick)
             print("\n".join(lines(name, one, found)), flush=True)
         for test, others in zip(one.tests, one.published, strict=True):
