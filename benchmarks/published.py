@@ -10,9 +10,9 @@ Fitted to one record of each set, judged on others: the whole input of a test re
 free run's error counts from there on (benchmarks/peers/public_sets.py). EMPS is force in, position
 out, open loop; only the row pamid-loop is reference in, behind the recordings' controller.
 pamid-network is pamid's grey box of the silverbox with a network for what it leaves. Every row is a
-process of its own, one after the other, held to one thread. Peers
-live in an environment of their own, which --install makes with the versions of the extra `peers`
-and constraints-peers.txt; a peer or data that are not there are a row with the reason.
+process of its own, one after the other, held to one thread. Peers live in an environment of their
+own, which --install makes with the versions of the extra `peers` and constraints-peers.txt; a peer
+or data that are not there are a row with the reason.
 """
 
 import argparse
@@ -69,6 +69,11 @@ def vectors(cpuinfo: str) -> str:
 def processor() -> str:
     path = Path("/proc/cpuinfo")
     return f"widest vectors {vectors(path.read_text() if path.exists() else '')}"
+
+
+def rows_of(one: PublicSet, names: list[str]) -> list[str]:
+    """Those of these rows that a set has."""
+    return [name for name in names if ONLY.get(name, one.name) == one.name]
 
 
 def row_of(name: str, one: PublicSet, data: Path, python: Path | None, quick: bool) -> dict:
@@ -140,9 +145,7 @@ def main() -> None:
     print("|---|---|---|---:|---:|---|", flush=True)
     for word in options.sets.split(","):
         one = SETS[word]
-        for name in options.rows.split(","):
-            if ONLY.get(name, word) != word:
-                continue
+        for name in rows_of(one, options.rows.split(",")):
             python = theirs if ROWS[name][1] else Path(sys.executable)
             found = row_of(name, one, options.data, python, options.quick)
             print("\n".join(lines(name, one, found)), flush=True)

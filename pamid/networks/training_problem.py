@@ -99,7 +99,8 @@ class TrainingProblem:
     independent: alpha and beta count the independent samples that the errors are worth, not every
     sample. threads: for one pass; batch_queue: computes the passes of several starts together; None
     where every start computes its own. plain: as the first paper trained, by the textbook's steps
-    from a random start: no geodesic acceleration, the linear weights like the others.
+    from a random start: no geodesic acceleration, the linear weights like the others, the context
+    not kept bounded.
     """
 
     network: Network
