@@ -228,7 +228,9 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
 
     The poles of the context's weights would not tell: where units are bent by what they see, a
     context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035 never does
-    (40 s of the first paper's twin).
+    (40 s of the first paper's twin). Every pole kept below 1 instead, by the projection that costs
+    least in the metric of the step, left twice the mean squared error there after 60 steps (median
+    of five seeds), and 1.5 times after 150 steps on 200 s (three).
     """
     if problem.plain:
         return True
