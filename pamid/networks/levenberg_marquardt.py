@@ -9,8 +9,8 @@ F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's
   * variable projection: after the step the weights in which the output is linear take their best
     values;
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`);
-  * a bounded context: a step after which a small disturbance of the context would grow along the
-    recordings (`_bounded`) is not taken, however far it lowers F.
+  * a bounded context: a step after which a small disturbance of the context would grow by more than
+    `GROWTH` along a recording (`_bounded`) is not taken, however far it lowers F.
 `TrainingProblem.plain` leaves out all but the third, a `Damping.decrease` that one. Trial steps
 cost simulations, accepted ones a pass with derivatives, and a second one where J'J does not hold
 enough (root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises
@@ -46,6 +46,9 @@ Array = NDArray[np.float64]
 USED_UP = "iterations used up"
 # an acceleration longer than this share of the step is not trusted (Transtrum and Sethna)
 SHORT = 0.75
+# natural logarithm by which a disturbance may grow along a recording, in the mean of several: over
+# a few hundred samples a memory that keeps everything grows by as much before it has settled
+GROWTH = 1.0
 
 
 @dataclass(frozen=True)
@@ -223,8 +226,8 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
 
 
 def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
-    """Does a small disturbance of the context grow along the recordings no more than none at all,
-    or than it did before the step?
+    """Does a small disturbance of the context grow along the recordings no more than it may, or
+    than it did before the step?
 
     The poles of the context's weights would not tell: where units are bent by what they see, a
     context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035 never does
@@ -235,7 +238,9 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
     if problem.plain:
         return True
     grown = problem.growth(trial.weights, trial.errors)
-    return grown <= 0.0 or grown <= problem.growth(point.attempt.weights, point.errors)
+    return grown <= GROWTH * len(problem.records) or grown <= problem.growth(
+        point.attempt.weights, point.errors
+    )
 
 
 def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
