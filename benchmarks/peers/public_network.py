@@ -57,19 +57,20 @@ def main() -> None:
         return columns, model.run(columns, y0, fit.period_s)
 
     leftover = left_over(one, fit, *modelled(fit.u, fit.y[: one.start]))
-    network = train_correction(
+    found = train_correction(
         leftover,
         wanted=NetworkChoice("elman", {"hidden": HIDDEN}),
         iterations=steps,
         starts=STARTS,
         threads=1,
-    ).trained
+    )
+    network, taken = found.trained, len(found.training.trace["iteration"]) - 1
 
     def run(u, y0):
         columns, y = modelled(u, y0)
         return y + network.predict({**columns, leftover.modelled: y})
 
-    remark = f"the same with elman {HIDDEN} units, {STARTS} starts, {steps} steps"
+    remark = f"the same with elman {HIDDEN} units, {STARTS} starts, {taken} steps"
     tell(f"pamid {pamid.__version__} + network", judge(one, tests, run), remark)
 
 
