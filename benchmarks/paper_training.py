@@ -2,15 +2,17 @@
 of a twin: as the paper trained, and as pamid does, beside the paper's own figures.
 
     python benchmarks/paper_training.py                        # 40 s of record, a few minutes
+    python benchmarks/paper_training.py --record 200 --iterations 300 --starts 1 --jobs 1
     python benchmarks/paper_training.py --full [--jobs 2]      # 200 s, 5000 and 1000 steps: hours
     python benchmarks/paper_training.py --seconds 60 --seed 0  # where it stands after so many s
     python benchmarks/paper_training.py --until 0.02           # seconds until it is within 2 %
 
 The table: five seeds of either way on one record, lowest, median and highest of each figure. MSE is
 of signals within [-1, 1]; gamma counts the weights that the data decide (J's singular values, none
-dropped for its size); largest pole is the spectral radius of the context's weights, above 1 where
-the network would run away without tanh. Errors are of the test steps, deg, at the inertia that was
-trained at and at the one never seen.
+dropped for its size); pole is the spectral radius of the context's weights, above 1 where the
+network would run away without tanh; forgets is the time, in samples, in which a small disturbance
+of the context shrinks by e along the record, infinite where it grows. Errors are of the test steps,
+deg, at the inertia that was trained at and at the one never seen.
 
 The same seed gives the same network on processors of one kind only: sums are rounded in the order
 that the widest vectors ask for, and a training of hundreds of steps takes that up. The spread over
@@ -48,7 +50,19 @@ from pamid.replications.joint_twin import ANGLE_COLUMN, PERIOD_S, TRAINED, UNSEE
 
 STARTS = 4
 SEEDS = 5
-FIGURES = ("mse", "gamma", "alpha", "gradient", "mu", "pole", "steps", "cpu_s", TRAINED, UNSEEN)
+FIGURES = (
+    "mse",
+    "gamma",
+    "alpha",
+    "gradient",
+    "mu",
+    "pole",
+    "forgets",
+    "steps",
+    "cpu_s",
+    TRAINED,
+    UNSEEN,
+)
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,10 @@ def trained(records: JointRecords, way: Way, seed: int, jobs: int) -> dict[str, 
     network, trace = found.trained.network, found.training.trace
     assert isinstance(network, Elman)
     poles = np.linalg.eigvals(network.layers(found.training.weights).context)
+    (own,) = found.residual.of_part(0)
+    inputs = np.column_stack(list(found.residual.signals(own).values()))
+    states = network.features(found.training.weights, found.trained.input_scaling.forward(inputs))
+    growth = network.growth(found.training.weights, states) / len(states)
     loops, first = records.analytic, len(records.training)
     errors = {}
     for case, one in records.steps.items():
@@ -88,6 +106,7 @@ def trained(records: JointRecords, way: Way, seed: int, jobs: int) -> dict[str, 
     return {
         **last,
         "pole": float(np.abs(poles).max()),
+        "forgets": -1.0 / growth if growth < 0.0 else float("inf"),
         "steps": float(trace["iteration"][-1]),
         "cpu_s": spent,
         **errors,

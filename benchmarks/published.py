@@ -2,14 +2,17 @@
 beside what others have published.
 
     python benchmarks/published.py [--data FOLDER] [--environment FOLDER] [--install] [--quick]
-    [--sets cascaded_tanks,emps,silverbox] [--rows pamid,sysidentpy,deepsi,jax-sysid]
+    [--sets cascaded_tanks,emps,silverbox]
+    [--rows pamid,pamid-loop,pamid-network,sysidentpy,deepsi,jax-sysid]
 
 Fitted to one record of each set, judged on others: the whole input of a test record and the first
 5 (tanks), 20 (EMPS) or 50 samples (silverbox) of its output are known, the root mean square of the
 free run's error counts from there on (benchmarks/peers/public_sets.py). EMPS is force in, position
-out, open loop. Every row is a process of its own, one after the other, held to one thread. Peers
-live in an environment of their own, which --install makes with the versions of the extra `peers`
-and constraints-peers.txt; a peer or data that are not there are a row with the reason.
+out, open loop; only the row pamid-loop is reference in, behind the recordings' controller.
+pamid-network is pamid's grey box of the silverbox with a network for what it leaves. Every row is a
+process of its own, one after the other, held to one thread. Peers live in an environment of their
+own, which --install makes with the versions of the extra `peers` and constraints-peers.txt; a peer
+or data that are not there are a row with the reason.
 """
 
 import argparse
@@ -29,14 +32,17 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 DATA = ROOT.parent / "shared" / "data"
 CONSTRAINTS = ROOT / "constraints-peers.txt"
-PAMID = "pamid"
-#: row -> script, package of a peer
+#: row -> script, package of a peer ("" for pamid's own)
 ROWS = {
-    PAMID: ("public_ours.py", ""),
+    "pamid": ("public_ours.py", ""),
+    "pamid-loop": ("public_loop.py", ""),
+    "pamid-network": ("public_network.py", ""),
     "sysidentpy": ("public_sysidentpy.py", "sysidentpy"),
     "deepsi": ("public_deepsi.py", "deepSI"),
     "jax-sysid": ("public_jax_sysid.py", "jax-sysid"),
 }
+#: rows that belong to one set
+ONLY = {"pamid-loop": "emps", "pamid-network": "silverbox"}
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -63,6 +69,11 @@ def vectors(cpuinfo: str) -> str:
 def processor() -> str:
     path = Path("/proc/cpuinfo")
     return f"widest vectors {vectors(path.read_text() if path.exists() else '')}"
+
+
+def rows_of(one: PublicSet, names: list[str]) -> list[str]:
+    """Those of these rows that a set has."""
+    return [name for name in names if ONLY.get(name, one.name) == one.name]
 
 
 def row_of(name: str, one: PublicSet, data: Path, python: Path | None, quick: bool) -> dict:
@@ -134,8 +145,8 @@ def main() -> None:
     print("|---|---|---|---:|---:|---|", flush=True)
     for word in options.sets.split(","):
         one = SETS[word]
-        for name in options.rows.split(","):
-            python = Path(sys.executable) if name == PAMID else theirs
+        for name in rows_of(one, options.rows.split(",")):
+            python = theirs if ROWS[name][1] else Path(sys.executable)
             found = row_of(name, one, options.data, python, options.quick)
             print("\n".join(lines(name, one, found)), flush=True)
         for test, others in zip(one.tests, one.published, strict=True):

@@ -63,8 +63,8 @@ pamid train-residual fitted --at joint --iterations 20
     "--as-in-paper",
     is_flag=True,
     help="Train as the first paper did: plain Levenberg-Marquardt steps from a random start "
-    "(Nguyen and Widrow's), no acceleration, no weights solved for, mu by fixed factors, 5000 "
-    "steps. The derivative stays exact, through time.",
+    "(Nguyen and Widrow's), no acceleration, no weights solved for, no bound on the context, mu by "
+    "fixed factors, 5000 steps. The derivative stays exact, through time.",
 )
 @click.option(
     "--mu", type=float, help="Where the damping begins. [default: 0.005, MATLAB's and the paper's]"

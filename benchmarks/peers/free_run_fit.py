@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import Weights
+from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
@@ -85,22 +87,45 @@ def fit_free_run(rig: str, effects: tuple[str, ...], record: Path, start_samples
     return found
 
 
-def simulate(found: Fit, columns: dict[str, Array], y0: Array, period_s: float) -> Array:
-    """Free run (samples,) on inputs (SI, by column) from the state that the first samples y0 of the
-    one output show."""
-    assembly = found.problem.assembly
-    u = np.column_stack([columns[name] for name in assembly.traced.inputs])
-    y = np.zeros((len(u), 1))  # nothing of it is looked at behind y0
-    y[: len(y0), 0] = y0
-    track = replace(found.problem.tracks[0], u=u, y=y, period_s=period_s, first=0, lead=0)
-    runner = Runner(assembly, track, found.stepping)
-    p = runner.parameters(found.p)
-    memory = runner.memory(p)
-    # what those samples do not show stays where the fitted record began
-    carried = found.starts[0][0]
-    x, usable = estimate_initial_state(
-        runner, memory, Window(0, len(y0)), p, 1.0 / found.problem.noise, carried, None, steps=30
+@dataclass(frozen=True, eq=False)
+class Free:
+    """A model that runs freely: p its parameters, noise of its one output, carried the state where
+    a few samples do not show it (SI); track: of a recording that it fits."""
+
+    assembly: Assembly
+    p: Array
+    stepping: Stepping
+    track: Track
+    noise: Array
+    carried: Array
+
+    def run(self, columns: dict[str, Array], y0: Array, period_s: float) -> Array:
+        """Free run (samples,) on inputs (SI, by column) from the state that the first samples y0 of
+        the one output show."""
+        u = np.column_stack([columns[name] for name in self.assembly.traced.inputs])
+        y = np.zeros((len(u), 1))  # nothing of it is looked at behind y0
+        y[: len(y0), 0] = y0
+        track = replace(self.track, u=u, y=y, period_s=period_s, first=0, lead=0)
+        runner = Runner(self.assembly, track, self.stepping)
+        p = runner.parameters(self.p)
+        memory = runner.memory(p)
+        first = Window(0, len(y0))
+        x, usable = estimate_initial_state(
+            runner, memory, first, p, 1.0 / self.noise, self.carried, None, steps=30
+        )
+        runner.enter(memory, x if usable else self.carried)
+        Y, _, _ = runner.run(memory, Window(0, len(u)), p, False)
+        return np.asarray(Y[:, 0])
+
+
+def free(found: Fit) -> Free:
+    """The fitted model; what first samples do not show stays where the fitted record began."""
+    problem = found.problem
+    return Free(
+        problem.assembly,
+        found.p,
+        found.stepping,
+        problem.tracks[0],
+        problem.noise,
+        found.starts[0][0],
     )
-    runner.enter(memory, x if usable else carried)
-    Y, _, _ = runner.run(memory, Window(0, len(u)), p, False)
-    return np.asarray(Y[:, 0])

@@ -13,8 +13,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from free_run_fit import fit_free_run, simulate
-from public_sets import asked, judge, read_record, read_set, tell
+from free_run_fit import fit_free_run, free
+from public_sets import PublicSet, asked, judge, read_record, read_set, tell
 
 import pamid
 
@@ -48,23 +48,35 @@ def columns_of(name: str, column: str, u) -> dict:
     return {column: u, "bend_v": bend, "curl_v": second_difference(bend)}
 
 
+def record_for_pamid(one: PublicSet, folder: Path, home: Path) -> Path:
+    """The record to fit, with the columns that the rig asks for."""
+    if one.name != "silverbox":
+        return folder / one.fit
+    fit = read_record(folder / one.fit, one.columns)
+    made = columns_of(one.name, one.columns[0], fit.u) | {one.columns[1]: fit.y}
+    write_record(home / one.fit, fit.period_s, made)
+    return home / one.fit
+
+
+def write_record(path: Path, period_s: float, columns: dict) -> None:
+    """A recording of these columns."""
+    samples = len(next(iter(columns.values())))
+    table = np.column_stack([np.arange(samples) * period_s, *columns.values()])
+    header = ",".join(["time_s", *columns])
+    np.savetxt(path, table, "%.12g", ",", header=header, comments="")
+
+
 def main() -> None:
     one, folder, _ = asked()
     rig, effects = MODELS[one.name]
     with tempfile.TemporaryDirectory() as home:
-        record = folder / one.fit
-        if one.name == "silverbox":
-            fit = read_record(record, one.columns)
-            made = columns_of(one.name, one.columns[0], fit.u) | {one.columns[1]: fit.y}
-            table = np.column_stack([np.arange(len(fit.u)) * fit.period_s, *made.values()])
-            record = Path(home) / one.fit
-            header = ",".join(["time_s", *made])
-            np.savetxt(record, table, "%.12g", ",", header=header, comments="")
+        record = record_for_pamid(one, folder, Path(home))
         found = fit_free_run(str(rig), effects, record, one.start)
     _, tests = read_set(folder, one)
+    model = free(found)
 
     def run(u, y0):
-        return simulate(found, columns_of(one.name, one.columns[0], u), y0, tests[0].period_s)
+        return model.run(columns_of(one.name, one.columns[0], u), y0, tests[0].period_s)
 
     keys = [b.key for b in found.problem.assembly.parameters]
     shown = ", ".join(f"{k} {found.p[keys.index(k)]:.4g}" for k in SHOWN.get(one.name, ()))

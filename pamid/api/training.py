@@ -159,7 +159,8 @@ def train_residual(
     inputs       columns of residual.csv that the network is given
     resume       go on from where the same training was interrupted
     as_in_paper  train as the first paper did: plain Levenberg-Marquardt steps from a random start,
-                 no acceleration, no weights solved for, mu by fixed factors, 5000 of them
+                 no acceleration, no weights solved for, no bound on the context, mu by fixed
+                 factors, 5000 of them
     mu...        the damping: where it begins [default: 0.005], by what it grows after a step that
                  did not help [default: 3; 10 as in the paper], by what it shrinks after one that
                  did [default: by how much that helped; 0.1 as in the paper], where the training

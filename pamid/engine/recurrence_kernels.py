@@ -145,6 +145,40 @@ def run_states(columns, inputs, state, states):
 
 
 @njit(
+    "float64(float64[:, ::1], float64[:, ::1])",
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
+)
+def run_growth(columns, states):
+    """Sum over the samples of the logarithm by which a small disturbance of the state grows,
+        v(k+1) = diag(1 - x(k+1)^2) C v(k),   sum of log |v(k+1)| / |v(k)|,
+    from a v(0) of equal entries; -inf where it is gone after a sample.
+
+    `columns` (h, wide) are those of C, padded with zeros to whole vectors; `states` (n, at least h)
+    as from `run_states`.
+    """
+    h, wide = columns.shape
+    along, fresh = np.full(h, 1.0 / np.sqrt(h)), np.empty(wide)
+    total = 0.0
+    for k in range(states.shape[0]):
+        fresh[:] = 0.0
+        _add_product(columns, along, fresh, h, wide)
+        size = 0.0
+        for i in range(h):
+            after = states[k, i]
+            along[i] = (1.0 - after * after) * fresh[i]
+            size += along[i] * along[i]
+        if size == 0.0:
+            return -np.inf
+        size = np.sqrt(size)
+        total += np.log(size)
+        for i in range(h):
+            along[i] /= size
+    return total
+
+
+@njit(
     "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], "
     "float64[::1], float64[::1])",
     cache=True,

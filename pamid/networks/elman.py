@@ -33,6 +33,7 @@ from pamid.engine.recurrence_kernels import (
     LANES,
     run_adjoint,
     run_bend,
+    run_growth,
     run_sensitivities,
     run_states,
 )
@@ -210,6 +211,10 @@ class Elman(Network):
         states = np.ones((len(u), self.hidden + 1))
         run_states(_padded(layers.units.T), u, np.zeros(self.hidden), states)
         return states
+
+    def growth(self, weights: ArrayLike, features: Array) -> float:
+        with np.errstate(all="ignore"):
+            return float(run_growth(_padded(self.layers(weights).context.T), features))
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m) from a zero state."""

@@ -131,6 +131,12 @@ class Network(ABC):
         """What the weights `linear` multiply (N, number of these)."""
         return np.empty((len(np.asarray(inputs)), 0))
 
+    def growth(self, weights: ArrayLike, features: Array) -> float:
+        """Sum over a record's samples of the logarithm by which a small disturbance of the state
+        grows along the run that had these `features`: divided by the samples, the largest Lyapunov
+        exponent. -inf where nothing is carried on, and for a kind of network that does not say."""
+        return -np.inf
+
     @abstractmethod
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact.

@@ -63,9 +63,10 @@ PAPER_ITERATIONS = 5000
 @dataclass(frozen=True)
 class Errors:
     """Errors of a plain simulation, those of every recording from the washout on, and the sum of
-    their squares."""
+    their squares; features: what the output was linear in, where it is in something."""
 
     each: tuple[Array, ...]
+    features: tuple[Array, ...] = ()
 
     @cached_property
     def sse(self) -> float:
@@ -98,7 +99,8 @@ class TrainingProblem:
     independent: alpha and beta count the independent samples that the errors are worth, not every
     sample. threads: for one pass; batch_queue: computes the passes of several starts together; None
     where every start computes its own. plain: as the first paper trained, by the textbook's steps
-    from a random start: no geodesic acceleration, the linear weights like the others.
+    from a random start: no geodesic acceleration, the linear weights like the others, the context
+    not kept bounded.
     """
 
     network: Network
@@ -129,16 +131,17 @@ class TrainingProblem:
         bit."""
         linear = self.network.linear
         with np.errstate(all="ignore"):
+            features: tuple[Array, ...] = ()
             if linear.start == linear.stop:
                 outputs = [self.network.simulate(weights, u) for u, _ in self.records]
             else:
-                outputs = [
-                    self.network.features(weights, u) @ weights[linear] for u, _ in self.records
-                ]
+                features = tuple(self.network.features(weights, u) for u, _ in self.records)
+                outputs = [f @ weights[linear] for f in features]
             return Errors(
                 tuple(
                     (t - y)[self.washout :] for y, (_, t) in zip(outputs, self.records, strict=True)
-                )
+                ),
+                features,
             )
 
     def projected(self, weights: Array, evidence: Evidence) -> tuple[Array, Errors]:
@@ -150,7 +153,7 @@ class TrainingProblem:
             return weights, self.errors(weights)
         gram, right = np.zeros((count, count)), np.zeros(count)
         with np.errstate(all="ignore"):
-            features = [network.features(weights, u) for u, _ in self.records]
+            features = tuple(network.features(weights, u) for u, _ in self.records)
             for f, (_, t) in zip(features, self.records, strict=True):
                 rows = f[self.washout :]
                 gram, right = gram + rows.T @ rows, right + rows.T @ t[self.washout :]
@@ -164,8 +167,14 @@ class TrainingProblem:
                 tuple(
                     (t - f @ weights[linear])[self.washout :]
                     for f, (_, t) in zip(features, self.records, strict=True)
-                )
+                ),
+                features,
             )
+
+    def growth(self, weights: Array, errors: Errors) -> float:
+        """The network's `growth` over all recordings, of a run that had these errors."""
+        with np.errstate(all="ignore"):
+            return sum((self.network.growth(weights, f) for f in errors.features), start=0.0)
 
     def curvature(self, weights: Array, step: Array) -> Array | None:
         """J' times the second derivative of the output along `step`; None where that overflows."""

@@ -3,12 +3,16 @@
 No peer and no data of the benchmarks are needed.
 """
 
+import importlib
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+from pamid.model.registry import rig_named
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -112,6 +116,48 @@ def test_a_row_that_fails_says_why_and_its_last_line_is_the_answer(modules):
     assert rows == ["| cascaded_tanks | validation | x 1 | 0.25 V | 3 s | r |"]
     unstable = published.lines("pamid", sets.SETS["cascaded_tanks"], answer | {"errors": [None]})
     assert "unstable V" in unstable[0]
+
+
+def test_a_row_of_one_set_is_not_asked_of_another(modules):
+    published, sets = modules
+    asked = list(published.ROWS)
+    found = {name: published.rows_of(one, asked) for name, one in sets.SETS.items()}
+    for name, only in published.ONLY.items():
+        assert [one for one, rows in found.items() if name in rows] == [only]
+    assert all(len(rows) >= len(asked) - len(published.ONLY) for rows in found.values())
+    scripts = [ROOT / "benchmarks" / "peers" / script for script, _ in published.ROWS.values()]
+    assert all(script.exists() for script in scripts)
+
+
+def test_pulses_and_reference_are_read_from_the_columns_that_are_there(
+    modules, monkeypatch, tmp_path
+):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "peers"))
+    loop = importlib.import_module("public_loop")
+    path = tmp_path / "x.csv"
+    path.write_text("time_s,position_m,reference_m\n0,1,2\n1,3,4\n2,5,6\n")
+    found = loop.loop_columns(path, None, "position_m")
+    np.testing.assert_array_equal(found["reference_m"], [2.0, 4.0, 6.0])
+    np.testing.assert_array_equal(found["pulse_v"], np.zeros(3))
+    path.write_text("time_s,position_m,reference_m,pulse_n\n0,1,2,7\n1,3,4,8\n2,5,6,9\n")
+    np.testing.assert_array_equal(loop.loop_columns(path, 2, "position_m")["pulse_v"], [7.0, 8.0])
+
+
+def test_the_loop_of_emps_is_the_published_controller():
+    """At rest a reference that lies ahead drives with kv kp times its distance, within 10 V."""
+    rig = rig_named(str(ROOT / "benchmarks" / "rigs" / "emps_in_its_loop.py"))
+    x = SimpleNamespace(position=0.0, velocity=0.0, seen=0.0)
+    values = SimpleNamespace(**{p.name: p.value for p in rig.parameters})
+
+    def force(reference, pulse):
+        u = SimpleNamespace(reference_m=reference, pulse_v=pulse)
+        passed = []
+        rig.rates(x, u, values, lambda name, value, **_: passed.append(value) or value)
+        return passed[0]
+
+    assert force(1e-4, 0.0).value == pytest.approx(35.15065 * 243.45 * 160.18 * 1e-4)
+    assert force(0.0, 2.0).value == pytest.approx(35.15065 * 2.0)
+    assert force(1.0, 0.0).value == pytest.approx(35.15065 * 10.0)
 
 
 def test_the_peers_are_pinned_alike_in_both_places(modules):
