@@ -14,8 +14,9 @@ from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
 from pamid.simulation.data_split import FIT_WINDOW
+from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.tracks import Track, noise_of, stated_noise
-from pamid.simulation.windows import Window, cut
+from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
@@ -134,3 +135,14 @@ def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int,
         for i, b in enumerate(assembly.parameters)
         if b.fitted and any(i not in t.known for t in tracks)
     )
+
+
+def careful_stepping(problem: Problem, p: Array) -> Stepping:
+    """The most careful of the steppings that the recordings ask for: implicit before explicit, then
+    finer."""
+    a = problem.assembly
+    found = []
+    for track in problem.tracks:
+        values = Runner(a, track, Stepping()).parameters(p)
+        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return max(found, key=lambda s: (s.implicit, s.substeps))
