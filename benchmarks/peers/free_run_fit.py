@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.estimation.grey_box import model_with
-from pamid.estimation.multiple_shooting import fit, fit_robustly
+from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import Weights
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording

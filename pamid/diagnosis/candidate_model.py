@@ -14,8 +14,9 @@ from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.stepped import SteppedProgram
-from pamid.estimation.multiple_shooting import begin, fit, fit_robustly
+from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -189,6 +190,7 @@ def refit(
         weights=base.weights,
         continuity=begun.continuity,
         known=known,
+        exact=False,
         iterations=settings.refit_iterations,
         tolerance=settings.refit_tolerance,
     )
@@ -204,7 +206,19 @@ def refit(
             starts=done.starts,
             weights=own,
             stepping=done.stepping,
-            known=known,
+            known=done.known,
+            exact=False,
+            iterations=settings.refit_iterations,
+            tolerance=settings.refit_tolerance,
+        )
+    if any(done.known) and done.residuals:  # to its end, with slopes of where it stands
+        done = fit(
+            problem,
+            p=done.p,
+            starts=done.starts,
+            weights=done.weights,
+            stepping=done.stepping,
+            continuity=done.continuity,
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )

@@ -26,6 +26,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
+from pamid.engine.stepped import WORTH, SteppedProgram
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
@@ -173,7 +174,9 @@ class ScreeningBaseline:
     @property
     def affordable(self) -> int:
         """Candidates that may be refitted without a choice among them."""
-        samples = sum(len(t) for t in self.baseline.fit.problem.tracks)
+        problem = self.baseline.fit.problem
+        stepped = isinstance(problem.assembly.program, SteppedProgram)
+        samples = sum(len(t) for t in problem.tracks) * (WORTH if stepped else 1)
         return 0 if self.held else self.settings.refits_all // samples
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:

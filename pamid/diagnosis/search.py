@@ -26,7 +26,7 @@ from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.estimation.grey_box import COARSE, model_with, rechecked
+from pamid.estimation.grey_box import COARSE, model_with, rechecked, settles
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
@@ -412,7 +412,9 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
         best = item
         for _ in range(self.settings.stepping_rounds):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
-            if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
+            noise = self.evidence.noise
+            change = rechecked(best.assembly, best.fit, tracks, noise)[1]
+            if change <= COARSE or not settles(best.assembly, best.fit, tracks, noise, change):
                 break
             best = _fitted_on(
                 self.evidence,

@@ -12,7 +12,7 @@ that is, where the slopes foretell the step that was made, as far as something a
 and where what acted is about what acted then: slopes by parameters go with that (of a force by
 its gain, of an acceleration by the inertia). Else they are worked out anew, and kept. So an impact
 that comes earlier, a stick that slips, or parameters that have moved far are noticed by what they
-do.
+do; what is at rest does nothing, and there parameters may have moved by `FAR` at most.
 
 This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about `SAME`
 (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5 and 10.2; the
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SAME = 0.1  # of what a step does: a change that leaves slopes as they were
+FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
 ROUNDED = 1e-9  # of a value's size: what differences leave of a slope
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept
 
@@ -153,6 +154,8 @@ class KnownSlopes:
             return False
         dp = p - self.p[row]
         moved = dp[self.chosen]
+        if (np.abs(dp) > FAR * np.abs(self.p[row])).any():
+            return False
         dp[self.chosen] = 0.0
         if dp.any():
             return False  # by a parameter whose slopes were not asked for

@@ -52,7 +52,7 @@ class SteppedInC(NamedTuple):
 
 class KnownInC(NamedTuple):
     """Slopes that are kept, as of `pamid.engine.known_slopes.KnownSlopes`, without rows where none
-    are. own: parameters now (own,); level: (states,), what a step does along the run; same,
+    are. own: parameters now (own,); level: (states,), what a step does along the run; same, far,
     rounded: by what they still hold."""
 
     made: Any
@@ -66,6 +66,7 @@ class KnownInC(NamedTuple):
     own: Any
     level: Any
     same: float
+    far: float
     rounded: float
 
 
@@ -96,6 +97,9 @@ def _known(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     for i in range(nf):
         dz[nx + i] = f[i] - t.f[row, i]
     dp = t.own - t.p[row]
+    for i in range(dp.shape[0]):
+        if abs(dp[i]) > t.far * abs(t.p[row, i]):
+            return False
     for i in range(t.chosen.shape[0]):
         dz[nx + nf + i] = dp[t.chosen[i]]
         dp[t.chosen[i]] = 0.0

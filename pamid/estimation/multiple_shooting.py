@@ -36,7 +36,7 @@ from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale, careful_stepping
-from pamid.estimation.weights import Weights, residual_weights
+from pamid.estimation.weights import Weights
 from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
 from pamid.simulation.windows import Runner
 
@@ -44,7 +44,6 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
 ITERATIONS, TOLERANCE = 40, 1e-4
-ROUNDS, FIRST_STEPS = 3, 15  # of a fit whose weights follow the residuals
 LAST_STEPS = 3  # at least, with slopes of where a fit has ended
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
 
@@ -409,6 +408,7 @@ def fit(
     stepping: Stepping | None = None,
     continuity: tuple[Array, ...] = (),
     known: tuple[KnownSlopes | None, ...] = (),
+    exact: bool = True,
     progress: Progress | None = None,
     probe: bool = False,
 ) -> Fit:
@@ -418,7 +418,8 @@ def fit(
     The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
     probe: only the cost and the parameters matter; the last step is then not differentiated and has
     no covariance. known: slopes along the same tracks of a rig that is stepped, to begin with; on
-    the way slopes are used again where they hold, and the fit ends with those of its last point.
+    the way they are used again where they hold. exact: it ends with those of its last point; else
+    it hands them on, to a fit that goes on from there.
     """
     shooting, begun = begin(
         problem,
@@ -445,54 +446,6 @@ def fit(
             shooting.stepping,
         )
     ended = iterate(shooting, begun, iterations, progress)
-    return shooting.fit(ended if probe else shooting.exactly(ended, iterations))
-
-
-def fit_robustly(
-    problem: Problem,
-    *,
-    p: Array | None = None,
-    progress: Progress | None = None,
-    rounds: int = ROUNDS,
-    stepping: Stepping | None = None,
-) -> Fit:
-    """Fit with weights that follow the residuals: from the misfit at p (default: the data sheet)
-    down to what the model leaves.
-
-    Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
-    weights come from a single step: with those of the sensor noise, a long fit of a model that is
-    off by many times the noise would bend its parameters to what they cannot explain.
-    """
-    noise = problem.noise
-    fitted = fit(
-        problem, p=p, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping
-    )
-    weights = (
-        residual_weights(fitted.residuals, noise, problem.window)
-        if fitted.residuals
-        # the model ran away and left nothing to measure: alike over so many samples, as a guess
-        else Weights(noise, np.full_like(noise, 30.0))
-    )
-    fitted = fit(
-        problem,
-        p=p,
-        weights=weights,
-        progress=progress,
-        tolerance=1e-2,
-        iterations=FIRST_STEPS,
-        stepping=fitted.stepping,
-    )
-    for _ in range(rounds - 1):
-        if not fitted.residuals:
-            break
-        weights = residual_weights(fitted.residuals, noise, problem.window)
-        fitted = fit(
-            problem,
-            p=fitted.p,
-            starts=fitted.starts,
-            weights=weights,
-            stepping=fitted.stepping,
-            progress=progress,
-            tolerance=1e-3,
-        )
-    return fitted
+    if probe or not exact:
+        return replace(shooting.fit(ended), known=() if probe else shooting.known)
+    return shooting.fit(shooting.exactly(ended, iterations))

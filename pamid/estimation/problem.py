@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import Prior
 from pamid.estimation.weights import Weights
@@ -86,6 +87,8 @@ class Fit:
     # per track: samples x channels, model - measured
     residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
+    # per track: slopes of what is stepped, for a fit that goes on from here
+    known: tuple[KnownSlopes | None, ...] = field(repr=False, compare=False, default=())
 
 
 class Scale:
