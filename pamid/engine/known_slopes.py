@@ -14,6 +14,10 @@ its gain, of an acceleration by the inertia). Else they are worked out anew, and
 that comes earlier, a stick that slips, or parameters that have moved far are noticed by what they
 do; what is at rest does nothing, and there parameters may have moved by `FAR` at most.
 
+Slopes by a parameter are used in proportion to it, p dx/dp being what is kept: masses, gains and
+dampings that grow together leave a motion as it is, and so does that sum of slopes then; were it
+off by a little, a fit would crawl along what nothing but the priors tells.
+
 This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about `SAME`
 (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5 and 10.2; the
 chord method reuses one Jacobian, this reuses its parts). What is to be exact forgets them first.
@@ -146,6 +150,14 @@ class KnownSlopes:
     def keep(self, row: int, x: Array, f: Array, p: Array, after: Array, slopes: Array) -> None:
         self.x[row], self.f[row], self.p[row] = x, f, p
         self.after[row], self.slopes[row], self.made[row] = after, slopes, True
+
+    def parts(self, row: int, p: Array) -> tuple[Array, Array, Array]:
+        """Slopes of a row by states, forces, and parameters as they are now."""
+        nx, nf = self.x.shape[1], self.f.shape[1]
+        by = self.slopes[row]
+        before, now = self.p[row, self.chosen], p[self.chosen]
+        share = np.where(before == now, 1.0, before / np.where(now == 0.0, 1.0, now))
+        return by[:, :nx], by[:, nx : nx + nf], by[:, nx + nf :] * share
 
     def hold(self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array) -> bool:
         """Do the slopes of a row hold for a step from x under f with p that led to `after`? See the

@@ -177,8 +177,12 @@ def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def
                 for m in range(wide):
                     rows[j, m] += slope * (S[i, m] if i < nx else by[i - nx, m])
         for k in range(c.place.shape[0]):
+            # in proportion to the parameter they stay as they are
+            share = 1.0
+            if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]]:
+                share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
             for j in range(nx):
-                rows[j, c.place[k]] += found[j, nx + nf + k]
+                rows[j, c.place[k]] += share * found[j, nx + nf + k]
         S[:nx] = rows
     x[:] = plain
 

@@ -295,7 +295,10 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
 
     def stuck(self, at: _ShootingPoint, step: _ShootingStep) -> bool:
-        return float(np.abs(step.s).max(initial=0.0)) < 1e-7
+        if float(np.abs(step.s).max(initial=0.0)) < 1e-7:
+            return True
+        # by slopes that were used again the cost need not fall at all, as near as this to the end
+        return any(self.known) and float(step.s @ step.H @ step.s) < CALM
 
     @property
     def known(self) -> tuple[KnownSlopes | None, ...]:
@@ -312,7 +315,7 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
             if known:
                 known.forget()
         point = self.at(ended.point.s, ended.point.starts)
-        again = replace(ended, point=point, calm=0, settled=False)
+        again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
         return iterate(self, again, max(iterations, ended.steps + LAST_STEPS))
 
     def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
