@@ -5,8 +5,8 @@ parameters; a fit runs along the same track again and again, each time a little 
 An exchange whose slopes D are known at z0 = (states, forces, parameters) is stepped plainly from
 z, and D is taken once more where
 
-    |after - (after0 + D dz)|  <=  SAME |D - 1| |dz|        dz = z - z0, row by row
-    |change of (after - x)|    <=  SAME level               its root mean square along the run
+    |after - (after0 + D dz)|  <=  HOLDS |D - 1| |dz|        dz = z - z0, row by row
+    |change of (after - x)|    <=  HOLDS level               its root mean square along the run
 
 that is, where the slopes foretell the step that was made, as far as something acted differently,
 and where what acted is about what acted then: slopes by parameters go with that (of a force by
@@ -18,7 +18,7 @@ Slopes by a parameter are used in proportion to it, p dx/dp being what is kept: 
 dampings that grow together leave a motion as it is, and so does that sum of slopes then; were it
 off by a little, a fit would crawl along what nothing but the priors tells.
 
-This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about `SAME`
+This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about `HOLDS`
 (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5 and 10.2; the
 chord method reuses one Jacobian, this reuses its parts). What is to be exact forgets them first.
 """
@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SAME = 0.1  # of what a step does: a change that leaves slopes as they were
+HOLDS = 0.1  # of what a step does: a change that leaves slopes as they were
 FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
-ROUNDED = 1e-9  # of a value's size: what differences leave of a slope
+SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept
 
 
@@ -173,7 +173,7 @@ class KnownSlopes:
             return False  # by a parameter whose slopes were not asked for
         dx = x - self.x[row]
         by, dz = self.slopes[row], np.concatenate([dx, f - self.f[row], moved])
-        tiny, first = ROUNDED * (np.abs(after) + level), len(after) - len(x)
+        tiny, first = SLOPE_ROUNDING * (np.abs(after) + level), len(after) - len(x)
         change = after - self.after[row]
         off = np.abs(change - by @ dz)
         acted = by.copy()
@@ -181,6 +181,6 @@ class KnownSlopes:
         differently = np.abs(acted) @ np.abs(dz)
         change[first:] -= dx
         return bool(
-            (off <= SAME * differently + tiny).all()
-            and (np.abs(change) <= SAME * level + tiny).all()
+            (off <= HOLDS * differently + tiny).all()
+            and (np.abs(change) <= HOLDS * level + tiny).all()
         )
