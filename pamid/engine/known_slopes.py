@@ -5,8 +5,8 @@ parameters; a fit runs along the same track again and again, each time a little 
 An exchange whose slopes D are known at z0 = (states, forces, parameters) is stepped plainly from
 z, and D is taken once more where
 
-    |after - (after0 + D dz)|  <=  HOLDS |D - 1| |dz|        dz = z - z0, row by row
-    |change of (after - x)|    <=  HOLDS level               its root mean square along the run
+    |after - (after0 + D dz)|  <=  STILL_HOLDS |D - 1| |dz|    dz = z - z0, row by row
+    |change of (after - x)|    <=  STILL_HOLDS level           its root mean square along the run
 
 that is, where the slopes foretell the step that was made, as far as something acted differently,
 and where what acted is about what acted then: slopes by parameters go with that (of a force by
@@ -18,8 +18,8 @@ Slopes by a parameter are used in proportion to it, p dx/dp being what is kept: 
 dampings that grow together leave a motion as it is, and so does that sum of slopes then; were it
 off by a little, a fit would crawl along what nothing but the priors tells.
 
-This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about `HOLDS`
-(Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5 and 10.2; the
+This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about
+`STILL_HOLDS` (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5 and 10.2; the
 chord method reuses one Jacobian, this reuses its parts). What is to be exact forgets them first.
 """
 
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-HOLDS = 0.1  # of what a step does: a change that leaves slopes as they were
+STILL_HOLDS = 0.1  # of what a step does: a change that leaves slopes as they were
 FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
 SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept
@@ -181,6 +181,6 @@ class KnownSlopes:
         differently = np.abs(acted) @ np.abs(dz)
         change[first:] -= dx
         return bool(
-            (off <= HOLDS * differently + tiny).all()
-            and (np.abs(change) <= HOLDS * level + tiny).all()
+            (off <= STILL_HOLDS * differently + tiny).all()
+            and (np.abs(change) <= STILL_HOLDS * level + tiny).all()
         )

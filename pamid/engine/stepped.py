@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
-from pamid.engine.known_slopes import FAR, HOLDS, SLOPE_ROUNDING, KnownSlopes
+from pamid.engine.known_slopes import FAR, SLOPE_ROUNDING, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Memory, Program, StepDriver, Stepping
 
 if TYPE_CHECKING:  # numba is loaded when a model is run, not with the package
@@ -473,7 +473,7 @@ class _Course:
         q = self.program
         t = self.known or KnownSlopes.none(q.simulated, q.forces, q.own)
         rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.chosen, t.counts
-        return KnownInC(*rows, self.own, self.level, HOLDS, FAR, SLOPE_ROUNDING)
+        return KnownInC(*rows, self.own, self.level, STILL_HOLDS, FAR, SLOPE_ROUNDING)
 
     def keep(self, memory: Memory) -> None:
         """All that a run carries on stands in the memory's arrays."""

@@ -14,7 +14,7 @@ from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
 from pamid.engine import known_slopes
-from pamid.engine.known_slopes import FAR, HOLDS, KnownSlopes
+from pamid.engine.known_slopes import FAR, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.multiple_shooting import fit
@@ -111,7 +111,7 @@ def test_near_by_they_hold_and_far_off_they_are_worked_out_anew(problem: Problem
             continue
         assert own.known.counts[1] > 0.95 * exchanges
         size = np.sqrt((exactly**2).mean(axis=0))
-        assert (np.sqrt(((by - exactly) ** 2).mean(axis=0)) <= HOLDS * size).all()
+        assert (np.sqrt(((by - exactly) ** 2).mean(axis=0)) <= STILL_HOLDS * size).all()
 
 
 def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
