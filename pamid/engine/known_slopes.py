@@ -19,8 +19,9 @@ dampings that grow together leave a motion as it is, and so does that sum of slo
 off by a little, a fit would crawl along what nothing but the priors tells.
 
 This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about
-`STILL_HOLDS` (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5 and 10.2; the
-chord method reuses one Jacobian, this reuses its parts). What is to be exact forgets them first.
+`STILL_HOLDS` (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5
+and 10.2; the chord method reuses one Jacobian, this reuses its parts). What is to be exact forgets
+them first.
 """
 
 from __future__ import annotations
