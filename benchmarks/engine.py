@@ -34,8 +34,8 @@ from transcription import transcribed
 
 from pamid.engine import jit_cache as machine
 from pamid.engine.program import Program, Stepping
-from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.problem import Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import model_with
-from pamid.estimation.multiple_shooting import fit, fit_robustly
+from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.multiple_shooting import fit, fit_robustly
+from pamid.engine.known_slopes import KnownSlopes
+from pamid.engine.stepped import SteppedProgram
+from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -135,6 +138,23 @@ def begun_from(base: Fit, assembly: Assembly) -> Beginning:
     return Beginning(base.starts, base.continuity)
 
 
+def known_along(fitted: Fit) -> tuple[KnownSlopes | None, ...]:
+    """Slopes of what steps by itself where a fit has ended, for fits of other models of the same
+    rig along the same tracks; none of equations, which are differentiated at little cost."""
+    if not isinstance(fitted.problem.assembly.program, SteppedProgram) or not fitted.starts:
+        return ()
+    shooting, _ = begin(
+        fitted.problem,
+        p=fitted.p,
+        starts=fitted.starts,
+        weights=fitted.weights,
+        stepping=fitted.stepping,
+        continuity=fitted.continuity,
+        probe=True,
+    )
+    return shooting.known
+
+
 def refit(
     evidence: DataSplit,
     assembly: Assembly,
@@ -142,10 +162,11 @@ def refit(
     *,
     p: Array | None = None,
     first: dict[str, float] | None = None,
+    known: tuple[KnownSlopes | None, ...] = (),
     settings: Settings = DEFAULT,
 ) -> Fit:
     """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values
-    (SI) by key.
+    (SI) by key; known: slopes along the tracks, where the rig is stepped (`known_along`).
 
     First with the baseline's weights, then with those of its own residuals. Where the model
     explains the gap these are smaller, and its parameters follow the recordings more and their
@@ -168,6 +189,8 @@ def refit(
         starts=begun.starts,
         weights=base.weights,
         continuity=begun.continuity,
+        known=known,
+        exact=False,
         iterations=settings.refit_iterations,
         tolerance=settings.refit_tolerance,
     )
@@ -183,6 +206,19 @@ def refit(
             starts=done.starts,
             weights=own,
             stepping=done.stepping,
+            known=done.known,
+            exact=False,
+            iterations=settings.refit_iterations,
+            tolerance=settings.refit_tolerance,
+        )
+    if any(done.known) and done.residuals:  # to its end, with slopes of where it stands
+        done = fit(
+            problem,
+            p=done.p,
+            starts=done.starts,
+            weights=done.weights,
+            stepping=done.stepping,
+            continuity=done.continuity,
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,15 @@ from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import (
     CandidateModel,
     begun_from,
+    known_along,
     set_within_bounds,
     transferred,
 )
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
+from pamid.engine.stepped import WORTH, SteppedProgram
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
@@ -136,11 +140,7 @@ class ScreeningBaseline:
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
         held = candidates > settings.held_background_from
-        short = replace(
-            problem,
-            tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)),
-            free=_free(problem.assembly, problem.free, held),
-        )
+        short = _short(problem, tuple(spans), held)
         sheet = problem.assembly.values()
         costs = [
             fit(
@@ -158,10 +158,25 @@ class ScreeningBaseline:
         p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
 
+    @cached_property
+    def known(self) -> tuple[KnownSlopes | None, ...]:
+        """Slopes of what steps by itself along these parts, for the candidates to begin with."""
+        base = self.baseline.fit
+        return known_along(
+            replace(
+                base,
+                problem=_short(base.problem, self.spans, self.held),
+                p=self.p,
+                starts=self.starts,
+            )
+        )
+
     @property
     def affordable(self) -> int:
         """Candidates that may be refitted without a choice among them."""
-        samples = sum(len(t) for t in self.baseline.fit.problem.tracks)
+        problem = self.baseline.fit.problem
+        stepped = isinstance(problem.assembly.program, SteppedProgram)
+        samples = sum(len(t) for t in problem.tracks) * (WORTH if stepped else 1)
         return 0 if self.held else self.settings.refits_all // samples
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
@@ -171,6 +186,15 @@ class ScreeningBaseline:
         return Problem(
             assembly, tracks, _free(assembly, free_parameters(assembly, tracks), self.held)
         )
+
+
+def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
+    """The fit's problem over these parts of its tracks."""
+    return replace(
+        problem,
+        tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)),
+        free=_free(problem.assembly, problem.free, held),
+    )
 
 
 def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
@@ -250,6 +274,7 @@ def _probed(
         starts=starts,
         weights=base.weights,
         continuity=begun_from(base, problem.assembly).continuity,
+        known=reference.known,
         iterations=steps,
         probe=True,
         stepping=stepping,

@@ -4,6 +4,7 @@ them."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import (
     CandidateModel,
     bootstrap_losses,
+    known_along,
     refit,
     replayed,
     transferred,
@@ -22,8 +24,9 @@ from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, sc
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.estimation.grey_box import COARSE, model_with, rechecked
+from pamid.estimation.grey_box import COARSE, model_with, rechecked, settles
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
@@ -129,17 +132,29 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
     sizes: Sizes
     settings: Settings
 
+    @cached_property
+    def known(self) -> tuple[KnownSlopes | None, ...]:
+        return known_along(self.after)
+
     def result(self, item: RefitStart) -> CandidateModel:
-        assembly = self._assembly(item)
+        assembly, known = self._assembly(item), self.known
         done = refit(
-            self.evidence, assembly, self.after, p=item.p, first=item.first, settings=self.settings
+            self.evidence,
+            assembly,
+            self.after,
+            p=item.p,
+            first=item.first,
+            known=known,
+            settings=self.settings,
         )
         for _ in range(self.settings.widenings):
             wider = widened(assembly, done, self.settings)
             if wider is None:
                 break
             assembly = wider
-            done = refit(self.evidence, assembly, self.after, p=done.p, settings=self.settings)
+            done = refit(
+                self.evidence, assembly, self.after, p=done.p, known=known, settings=self.settings
+            )
         return replayed(self.evidence, assembly, done)
 
     def plain_form(self, item: RefitStart, found: CandidateModel) -> Plain:
@@ -397,7 +412,9 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
         best = item
         for _ in range(self.settings.stepping_rounds):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
-            if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
+            noise = self.evidence.noise
+            change = rechecked(best.assembly, best.fit, tracks, noise)[1]
+            if change <= COARSE or not settles(best.assembly, best.fit, tracks, noise, change):
                 break
             best = _fitted_on(
                 self.evidence,

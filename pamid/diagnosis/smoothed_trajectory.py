@@ -13,6 +13,7 @@ Särkkä (2013), Bayesian Filtering and Smoothing, ch. 10 and 13.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +74,12 @@ class SlicedTrack:
     start: Array  # the trajectory that smoothing begins with
     settings: Settings = DEFAULT
 
+    @cached_property
+    def keeping(self) -> tuple[Runner, Runner]:
+        """The runner by the states alone, and by the parameters, too; what steps by itself keeps
+        slopes from one linearisation to the next."""
+        return replace(self.runner, free=()).keeping(), self.runner.keeping()
+
     def simulate(self, x: Array, p: Array, noise: Array) -> Simulation:
         """Where the slices end, and their squared error; p: parameters (SI)."""
         values = self.runner.parameters(p)
@@ -92,7 +99,7 @@ class SlicedTrack:
         self, x: Array, p: Array, slope: Array, noise: Array, moving: bool
     ) -> Linearisation:
         """p: parameters (SI); slope: theirs by prior spread; moving: derivatives by them, too?"""
-        runner = self.runner if moving else replace(self.runner, free=())
+        runner = self.keeping[moving]
         count, n, k = len(x), x.shape[1], len(slope)
         values, root, seen = runner.parameters(p), 1.0 / noise, runner.track.seen
         own_root = root if seen.all() else np.where(seen, root, 0.0)

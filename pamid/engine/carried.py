@@ -87,9 +87,9 @@ class CarriedCourse:
             )
         self._take(found)
 
-    def step(self, f: Array, by: Array, h: float) -> None:
-        """One exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
-        columns)."""
+    def step(self, row: int, f: Array, by: Array, h: float) -> None:
+        """One exchange of h seconds, whichever of the run it is, under f (forces), whose
+        sensitivities are `by` (forces, columns)."""
         forces = np.tile(f, (1 + len(self.by), 1))
         if len(self.by):
             forces[1:] += (by[:, self.places] * self.by).T

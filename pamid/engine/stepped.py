@@ -20,18 +20,25 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
+from pamid.engine.known_slopes import FAR, SLOPE_ROUNDING, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Memory, Program, StepDriver, Stepping
+
+if TYPE_CHECKING:  # numba is loaded when a model is run, not with the package
+    from pamid.engine.stepped_kernel import KnownInC
 
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 1e-9 of a slope
 MOST_EXCHANGES = 64  # per sample
+# samples of equations that one of a simulator costs in a fit whose slopes are known: 0.7 us against
+# 11 with MuJoCo and 100 with Python (`benchmarks/stepped.py`)
+WORTH = 16
 
 
 class Simulator(Protocol):
@@ -148,6 +155,7 @@ class SteppedProgram:
     own: int
     far: FarRunner | None = None
     recipe: Recipe | None = None  # of the equations around, for `far`
+    known: KnownSlopes | None = None  # of the exchanges of the next run with sensitivities
     states: tuple[str, ...] = field(init=False)
     outputs: tuple[str, ...] = field(init=False)
 
@@ -166,6 +174,14 @@ class SteppedProgram:
     @property
     def cells(self) -> tuple[str, ...]:
         return self.around.cells
+
+    def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
+        """For slopes of a track's exchanges, of which `replace(self, known=...)` makes use; None
+        where there is nothing to keep: what is inside cannot be set, or runs elsewhere."""
+        if isinstance(self.simulator, Carrier) or self.far is not None:
+            return None
+        sizes = self.readings, self.simulated, self.forces, self.own
+        return KnownSlopes.room(samples, substeps, sizes, np.flatnonzero(columns[: self.own] >= 0))
 
     def least_substeps(self, period_s: float) -> int:
         """Exchanges per sample that the simulator asks for."""
@@ -224,7 +240,7 @@ class SteppedProgram:
                     Y[k] = values[:seen]
                     if columns is not None:
                         JY[k] = slopes[:seen]
-                course.step(values[seen:], slopes[seen:], period_s / parts)
+                course.step(k * parts + sub, values[seen:], slopes[seen:], period_s / parts)
             if not course.finite:
                 bad = k
                 Y[k + 1 :] = np.nan
@@ -232,6 +248,8 @@ class SteppedProgram:
                     JY[k + 1 :] = np.nan
                 break
         course.keep(memory)
+        if bad >= 0 and self.known is not None:
+            self.known.forget()
         memory.x[:] = course.x[self.readings :]
         if columns is not None:
             memory.S[:] = course.S[self.readings :]
@@ -249,7 +267,11 @@ class SteppedProgram:
     ) -> _Course | CarriedCourse:
         if isinstance(self.simulator, Carrier):
             return CarriedCourse(self.simulator, memory, x, S, p, columns, self.own)
-        return _Course(self, self.simulator, x, S, p, columns)
+        course = _Course(self, self.simulator, x, S, p, columns)
+        known = self.known
+        if known is not None and columns is not None and known.is_by(course.chosen):
+            course.known, course.level = known, known.level
+        return course
 
     @property
     def whole(self) -> bool:
@@ -322,6 +344,8 @@ class _Course:
     S: Array
     p: Array
     columns: NDArray[np.int64] | None
+    known: KnownSlopes | None = None
+    level: Array = field(default_factory=lambda: np.zeros(0))  # of what is known, along the run
 
     def __post_init__(self) -> None:
         q = self.program
@@ -355,20 +379,38 @@ class _Course:
             self.S[: q.readings] = slopes[:, : len(x)] @ self.S[self.part]
             self.S[: q.readings, self.places] += slopes[:, len(x) :]
 
-    def step(self, f: Array, by: Array, h: float) -> None:
-        """One exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
-        columns)."""
+    def step(self, row: int, f: Array, by: Array, h: float) -> None:
+        """One exchange of h seconds, the row-th of the run, under f (forces), whose sensitivities
+        are `by` (forces, columns)."""
         q, x = self.program, self.x[self.part]
         if self.columns is None:
             after, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
             self.x[: q.readings], self.x[self.part] = readings[0], after[0]
             return
-        pushed = np.flatnonzero(by.any(axis=1))  # by what is sought
-        found = slopes_of(self.simulator, x, f, self.own, h, self.chosen, pushed)
+        found = self._slopes(row, x, f, by, h)
+        pushed = np.arange(len(f)) if self.known else np.flatnonzero(by.any(axis=1))
         rows = found.by_state @ self.S[self.part] + found.by_force @ by[pushed]
         rows[:, self.places] += found.by_parameter
         self.S[self.both] = rows
         self.x[self.both] = found.after
+
+    def _slopes(self, row: int, x: Array, f: Array, by: Array, h: float) -> Slopes:
+        """By the forces that what is sought pushes; by all where slopes are kept."""
+        known = self.known
+        if known is None:
+            pushed = np.flatnonzero(by.any(axis=1))
+            return slopes_of(self.simulator, x, f, self.own, h, self.chosen, pushed)
+        if known.made[row]:
+            states, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
+            after = np.concatenate([readings[0], states[0]])
+            if known.hold(row, x, f, self.own, after, self.level):
+                known.counts[1] += 1
+                return Slopes(after, *known.parts(row, self.own))
+        known.counts[0] += 1
+        made = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
+        slopes = np.concatenate([made.by_state, made.by_force, made.by_parameter], axis=1)
+        known.keep(row, x, f, self.own, made.after, slopes)
+        return made
 
     def in_c(
         self,
@@ -416,13 +458,22 @@ class _Course:
                     *self.simulator.sizes,
                     by,
                     np.asarray(self.places, np.int64),
+                    DIFFERENCE,
                 ),
-                DIFFERENCE,
+                self._known_in_c(),
                 Y,
                 JY,
             )
         memory.begin = memory.join = False
         return int(bad)
+
+    def _known_in_c(self) -> KnownInC:
+        from pamid.engine.stepped_kernel import KnownInC
+
+        q = self.program
+        t = self.known or KnownSlopes.none(q.simulated, q.forces, q.own)
+        rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.chosen, t.counts
+        return KnownInC(*rows, self.own, self.level, STILL_HOLDS, FAR, SLOPE_ROUNDING)
 
     def keep(self, memory: Memory) -> None:
         """All that a run carries on stands in the memory's arrays."""

@@ -2,7 +2,8 @@
 compiled, in place of calls from Python in every sample.
 
 What it does in an exchange is what `pamid.engine.stepped` says, with slopes by differences over
-copies; the copies are one structure of the library, set anew for each of them. numba takes its
+copies, or those that are known (`pamid.engine.known_slopes`, the same rule in the same order); the
+copies are one structure of the library, set anew for each of them. numba takes its
 cache of this file's functions for stale by the stamp of this file alone: touch it where `sweep`
 changes what it is given.
 """
@@ -32,6 +33,7 @@ class SteppedInC(NamedTuple):
                     (states,), (forces,) float64: typical magnitudes
     moved_by, place
                     (moved parameters,): by how much (float64), sensitivity column
+    difference      of a value's size, float64: by how much states and forces are moved
     """
 
     step: int
@@ -45,6 +47,27 @@ class SteppedInC(NamedTuple):
     force_size: Any
     moved_by: Any
     place: Any
+    difference: float
+
+
+class KnownInC(NamedTuple):
+    """Slopes that are kept, as of `pamid.engine.known_slopes.KnownSlopes`, without rows where none
+    are. own: parameters now (own,); level: (states,), what a step does along the run; same, far,
+    rounded: by what they still hold."""
+
+    made: Any
+    x: Any
+    f: Any
+    p: Any
+    after: Any
+    slopes: Any
+    chosen: Any
+    counts: Any
+    own: Any
+    level: Any
+    same: float
+    far: float
+    rounded: float
 
 
 @njit(cache=True)
@@ -63,40 +86,109 @@ def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _exchange(c, x, f, by, S, difference, sensitive):  # type: ignore[no-untyped-def]
+def _known(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+    """Do the slopes of a row hold for a step from x under f to `plain`?"""
+    if not t.made[row]:
+        return False
+    nx, nf, wide = x.shape[0], f.shape[0], t.slopes.shape[2]
+    dz = np.empty(wide)
+    for i in range(nx):
+        dz[i] = x[i] - t.x[row, i]
+    for i in range(nf):
+        dz[nx + i] = f[i] - t.f[row, i]
+    dp = t.own - t.p[row]
+    for i in range(dp.shape[0]):
+        if abs(dp[i]) > t.far * abs(t.p[row, i]):
+            return False
+    for i in range(t.chosen.shape[0]):
+        dz[nx + nf + i] = dp[t.chosen[i]]
+        dp[t.chosen[i]] = 0.0
+    for i in range(dp.shape[0]):
+        if dp[i] != 0.0:
+            return False
+    for j in range(nx):
+        tiny = t.rounded * (abs(plain[j]) + t.level[j])
+        change = plain[j] - t.after[row, j]
+        told, differently = 0.0, 0.0
+        for i in range(wide):
+            slope = t.slopes[row, j, i]
+            told += slope * dz[i]
+            differently += abs((slope - 1.0 if i == j else slope) * dz[i])
+        # neither is so of what is no number
+        if not abs(change - told) <= t.same * differently + tiny:
+            return False
+        if not abs(change - dz[j]) <= t.same * t.level[j] + tiny:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _slopes(c, x, f, by, plain, every, found):  # type: ignore[no-untyped-def]
+    """Fill `found` (states, states + forces + moved parameters) by differences: of the forces by
+    every one, or by those that what is sought moves."""
+    nx, nf = x.shape[0], f.shape[0]
+    moved = np.empty(nx)
+    for i in range(nx + nf):
+        at, k = (x, i) if i < nx else (f, i - nx)
+        if i >= nx and not every and not by[k].any():
+            found[:, i] = 0.0
+            continue
+        size = c.state_size[k] if i < nx else c.force_size[k]
+        value = at[k]
+        step = c.difference * max(abs(value), size)
+        at[k] = value + step
+        _advance(c, c.models[0], x, f, moved)
+        at[k] = value
+        for j in range(nx):
+            found[j, i] = (moved[j] - plain[j]) / step
+    for k in range(c.place.shape[0]):
+        _advance(c, c.models[1 + k], x, f, moved)
+        for j in range(nx):
+            found[j, nx + nf + k] = (moved[j] - plain[j]) / c.moved_by[k]
+
+
+@njit(cache=True)
+def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
     """Move x (states,) and, where asked for, their rows of S (all in place) over an exchange under
     f (forces,), whose sensitivities are `by` (forces, columns)."""
     nx, nf, wide = x.shape[0], f.shape[0], S.shape[1]
-    plain, moved = np.empty(nx), np.empty(nx)
+    plain = np.empty(nx)
     _advance(c, c.models[0], x, f, plain)
     if sensitive:
+        keep = t.made.shape[0] > 0
+        found = t.slopes[row] if keep else np.empty((nx, nx + nf + c.place.shape[0]))
+        if keep and _known(t, row, x, f, plain):
+            t.counts[1] += 1
+        else:
+            _slopes(c, x, f, by, plain, keep, found)
+            if keep:
+                t.counts[0] += 1
+                t.x[row] = x
+                t.f[row] = f
+                t.p[row] = t.own
+                t.after[row] = plain
+                t.made[row] = True
         rows = np.zeros((nx, wide))
         for i in range(nx + nf):
-            at, k = (x, i) if i < nx else (f, i - nx)
-            if i >= nx and not by[k].any():
-                continue  # nothing that is sought moves this force
-            size = c.state_size[k] if i < nx else c.force_size[k]
-            value = at[k]
-            step = difference * max(abs(value), size)
-            at[k] = value + step
-            _advance(c, c.models[0], x, f, moved)
-            at[k] = value
             for j in range(nx):
-                slope = (moved[j] - plain[j]) / step
+                slope = found[j, i]
                 if slope == 0.0:
                     continue
                 for m in range(wide):
-                    rows[j, m] += slope * (S[k, m] if i < nx else by[k, m])
+                    rows[j, m] += slope * (S[i, m] if i < nx else by[i - nx, m])
         for k in range(c.place.shape[0]):
-            _advance(c, c.models[1 + k], x, f, moved)
+            # in proportion to the parameter they stay as they are
+            share = 1.0
+            if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]]:
+                share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
             for j in range(nx):
-                rows[j, c.place[k]] += (moved[j] - plain[j]) / c.moved_by[k]
+                rows[j, c.place[k]] += share * found[j, nx + nf + k]
         S[:nx] = rows
     x[:] = plain
 
 
 @njit(cache=True)
-def stepped_sweep(equations, memory, inputs, times, results, c, difference, Y, JY):  # type: ignore[no-untyped-def]
+def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # type: ignore[no-untyped-def]
     """Run over the rows of u, filling Y (samples, seen) and, where sensitivities are asked for, JY
     (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
     what is seen. Memory is carried on in place; the simulator's states are the first in it. Returns
@@ -125,7 +217,8 @@ def stepped_sweep(equations, memory, inputs, times, results, c, difference, Y, J
                 if sensitive:
                     JY[k] = results.JY[0, :seen]
             f[:] = results.Y[0, seen:]
-            _exchange(c, x[:nx], f, results.JY[0, seen:], S, difference, sensitive)
+            row = k * times.substeps + sub
+            _exchange(c, x[:nx], f, results.JY[0, seen:], S, sensitive, t, row)
         for i in range(x.shape[0]):
             if not abs(x[i]) < BLOWN_UP:
                 Y[k + 1 :] = np.nan

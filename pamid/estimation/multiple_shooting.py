@@ -32,15 +32,15 @@ from numpy.typing import NDArray
 
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.estimation.problem import Fit, Problem, Scale
+from pamid.estimation.problem import Fit, Problem, Scale, careful_stepping
 from pamid.estimation.shooting_windows import (
     ShootingNormal,
     assembled,
     run_tracks,
 )
-from pamid.estimation.weights import Weights, residual_weights
-from pamid.simulation.free_runs import choose_stepping
+from pamid.estimation.weights import Weights
 from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
 from pamid.simulation.windows import Runner
 
@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
 ITERATIONS, TOLERANCE = 40, 1e-4
-ROUNDS, FIRST_STEPS = 3, 15  # of a fit whose weights follow the residuals
+LAST_STEPS = 3  # at least, with slopes of where a fit has ended
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
 
 
@@ -135,13 +135,15 @@ class _ShootingStep(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
     """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
-    which the free ones are replaced; probe: the last point is not differentiated."""
+    which the free ones are replaced; runners: of the tracks, which may keep slopes of what is
+    stepped from point to point; probe: the last point is not differentiated."""
 
     problem: Problem
     p: Array
     weights: Weights
     continuity: tuple[Array, ...]
     stepping: Stepping
+    runners: tuple[Runner, ...]
     tolerance: float
     probe: bool
     rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e7)
@@ -187,13 +189,35 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
 
     def stuck(self, at: _ShootingPoint, step: _ShootingStep) -> bool:
-        return float(np.abs(step.s).max(initial=0.0)) < 1e-7
+        if float(np.abs(step.s).max(initial=0.0)) < 1e-7:
+            return True
+        # by slopes that were used again the cost need not fall at all, as near as this to the end
+        return any(self.known) and float(step.s @ step.H @ step.s) < CALM
+
+    @property
+    def known(self) -> tuple[KnownSlopes | None, ...]:
+        """Slopes that are kept, per track."""
+        return tuple(runner.known for runner in self.runners)
+
+    def exactly(
+        self, ended: Iteration[_ShootingPoint], iterations: int
+    ) -> Iteration[_ShootingPoint]:
+        """Where slopes were used again, on from where that has ended, with slopes of that point."""
+        if not (ended.settled and any(known and known.counts[1] for known in self.known)):
+            return ended
+        for known in self.known:
+            if known:
+                known.forget()
+        point = self.at(ended.point.s, ended.point.starts)
+        again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
+        return iterate(self, again, max(iterations, ended.steps + LAST_STEPS))
 
     def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
         """The fit to which a probe comes that goes on."""
         full, point = replace(self, probe=False), probe.point
         point = point if point.linearised else full.at(point.s, point.starts)
-        return full.fit(iterate(full, replace(probe, point=point), ITERATIONS))
+        ended = iterate(full, replace(probe, point=point), ITERATIONS)
+        return full.fit(full.exactly(ended, ITERATIONS))
 
     def fit(self, ended: Iteration[_ShootingPoint]) -> Fit:
         s, starts, now, _ = ended.point
@@ -235,6 +259,7 @@ def begin(
     tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
     continuity: tuple[Array, ...] = (),
+    known: tuple[KnownSlopes | None, ...] = (),
     probe: bool = False,
 ) -> tuple[MultipleShooting, Iteration[_ShootingPoint]]:
     """The least squares of a fit and the point where it begins; arguments as of `fit`."""
@@ -245,7 +270,13 @@ def begin(
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
     starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
     none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
-    shooting = MultipleShooting(problem, p, weights, continuity or none, stepping, tolerance, probe)
+    runners = tuple(
+        Runner(problem.assembly, track, stepping, problem.free).keeping(known[i] if known else None)
+        for i, track in enumerate(problem.tracks)
+    )
+    shooting = MultipleShooting(
+        problem, p, weights, continuity or none, stepping, runners, tolerance, probe
+    )
     tracks = run_tracks(shooting, s, starts, True)
     point = _ShootingPoint(s, starts, assembled(shooting, s, tracks, True), True)
     if point.normal.fine and not continuity:
@@ -275,6 +306,8 @@ def fit(
     tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
     continuity: tuple[Array, ...] = (),
+    known: tuple[KnownSlopes | None, ...] = (),
+    exact: bool = True,
     progress: Progress | None = None,
     probe: bool = False,
 ) -> Fit:
@@ -283,7 +316,9 @@ def fit(
 
     The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
     probe: only the cost and the parameters matter; the last step is then not differentiated and has
-    no covariance.
+    no covariance. known: slopes along the same tracks of a rig that is stepped, to begin with; on
+    the way they are used again where they hold. exact: it ends with those of its last point; else
+    it hands them on, to a fit that goes on from there.
     """
     shooting, begun = begin(
         problem,
@@ -293,6 +328,7 @@ def fit(
         tolerance=tolerance,
         stepping=stepping,
         continuity=continuity,
+        known=known,
         probe=probe,
     )
     if not begun.point.normal.fine:
@@ -308,65 +344,7 @@ def fit(
             "the model became unstable at its starting parameters",
             shooting.stepping,
         )
-    return shooting.fit(iterate(shooting, begun, iterations, progress))
-
-
-def careful_stepping(problem: Problem, p: Array) -> Stepping:
-    """The most careful of the steppings that the recordings ask for: implicit before explicit, then
-    finer."""
-    a = problem.assembly
-    found = []
-    for track in problem.tracks:
-        values = Runner(a, track, Stepping()).parameters(p)
-        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
-    return max(found, key=lambda s: (s.implicit, s.substeps))
-
-
-def fit_robustly(
-    problem: Problem,
-    *,
-    p: Array | None = None,
-    progress: Progress | None = None,
-    rounds: int = ROUNDS,
-    stepping: Stepping | None = None,
-) -> Fit:
-    """Fit with weights that follow the residuals: from the misfit at p (default: the data sheet)
-    down to what the model leaves.
-
-    Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
-    weights come from a single step: with those of the sensor noise, a long fit of a model that is
-    off by many times the noise would bend its parameters to what they cannot explain.
-    """
-    noise = problem.noise
-    fitted = fit(
-        problem, p=p, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping
-    )
-    weights = (
-        residual_weights(fitted.residuals, noise, problem.window)
-        if fitted.residuals
-        # the model ran away and left nothing to measure: alike over so many samples, as a guess
-        else Weights(noise, np.full_like(noise, 30.0))
-    )
-    fitted = fit(
-        problem,
-        p=p,
-        weights=weights,
-        progress=progress,
-        tolerance=1e-2,
-        iterations=FIRST_STEPS,
-        stepping=fitted.stepping,
-    )
-    for _ in range(rounds - 1):
-        if not fitted.residuals:
-            break
-        weights = residual_weights(fitted.residuals, noise, problem.window)
-        fitted = fit(
-            problem,
-            p=fitted.p,
-            starts=fitted.starts,
-            weights=weights,
-            stepping=fitted.stepping,
-            progress=progress,
-            tolerance=1e-3,
-        )
-    return fitted
+    ended = iterate(shooting, begun, iterations, progress)
+    if probe or not exact:
+        return replace(shooting.fit(ended), known=() if probe else shooting.known)
+    return shooting.fit(shooting.exactly(ended, iterations))

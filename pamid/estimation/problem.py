@@ -8,14 +8,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import Prior
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
 from pamid.simulation.data_split import FIT_WINDOW
+from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.tracks import Track, noise_of, stated_noise
-from pamid.simulation.windows import Window, cut
+from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
@@ -85,6 +87,8 @@ class Fit:
     # per track: samples x channels, model - measured
     residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
+    # per track: slopes of what is stepped, for a fit that goes on from here
+    known: tuple[KnownSlopes | None, ...] = field(repr=False, compare=False, default=())
 
 
 class Scale:
@@ -134,3 +138,14 @@ def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int,
         for i, b in enumerate(assembly.parameters)
         if b.fitted and any(i not in t.known for t in tracks)
     )
+
+
+def careful_stepping(problem: Problem, p: Array) -> Stepping:
+    """The most careful of the steppings that the recordings ask for: implicit before explicit, then
+    finer."""
+    a = problem.assembly
+    found = []
+    for track in problem.tracks:
+        values = Runner(a, track, Stepping()).parameters(p)
+        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return max(found, key=lambda s: (s.implicit, s.substeps))

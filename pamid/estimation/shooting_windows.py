@@ -9,7 +9,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Problem, Scale
 from pamid.estimation.weights import Weights
@@ -30,7 +29,7 @@ class ShootingFit(Protocol):
     @property
     def continuity(self) -> tuple[Array, ...]: ...
     @property
-    def stepping(self) -> Stepping: ...
+    def runners(self) -> tuple[Runner, ...]: ...
     @property
     def scale(self) -> Scale: ...
 
@@ -82,7 +81,7 @@ def run_tracks(
     out: list[TrackRuns] = []
     nothing, at = np.zeros(0), 0
     for i, track in enumerate(problem.tracks):
-        runner = Runner(problem.assembly, track, fitted.stepping, problem.free)
+        runner = fitted.runners[i]
         own = runner.parameters(values)
         windows, n = problem.windows(track), runner.start_states
         memory = runner.memory(own)

@@ -36,9 +36,9 @@ from pamid.diagnosis.candidate_model import transferred
 from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.linear_rows import LinearRows, linear_rows, orthonormal_span
-from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect

@@ -100,7 +100,9 @@ def estimate_initial_state(
     signs are tried: no derivative leads from one to the other. Returns the state, and whether it is
     usable.
     """
-    own = Runner(runner.assembly, runner.track, runner.stepping, all_states=runner.all_states)
+    own = Runner(
+        runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
+    ).keeping()
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)

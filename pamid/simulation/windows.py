@@ -13,7 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, Stepping
+from pamid.engine.stepped import SteppedProgram
 from pamid.model.assembly import Assembly
 from pamid.simulation.tracks import Track
 
@@ -38,7 +40,8 @@ class Runner:
     """Runs windows of one track with given parameters.
 
     free: places of the parameters that get sensitivity columns; after them come the rig's own
-    states at the window's start, so a Jacobian has len(free) + rig_states columns.
+    states at the window's start, so a Jacobian has len(free) + rig_states columns; known: slopes of
+    a stepped rig's exchanges along the track, where they are kept from run to run.
     """
 
     assembly: Assembly
@@ -46,6 +49,7 @@ class Runner:
     stepping: Stepping
     free: tuple[int, ...] = ()
     all_states: bool = False  # set anew the effects' states, too
+    known: KnownSlopes | None = None
 
     @cached_property
     def start_states(self) -> int:
@@ -58,6 +62,17 @@ class Runner:
             if place not in self.track.known:
                 chosen[place] = column
         return chosen
+
+    def keeping(self, other: KnownSlopes | None = None) -> Runner:
+        """The same, keeping slopes from run to run, where there are any to keep; other: that were
+        kept along this track before, from which these begin."""
+        program = self.assembly.program
+        if not isinstance(program, SteppedProgram):
+            return self
+        made = program.room(len(self.track), self.stepping.substeps, self.columns)
+        if made is not None and other is not None and other.fits(made):
+            made = other.copy()
+        return replace(self, known=made)
 
     def parameters(self, p: Array) -> Array:
         """p with what this recording knows put in."""
@@ -105,8 +120,10 @@ class Runner:
     ) -> tuple[Array, Array, bool]:
         """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all
         stay finite?"""
-        t, behind = self.track, window.stop
-        Y, J, bad = self.assembly.program.run(
+        t, behind, program = self.track, window.stop, self.assembly.program
+        if self.known is not None and sensitivities and isinstance(program, SteppedProgram):
+            program = replace(program, known=self.known.part(window.start, window.stop))
+        Y, J, bad = program.run(
             memory,
             t.u[window.start : window.stop],
             p,

@@ -175,6 +175,8 @@ class _Stepper:
         model.actuator_delay[:] = 0.0  # delays are pamid's
         # an unstable state would silently become that of the reference
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        # readings are worked out of the states
+        model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_SENSOR)
         self.actuator_names = [file.name("actuator", i) for i in range(model.nu)]
         self.rollout = rollout.Rollout(nthread=0)
         self.data = self.mujoco.MjData(model)

@@ -11,9 +11,9 @@ from small_cart import RIG, cart_evidence, record_cart
 
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
-from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.restart import TRAPPED, escape_local_minimum
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording

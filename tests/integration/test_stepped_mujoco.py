@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pamid
 from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, null_error
 from pamid.engine.program import Stepping
+from pamid.engine.stepped import SteppedProgram
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
@@ -137,6 +139,43 @@ def test_its_library_is_called_as_its_python_package_is(
     for one, other in zip(*runs, strict=True):
         assert np.abs(one - other).max() <= 1e-6 * np.abs(one).max()
     assert np.array_equal(runs[0][0], runs[1][0])
+
+
+def test_slopes_are_kept_in_its_library_as_in_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where nothing has moved all of them hold; where masses have, contacts are worked out anew."""
+    rig = rig_named(str(_written(tmp_path)))
+    a = Assembly(rig)
+    program, sheet = a.program, a.values()
+    assert isinstance(program, SteppedProgram)
+    k, n = len(sheet), len(rig.states)
+    columns, step = np.arange(k, dtype=np.int64), Stepping(2)
+    runs, counts = [], []
+    for whole in (True, False):
+        if not whole:
+            monkeypatch.setattr(a.rig._stepper, "mj_step", 0)  # type: ignore[attr-defined]
+        known = program.room(SAMPLES, 2, columns)
+        assert known is not None
+        for share in (0.0, 0.0, 0.02):
+            p = (1.0 + share) * sheet
+            memory = program.memory(a.start(p), k + n, stepping=step, period_s=PERIOD)
+            memory.S[:n, k : k + n] = np.eye(n)
+            keeping = replace(program, known=known)
+            *found, bad = keeping.run(
+                memory, COMMANDS, p, period_s=PERIOD, stepping=step, columns=columns
+            )
+            assert bad < 0
+            runs.append(found)
+            counts.append(known.counts.tolist())
+    exchanges = 2 * SAMPLES
+    assert counts[:2] == counts[3:5] == [[exchanges, 0], [exchanges, exchanges]]
+    anew = [counts[i][0] - exchanges for i in (2, 5)]
+    assert 0 < anew[0] < exchanges / 2
+    assert abs(anew[1] - anew[0]) <= 0.01 * exchanges  # one at the edge of a rule may fall beyond
+    for (y, by), (same, also) in zip(runs[:2], runs[3:5], strict=True):
+        assert np.array_equal(y, same)
+        assert np.abs(by - also).max() <= 1e-6 * np.abs(by).max()
 
 
 def test_parameters_are_those_of_the_file(tmp_path: Path) -> None:

@@ -18,8 +18,9 @@ from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import COARSE, GreyBox, fit_model
 from pamid.estimation.intervals import FittedParameter, bootstrap, estimates
-from pamid.estimation.multiple_shooting import fit, fit_robustly
+from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments

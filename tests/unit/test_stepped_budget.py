@@ -1,0 +1,61 @@
+"""What a rig that is stepped is spared: finer steps that would settle nothing, and refits."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pendulums import SteppedTwin, WrittenPendulum
+
+from pamid.diagnosis.screening import ScreeningBaseline
+from pamid.diagnosis.settings import DEFAULT
+from pamid.engine.program import Stepping
+from pamid.engine.stepped import WORTH
+from pamid.estimation import grey_box
+from pamid.estimation.grey_box import settles
+from pamid.estimation.problem import Fit, Problem
+from pamid.estimation.weights import Weights
+from pamid.model.assembly import Assembly
+
+NONE = np.zeros(0)
+
+
+def _fitted(a: Assembly) -> Fit:
+    problem, weights = Problem(a, (), ()), Weights(NONE, NONE)
+    return Fit(problem, NONE, (), weights, 0.0, NONE, 0, True, "", Stepping(2))
+
+
+@pytest.mark.parametrize(
+    ("again", "expected"), [(0.5, True), (0.9, False), (1.5, False), (np.nan, True)]
+)
+def test_finer_steps_are_fitted_where_they_settle_something(
+    again: float, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A method of order 1 leaves half of a change; contacts that lead elsewhere leave all of it."""
+    asked: list[Stepping] = []
+
+    def rechecked(a: Any, fitted: Fit, held: Any, noise: Any) -> tuple[tuple[()], float]:
+        asked.append(fitted.stepping)
+        return (), again
+
+    monkeypatch.setattr(grey_box, "rechecked", rechecked)
+    a = Assembly(SteppedTwin())
+    assert settles(a, _fitted(a), (), NONE, 1.0) is expected
+    assert asked == [Stepping(4)]
+    asked.clear()
+    a = Assembly(WrittenPendulum())
+    assert settles(a, _fitted(a), (), NONE, 1.0)  # the steps of equations have an order
+    assert not asked
+
+
+def test_what_is_stepped_is_refitted_as_often_as_it_costs() -> None:
+    samples = DEFAULT.refits_all // (2 * WORTH)
+    counts = []
+    for rig in (WrittenPendulum(), SteppedTwin()):
+        problem = SimpleNamespace(assembly=Assembly(rig), tracks=(range(samples),))
+        baseline: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem))
+        base = ScreeningBaseline(baseline, (), (), NONE, 0.0, False, DEFAULT)
+        counts.append(base.affordable)
+    assert counts == [2 * WORTH, 2]
