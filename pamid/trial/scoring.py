@@ -118,7 +118,8 @@ def _naming(singles: list[Marked]) -> dict[str, Rate]:
             (m for m in seen if m.verdict == "ambiguous"), lambda m: m.exact_first
         ),
         "wrong_abstention": _rate(seen, lambda m: m.abstains),
-        "missed": _rate(seen, lambda m: not m.alarms),
+        "missed": _rate(seen, lambda m: m.verdict == "no-structural-gap"),
+        "left_open": _rate(seen, lambda m: m.verdict == "cannot-tell"),
         "family_first_slight": _rate(
             (m for m in seen if m.visibility < SLIGHT_VISIBILITY), lambda m: m.answer == m.family
         ),
@@ -134,6 +135,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
     return {
         "false_alarm": _rate(quiet, lambda m: m.alarms),
         "named_in_vain": _rate(quiet, lambda m: m.names),
+        "left_open_in_vain": _rate(quiet, lambda m: m.verdict == "cannot-tell"),
         "false_alarm_clean": _rate(clean, lambda m: m.alarms),
         "false_alarm_background": _rate(rough, lambda m: m.alarms),
         "abstains": _rate(unknown, lambda m: m.abstains),

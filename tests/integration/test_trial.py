@@ -282,7 +282,8 @@ def test_a_verdict_in_parts_names_what_it_names() -> None:
     assert both(found, "one_of_two") == (3, 3) and both(found, "both_of_two") == (0, 3)
     assert both(found, "wrong_beside_right") == (1, 4)
     assert both(found, "false_alarm") == (1, 2) and both(found, "named_in_vain") == (0, 2)
-    assert both(found, "missed") == (1, 1) and both(found, "wrong_abstention") == (0, 1)
+    assert both(found, "missed") == (0, 1) and both(found, "left_open") == (1, 1)
+    assert both(found, "wrong_abstention") == (0, 1) and both(found, "left_open_in_vain") == (1, 2)
     assert found.confusion == {"friction": {"(cannot tell)": 1}}
 
 
