@@ -18,7 +18,7 @@ from pamid.base.progress import ProgressLine
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
-from pamid.model.registry import effects, rig_named, rigs
+from pamid.model.registry import effects, rigs
 
 #: their functions are compiled when they are imported
 _EAGER = ("pamid.engine.block_tridiagonal", "pamid.engine.recurrence_kernels")
@@ -28,12 +28,11 @@ _FIRST = "one-dof"
 
 def compile_ahead() -> None:
     """Compile all of it, with a line of progress on stderr."""
-    rig = rig_named(_FIRST)
+    shipped = {name: kind() for name, kind in sorted(rigs().items())}
+    rig = shipped[_FIRST]
     models = {
-        f"{name}{' with background' if background else ''}": Assembly(
-            rig_named(name), background=background
-        )
-        for name in sorted(rigs())
+        f"{name}{' with background' if background else ''}": Assembly(one, background=background)
+        for name, one in shipped.items()
         for background in (False, True)
     } | {
         f"{_FIRST} with {found.label}": Assembly(rig, (found,), background=True)

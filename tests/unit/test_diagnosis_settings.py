@@ -219,7 +219,8 @@ def test_the_margin_over_a_guess() -> None:
 
 def test_how_many_are_refitted() -> None:
     def refitted(settings: Settings, beside: bool = False) -> int:
-        problem = SimpleNamespace(tracks=[range(10_000)])
+        equations = SimpleNamespace(program=None)
+        problem = SimpleNamespace(tracks=[range(10_000)], assembly=equations)
         base: Any = SimpleNamespace(
             attached=("one",) if beside else (), fit=SimpleNamespace(problem=problem)
         )
