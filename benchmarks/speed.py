@@ -283,7 +283,7 @@ def measure_runs(asked: Asked) -> Figures:
 def measure_fit(asked: Asked) -> Figures:
     import engine
 
-    from pamid.estimation.multiple_shooting import fit_robustly
+    from pamid.estimation.robust_fit import fit_robustly
 
     problem = engine.problem_of(engine.recorded(asked.folder, asked.samples), True)
     taken = engine.cpu(lambda: fit_robustly(problem), 3)

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from pamid.engine.program import Stepping
-from pamid.estimation.multiple_shooting import careful_stepping, initial_states
-from pamid.estimation.problem import Problem
+from pamid.estimation.multiple_shooting import initial_states
+from pamid.estimation.problem import Problem, careful_stepping
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
