@@ -152,13 +152,17 @@ def is_confirmed(
     return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
 
 
+def _above_floor(left: LeftOver, settings: Settings) -> bool:
+    """Is what a model leaves beyond the margin that the noise floor is given?"""
+    return left.floors >= 1.0 + settings.gap_margin
+
+
 def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     """Is what a model leaves more than noise and tolerances? Nothing at the noise floor is; above
     it the line decides, which may not overrule plain evidence."""
-    beyond = left.floors >= 1.0 + settings.gap_margin
     probable = probability >= calibration().lines["missing"].yes
     plain = settings.plain_beside if left.beside_tolerances else settings.plain_missing
-    return beyond and (probable or left.missing >= plain)
+    return _above_floor(left, settings) and (probable or left.missing >= plain)
 
 
 def _plausible(
@@ -227,7 +231,7 @@ def decide(
         unsure = [w for w in weighed if w.probability >= yes and w.removes.low <= 0.0]
         verdict = "cannot-tell" if unsure else "unknown-effect"
         why = "few" if unsure else ""
-    elif gap > settings.open_gap and before.floors >= 1.0 + settings.gap_margin:
+    elif gap > settings.open_gap and _above_floor(before, settings):
         # not sure enough to call it real, and less sure that there is none
         verdict, why = "cannot-tell", "open"
     else:
