@@ -1,11 +1,12 @@
 """Two tanks one above the other: a pump fills the upper one, which runs out into the lower one.
 
 Equations, levels in volts of the sensor (the upper tank's counted alike)
-    d upper / dt = fill pump - drain_upper sqrt(upper)
+    d upper / dt = fill (pump - offset) - drain_upper sqrt(upper)
     d lower / dt = into_lower sqrt(upper) - drain_lower sqrt(lower)
 
 Written as somebody would who knows the two tanks and nothing of the benchmark: the priors are
-within a factor of two of what a bucket and a watch tell, the start of the upper tank is open.
+within a factor of two of what a bucket and a watch tell, a pump lifts nothing below some volts, and
+the start of the upper tank is open.
 
 References
     Schoukens, Noel (2017), Three benchmarks addressing open challenges in nonlinear system
@@ -44,12 +45,13 @@ class Tanks(Rig):
         Parameter("drain_upper", 0.04, 0.001, 1.0, spread=2.0, log=True, source="the same"),
         Parameter("into_lower", 0.04, 0.001, 1.0, spread=2.0, log=True, source="the same"),
         Parameter("drain_lower", 0.04, 0.001, 1.0, spread=2.0, log=True, source="the same"),
+        Parameter("offset_v", 0.0, -3.0, 3.0, "V", spread=1.0, source="pumps have a threshold"),
     )
     noise = {"level_v": 0.01}
     period_s = 4.0
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        pump = port("pump", u.pump_v)
+        pump = port("pump", u.pump_v - p.offset_v)
         through = root(x.upper)
         upper = p.fill * pump - p.drain_upper * through
         lower = p.into_lower * through - p.drain_lower * root(x.lower)

@@ -17,7 +17,7 @@ from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.estimation.weights import residual_weights
+from pamid.estimation.weights import Weights, residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
@@ -256,6 +256,22 @@ def bootstrap_losses(
         held, trained = _drawn_means(c.squares[asked], own), _drawn_means(c.fitted_squares, fitted)
         out[i] = 0.5 * (np.log(held) + np.log(trained)).sum(axis=1)
     return out
+
+
+def log_evidence(fitted: Fit, weights: Weights) -> float:
+    """Laplace's approximation (MacKay 1992, Neural Computation 4:415), up to a constant:
+
+        log Z = -1/2 sum r^2 / (sigma^2 tau) - 1/2 |s|^2 + 1/2 log det C
+
+    with the residuals r, the parameters s in prior spreads around the data sheet, their covariance
+    C. weights: sigma and tau, the same for all models that are compared.
+    """
+    free = list(fitted.problem.free)
+    s = fitted.problem.scale.inside(fitted.p[free])
+    misfit = sum(float(np.nansum((r * weights.root) ** 2)) for r in fitted.residuals)
+    sign, volume = np.linalg.slogdet(fitted.covariance) if free else (1.0, 0.0)
+    found = -0.5 * (misfit + float(s @ s)) + (0.5 * float(volume) if sign > 0 else 0.0)
+    return found if np.isfinite(found) else 0.0
 
 
 def in_errors(draws: Array) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from pamid.diagnosis.candidate_model import (
     CandidateModel,
     bootstrap_losses,
     known_along,
+    log_evidence,
     refit,
     replayed,
     transferred,
@@ -63,6 +65,11 @@ class Search:
 
     def excess(self, c: CandidateModel) -> float:
         return self.budget.excess(c.absolutes, self.asked)
+
+    def nats(self, c: CandidateModel) -> float:
+        """Log evidence of what was fitted, with the baseline's weights; to be compared among the
+        models of this search."""
+        return log_evidence(c.fit, self.budget.baseline.fit.weights)
 
     def losses(self, models: list[CandidateModel]) -> Array:
         return bootstrap_losses(models, self.asked, self.seed, self.settings)
@@ -281,32 +288,64 @@ def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel
 
 def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     """The first, or a simpler member of its family over which its gain is slight or uncertain (the
-    one-standard-error rule of Breiman et al. 1984, at three). Where a parameter of the first ended
-    at a bound that physics did not set, or at the limit of its form, any model counts as simpler
-    whose parameters did not: such an end says that the form is another."""
-    best = ranking[0]
-    forced = not is_plain_inside(best, search.settings)
-    same_family = [
+    one-standard-error rule of Breiman et al. 1984, at three). What is uncertain is decided by the
+    fitted data where they speak very strongly for a form: there what more parameters cost has been
+    paid. Where a parameter of the first ended at a bound that physics did not set, or at the limit
+    of its form, any model counts as simpler whose parameters did not: such an end says that the
+    form is another."""
+    forced = not is_plain_inside(ranking[0], search.settings)
+    best = ranking[0] if forced else _most_evident(search, ranking)
+    simpler = [
         c
-        for c in ranking[1:]
+        for c in ranking
         if (c.family == best.family and _complexity(c) < _complexity(best))
-        or (forced and is_plain_inside(c, search.settings))
+        or (forced and c is not best and is_plain_inside(c, search.settings))
     ]
-    if not same_family:
-        return best
-    losses, s = search.losses([best, *same_family]), search.settings
-    gap = search.excess(search.budget.baseline)
-    simpler = sorted(
-        enumerate(same_family, start=1), key=lambda e: (_complexity(e[1]), losses[e[0]].mean())
-    )
-    for i, c in simpler:
-        gain = losses[i] - losses[0]
-        lost = search.excess(c) - search.excess(best)
-        unsure = gain.mean() < s.simpler_errors * gain.std()
-        slight = gain.mean() < s.simpler_gain * best.squares.shape[1]
-        if (unsure and lost < s.simpler_loss * s.worth * gap) or (slight and lost < s.worth * gap):
+    for c in sorted(simpler, key=_complexity):
+        found = _gained(search, best, c)
+        if found.slight or (found.unsure and (forced or not _is_evident(search, best, c))):
             return c
     return best
+
+
+class _Gained(NamedTuple):
+    """What the windows asked say of a model beside another: is its gain slight, one standard error
+    added? might they as well have preferred the other one?"""
+
+    slight: bool
+    unsure: bool
+
+
+def _gained(search: Search, best: CandidateModel, other: CandidateModel) -> _Gained:
+    losses, s = search.losses([best, other]), search.settings
+    gain = losses[1] - losses[0]
+    lost = search.excess(other) - search.excess(best)
+    worth = s.worth * search.excess(search.budget.baseline)
+    most = s.simpler_gain * best.squares.shape[1]
+    return _Gained(
+        bool(gain.mean() + s.tie_errors * gain.std() < most and lost < worth),
+        bool(gain.mean() < s.simpler_errors * gain.std() and lost < s.simpler_loss * worth),
+    )
+
+
+def _is_evident(search: Search, one: CandidateModel, other: CandidateModel) -> bool:
+    """Do the fitted data speak very strongly for the one?"""
+    return search.nats(one) - search.nats(other) > search.settings.simpler_evidence
+
+
+def _most_evident(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
+    """The first, or one of its family for which the fitted data speak very strongly, the windows
+    asked not being sure of the first."""
+    best = ranking[0]
+    plain = (
+        c
+        for c in ranking[1:]
+        if c.family == best.family
+        and is_plain_inside(c, search.settings)
+        and _is_evident(search, c, best)
+        and _gained(search, best, c).unsure
+    )
+    return max(plain, key=search.nats, default=best)
 
 
 def _complexity(c: CandidateModel) -> int:

@@ -203,9 +203,7 @@ class Settings:
     reweight_rounds: int = setting(
         2, "count", "refits with the weights of the model's own residuals, at most", COST
     )
-    reweight_factor: float = setting(
-        1.2, "ratio of weights", "weights that grow by less end them", COST
-    )
+    reweight_factor: float = setting(1.2, "ratio of weights", "growth that ends them", COST)
     stepping_rounds: int = setting(
         3, "count", "times that the winner's integration steps may be halved", COST
     )
@@ -220,8 +218,7 @@ class Settings:
         2,
         "windows",
         "drawn together, for neighbours are alike: the moving-block bootstrap of Kuensch (1989)",
-        "a block should hold about three correlation times of the residual: two windows are up to "
-        "4.6 s",
+        "a block should hold about three correlation times of the residual: two windows do",
     )
     worth: float = setting(
         0.05, "share of the gap", "what an effect has to remove to count in a comparison"
@@ -238,6 +235,12 @@ class Settings:
         "be worse",
         "a rule stated before the first trial: simpler unless the gain exceeds three standard "
         "errors, about 0.1 % for draws that are Gaussian",
+    )
+    simpler_evidence: float = setting(
+        5.0,
+        "nats",
+        "... and no more evidence on what was fitted: more is no uncertain gain",
+        "Kass and Raftery (1995), JASA 90:773: 2 ln B above 10 is very strong evidence",
     )
     simpler_loss: float = setting(
         4.0, "worth", "most that an unsure gain may cost for the simpler effect to be preferred"

@@ -18,8 +18,6 @@ from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.search import Search
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.problem import Fit
-from pamid.estimation.weights import Weights
 from pamid.model.attachment import Attachment
 
 
@@ -94,8 +92,7 @@ def signature(
         lead_sure=in_errors(losses[2] - losses[1]),
         wins=wins,
         at_port=max(located.gains[p] for p in effect.ports) / most if most > 0.0 else 1.0,
-        evidence=log_evidence(model.fit, search.budget.baseline.fit.weights)
-        - log_evidence(without.fit, search.budget.baseline.fit.weights),
+        evidence=search.nats(model) - search.nats(without),
         eased=_strain(without) - _strain(model),
         left=after / gap,
         remaining=float(
@@ -134,22 +131,6 @@ def cause_probability(s: Signature, settings: Settings = DEFAULT) -> float:
     at_floor = s.remaining < 1.0 + settings.gap_margin
     plain = at_floor and min(s.sure, s.lead_sure) >= settings.further_sure
     return max(line.probability(s.features()), line.yes if plain else 0.0)
-
-
-def log_evidence(fitted: Fit, weights: Weights) -> float:
-    """Laplace's approximation (MacKay 1992, Neural Computation 4:415), up to a constant:
-
-        log Z = -1/2 sum r^2 / (sigma^2 tau) - 1/2 |s|^2 + 1/2 log det C
-
-    with the residuals r, the parameters s in prior spreads around the data sheet, their covariance
-    C. weights: sigma and tau, the same for all models that are compared.
-    """
-    free = list(fitted.problem.free)
-    s = fitted.problem.scale.inside(fitted.p[free])
-    misfit = sum(float(np.nansum((r * weights.root) ** 2)) for r in fitted.residuals)
-    sign, volume = np.linalg.slogdet(fitted.covariance) if free else (1.0, 0.0)
-    found = -0.5 * (misfit + float(s @ s)) + (0.5 * float(volume) if sign > 0 else 0.0)
-    return found if np.isfinite(found) else 0.0
 
 
 def _strain(c: CandidateModel) -> float:
