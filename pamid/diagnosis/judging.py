@@ -17,7 +17,6 @@ from pamid.diagnosis.forward_selection import (
     refitted_with,
     select_forward,
 )
-from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
@@ -213,8 +212,8 @@ def _weighed_up(
 def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:
     """The model that the figures are to be of instead of the best one. What may not be named does
     not stay in it, unless the rest is nothing without it; where nothing may be, the first effect
-    is judged alone. Of several families it is the first that is named. Where a single effect may
-    not be named, it is another form of its family that may."""
+    is judged alone. Of several families it is the first that is named. Where a single effect ended
+    at a bound, it is the best of its family that did not and removes next to as much."""
     best, named = weighed.best, weighed.decision.named
     if weighed.decision.verdict == "ambiguous":
         one_of = [one for one, _ in weighed.tied if one.label in named]
@@ -222,25 +221,17 @@ def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateMode
     if len(named) < len(best.attached) > 1:
         kept = tuple(a for a in best.attached if a.label in named) or best.attached[:1]
         return _alone_or_refitted(search, c.ranking, kept, best)
-    return None if named else _other_form(search, c, best)
-
-
-def _other_form(search: Search, c: _Compared, best: CandidateModel) -> CandidateModel | None:
-    """The best of the family of a single effect that ended at no bound, and removes next to as much
-    where the effect did; or where the effect is a simple form that leads, but is not probable, the
-    first one that removes more and is."""
-    at_bound, yes = bool(at_bounds(best, search.settings)), calibration().lines["cause"].yes
-    slack = search.settings.worth * search.excess(search.budget.baseline) if at_bound else 0.0
-    most = search.excess(best) + slack
-    forms = (
+    if named or not at_bounds(best, search.settings):
+        return None
+    most = search.excess(best) + search.settings.worth * search.excess(search.budget.baseline)
+    within = (
         one
-        for one, own in zip(c.ranking, c.signatures, strict=True)
+        for one in c.ranking
         if one.family == best.family
         and not at_bounds(one, search.settings)
         and search.excess(one) < most
-        and (at_bound or cause_probability(own, search.settings) >= yes)
     )
-    return next(forms, None)
+    return next(within, None)
 
 
 def _members(
