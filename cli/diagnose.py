@@ -172,7 +172,7 @@ def _removed(share: dict[str, float]) -> str:
 
 def _left(found: dict[str, Any]) -> list[str]:
     """What remains: how much, whether it is more than tolerances, where, and what it looks like."""
-    from pamid.diagnosis.verdict_words import size_of, weight_of
+    from pamid.diagnosis.verdict_words import amount_of, size_of, weight_of
     from pamid.schemas.diagnosis_file import Remainder
     from pamid.schemas.model import read
 
@@ -183,7 +183,9 @@ def _left(found: dict[str, Any]) -> list[str]:
     lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
     told = rest.formula or (found["unknown"] or {}).get("formula", "")
     if rest.port:
-        lines.append(f"          at the {rest.port} port{f': {told}' if told else ''}")
+        amount = amount_of(rest)
+        lines.append(f"          at the {rest.port} port{f', {amount}' if amount else ''}")
+        lines += [f"          {told}"] if told else []
     return lines
 
 

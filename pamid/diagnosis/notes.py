@@ -14,6 +14,7 @@ from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.port_guide import driving_words
+from pamid.schemas.diagnosis_file import Remainder
 
 
 def notes(d: Diagnosis) -> list[str]:
@@ -186,6 +187,22 @@ def _far_off(
             if now.get(name, size) <= size - s.far_off_eased
         ][: s.far_off_alike]
         yield name, size, f"{' or '.join(like)} would look like this" if like else ""
+
+
+def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
+    """Where what is left is no more than a rough map leaves, and the rig states none: that."""
+    rig, most = d.evidence.rig, d.settings.rough_share
+    if rest is None or not rest.real or rest.missing_rms is None or not rest.passing_rms:
+        return []
+    share = rest.missing_rms / rest.passing_rms
+    stated = {rig.group_of(port) for port in rig.background}
+    if share > most or rest.port in stated:
+        return []
+    return [
+        f"What is missing at port {rest.port} is {percent_text(share)} of what passes there, and a "
+        f"map that is rough by as much would look alike. If yours may be, state it: background = "
+        f'{{"{rest.port}": SmoothGain(...)}} in the rig, and diagnose again.'
+    ]
 
 
 def _sizes(d: Diagnosis) -> list[str]:

@@ -204,9 +204,7 @@ class Settings:
         2, "count", "refits with the weights of the model's own residuals, at most", COST
     )
     reweight_factor: float = setting(1.2, "ratio of weights", "growth that ends them", COST)
-    stepping_rounds: int = setting(
-        3, "count", "times that the winner's integration steps may be halved", COST
-    )
+    stepping_rounds: int = setting(3, "count", "halvings of the winner's steps at most", COST)
     bootstrap_draws: int = setting(
         1000,
         "count",
@@ -427,9 +425,7 @@ class Settings:
     parity_factor: float = setting(
         3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN_ONLY
     )
-    formula_ridge: float = setting(
-        1e-3, "share of the rows", "ridge of the sparse regression", SHOWN_ONLY
-    )
+    formula_ridge: float = setting(1e-3, "share of the rows", "ridge of the regression", SHOWN_ONLY)
     formula_sign: float = setting(
         0.05, "usual speed (95th percentile)", "of the sign: tanh(v / this)", SHOWN_ONLY
     )
@@ -440,6 +436,9 @@ class Settings:
         0.5, "share of the gap", "what a free form has to remove for its family to be said"
     )
     form_tail: float = setting(0.5, "per cent of the samples", "beyond either end of its curve")
+    rough_share: float = setting(
+        0.05, "share of what passes", "by which ordinary maps are rough at most", SHOWN_ONLY
+    )
     missing_rows: int = setting(4000, "rows", "of missing.csv at most", SHOWN_ONLY)
 
     # ---- how far, and what next (transfer, next_experiment)
@@ -467,9 +466,7 @@ class Settings:
     experiment_steps: int = setting(
         3, "Gauss-Newton steps", "of each of the two fits of a re-adjustment", COST
     )
-    experiment_tolerance: float = setting(
-        2e-2, "share of the cost", "a step that gains less ends it", COST
-    )
+    experiment_tolerance: float = setting(2e-2, "share of the cost", "a lesser step ends it", COST)
     experiment_visible: float = setting(
         1.0,
         "standard deviations of the noise",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -28,6 +29,8 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
+PASSING = "passing"  # beside the signals at a port: what passes there
+
 
 @dataclass(frozen=True)
 class Missing:
@@ -35,7 +38,8 @@ class Missing:
     variance described.
 
     values (n,), signals and time_s: one entry per slice, in the units people read (`units`, "value"
-    among them); recording: its index among the recordings, as in residual.csv.
+    among them); recording: its index among the recordings, as in residual.csv; passing: root mean
+    square of what the model lets pass at the port, in the unit of the values.
     """
 
     port: str
@@ -48,6 +52,7 @@ class Missing:
     weights: Array
     inclusion: Array
     fit: float
+    passing: float
 
 
 def left_over(d: Diagnosis) -> bool:
@@ -103,8 +108,8 @@ class _Describing(Work[str, Missing | None]):
 
 
 def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
-    """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing
-    term."""
+    """Port, formula, variables, inclusion frequency, parity, dissipation, memory and amount of the
+    missing term."""
     located = d.left_at
     if located is None or located.most <= 0.0:
         return None
@@ -119,6 +124,7 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
             "dissipative": False,
             "parity": "none",
             "memory": False,
+            "amount": {},
         }
     terms = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
     size, unit = best.values.std(), best.units["value"]
@@ -135,6 +141,7 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
         "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
         "parity": parity(best, d.settings),
         "memory": bool(best.fit < d.settings.formula_explains),
+        "amount": {"missing_rms": rms(best.values), "passing_rms": best.passing, "unit": unit},
     }
 
 
@@ -156,6 +163,7 @@ def missing_csv(m: Missing, settings: Settings = DEFAULT) -> bytes:
 def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | None:
     port = smoother.base.assembly.rig.ports[smoother.ports[0]]
     recording, time_s, values, signals = missing_value(smoother)
+    passing = signals.pop(PASSING)
     if len(values) < settings.formula_slices or not values.std() > 0.0 or not signals:
         return None
     units = {
@@ -179,17 +187,20 @@ def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | 
         weights,
         inclusion,
         float(1.0 - rest.var() / values.var()),
+        rms(from_si(passing, units["value"])),
     )
 
 
 def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
-    held-out recordings, one per slice, and the means of the port's signals (SI) over it."""
+    held-out recordings, one per slice, and the means over it of the port's signals (SI), and of
+    what passes."""
     best = smoother.best
     found = smoother.smoothed(best, best.size, best.time_s, smoother.settings.smoother_steps)
     assembly, port = smoother.assembly, smoother.ports[0]
     passage = next(q for q in assembly.traced.passages if q.port == port)
     extra = {f"at.{k}": v for k, v in passage.signals if isinstance(v, Expr) and k != "side"}
+    extra[f"at.{PASSING}"] = passage.value
     program = assembly.program_with(extra)
     first = len(program.outputs) - len(extra)
     rows, values, times, numbers = [], [], [], []

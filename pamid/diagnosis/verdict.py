@@ -16,7 +16,7 @@ from pamid.diagnosis.decision import Share
 from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
-from pamid.diagnosis.notes import notes
+from pamid.diagnosis.notes import notes, roughness
 from pamid.diagnosis.proposal import Proposal, proposal_result
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.signature import Signature
@@ -55,26 +55,30 @@ def drafted(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> result.D
     causes = _causes(d)
     isolable = isolability(d.evidence.rig, d.evidence.channels)
     port = _leading_port(isolable, shares, causes, unknown)
+    remainder = _remainder(d, port, unknown)
     found = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
         remark=remark(d),
         causes=causes,
-        remainder=_remainder(d, port, unknown),
+        remainder=remainder,
         ranking=(*_ranking(d, seed), *(_unfitted(label, why) for label, why in d.failed)),
         where=_where(d, isolable, port, shares),
         how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
         transfer=tuple(result.Transfer(**one) for one in transfer(d)),
         parameters=_rig_parameters(d.cause or d.budget.baseline),
         background=_background(d, d.cause or d.budget.baseline),
-        unknown=result.Unknown(**unknown, free_forms=family_forms(d))
-        if unknown and d.cause is None
-        else None,
-        notes=tuple(notes(d)),
+        unknown=_unknown(d, unknown) if unknown and d.cause is None else None,
+        notes=(*notes(d), *roughness(d, remainder)),
         rig=rig_map(d.evidence.rig, d.evidence.channels),
         **_judgement(d),
     )
     return found.model_copy(update={"sentence": sentence(found)})
+
+
+def _unknown(d: Diagnosis, described: dict[str, Any]) -> result.Unknown:
+    told = {k: v for k, v in described.items() if k != "amount"}
+    return result.Unknown(**told, free_forms=family_forms(d))
 
 
 def completed(
@@ -300,6 +304,7 @@ def _remainder(
         port=port if left_over(d) or unsure else "",
         formula=described.get("formula", "") if at == port else "",
         family=d.free_forms[0].family if d.cause and d.free_forms else "",
+        **(described.get("amount", {}) if at == port else {}),
     )
 
 

@@ -378,9 +378,11 @@ def left_answer(run: RunData) -> Answer | None:
     else:
         lead = f"The whole gap{at}."
     size = set_figures(verdict_words.size_of(rest, beside=beside))
+    amount = verdict_words.amount_of(rest)
     details = [
         sentence(f"left over: {size}") if size else "",
         sentence(f"that is {set_figures(verdict_words.weight_of(rest))}"),
+        sentence(f"missing there: {set_figures(amount)}") if amount else "",
     ]
     if beside and (term := missing_term(diagnosis)) is not None:
         details += formula_texts(term)

@@ -205,6 +205,17 @@ def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
     assert 0.6 < first.shrinkage <= 1.0 and first.low < first.shrinkage < first.high
 
 
+@pytest.mark.parametrize("planted", [SteepeningFriction, LopsidedFriction])
+def test_its_size_is_told_beside_what_passes(planted: type[Effect]) -> None:
+    """The missing value is that of the curve, smoothed, so that jumps come out lower."""
+    d = diagnosed(planted)
+    rest = diagnosis_file(d, describe_unknown(d), 0).remainder
+    assert rest is not None and rest.missing_rms is not None and rest.passing_rms is not None
+    spread = float(np.std(d.free_forms[0].curve.y))
+    assert 0.4 * spread < rest.missing_rms < 1.2 * spread
+    assert 0.2 * PUSH < rest.passing_rms < PUSH
+
+
 @each
 def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
     """Beside what the refitted parameters of the rig can take up as well."""

@@ -56,9 +56,7 @@ def test_the_spring_of_an_oscillator_hardens() -> None:
 @pytest.mark.slow
 def test_a_tank_that_spills_is_named() -> None:
     """Reachable: 61 % (RMS of a free run, the loss of both tanks against none)."""
-    said = found(
-        "tanks.py", ["cascaded_tanks/estimation.csv", "cascaded_tanks/validation.csv"], []
-    )
+    said = found("tanks.py", ["cascaded_tanks/estimation.csv", "cascaded_tanks/validation.csv"], [])
     assert [c["effect"] for c in said["causes"]] == ["overflow-into-store"]
     assert said["how_far"]["level_v"]["shrinkage"] > 0.45
 

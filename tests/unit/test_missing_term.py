@@ -28,6 +28,7 @@ def missing(count: int) -> Missing:
         np.zeros(0),
         np.zeros(0),
         1.0,
+        8.0,
     )
 
 

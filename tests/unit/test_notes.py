@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
-from pamid.diagnosis.notes import _between
+from pamid.diagnosis.notes import _between, roughness
+from pamid.diagnosis.settings import DEFAULT
+from pamid.schemas.diagnosis_file import Remainder
 
 
 def told(late_periods: float, between: dict[str, str]) -> list[str]:
@@ -41,3 +43,41 @@ def test_other_delays_do_not(late: float) -> None:
 
 def test_nor_where_no_input_is_taken_so() -> None:
     assert told(0.5, {}) == []
+
+
+LEFT = Remainder(
+    share=1.0,
+    low=1.0,
+    high=1.0,
+    floors=8.0,
+    probability=0.9,
+    p_value=0.01,
+    real=True,
+    port="shaft",
+    missing_rms=0.3,
+    passing_rms=10.0,
+    unit="N m",
+)
+
+
+def of_roughness(background: dict[str, Any], **changes: Any) -> list[str]:
+    rig = SimpleNamespace(background=background, group_of=lambda port: port.rstrip("12"))
+    d: Any = SimpleNamespace(evidence=SimpleNamespace(rig=rig), settings=DEFAULT)
+    return roughness(d, LEFT.model_copy(update=changes))
+
+
+def test_what_a_rough_map_would_leave_as_well_is_said() -> None:
+    (said,) = of_roughness({"motor": object()})
+    assert "3 % of what passes" in said and 'background = {"shaft": SmoothGain(...)}' in said
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"missing_rms": 1.0}, {"real": False}, {"missing_rms": None}, {"passing_rms": 0.0}],
+)
+def test_what_is_larger_or_not_real_or_not_known_is_no_roughness(changes: dict[str, Any]) -> None:
+    assert of_roughness({}, **changes) == []
+
+
+def test_nor_is_it_where_the_rig_states_its_own() -> None:
+    assert of_roughness({"shaft2": object()}) == []

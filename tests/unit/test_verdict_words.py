@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from synthetic_run import diagnosis_json
 
-from pamid.diagnosis.verdict_words import free_families, sentence
-from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.diagnosis.verdict_words import amount_of, free_families, sentence
+from pamid.schemas.diagnosis_file import DiagnosisFile, Remainder
 from pamid.schemas.model import read
 
 FORM = "of the friction family, in a form not in the catalogue"
@@ -62,3 +62,20 @@ def test_what_tolerances_alone_have_to_answer_for_is_said_with_its_size(
     made = diagnosis_json("explained")
     found = read(DiagnosisFile, made | {"remainder": made["remainder"] | left})
     assert sentence(found).endswith(f"; {words}")
+
+
+@pytest.mark.parametrize(
+    ("missing", "passing", "unit", "words"),
+    [
+        (0.3, 10.0, "N m", "0.3 N m (root mean square), 3 % of what passes there"),
+        (0.05, 0.02, "", "0.05 (root mean square), 2.5 times what passes there"),
+        (0.3, 0.0, "N m", ""),
+        (None, None, "", ""),
+    ],
+)
+def test_what_is_missing_is_said_in_the_ports_unit(
+    missing: float | None, passing: float | None, unit: str, words: str
+) -> None:
+    made = diagnosis_json("unknown-effect")["remainder"]
+    rest = {"missing_rms": missing, "passing_rms": passing, "unit": unit}
+    assert amount_of(read(Remainder, made | rest)) == words
