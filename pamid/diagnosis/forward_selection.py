@@ -2,14 +2,14 @@
 
 Beside the model M_(k-1) found so far two kinds of models with k effects are refitted, all their
 parameters jointly: M_(k-1) with the effects that a screening on top of it puts first where its
-ports still have latent evidence (forward selection; of a family that it has already only at a place
-that the recordings tell apart), and the best subsets of k effects of different families among all
+ports still have latent evidence (forward selection), and the best subsets of k effects among all
 that were screened on top of the baseline (`effect_subsets`), with or without those of M_(k-1):
-chosen alone, the first had to account for what the second explains, too. Of all of them the one
-with the lowest bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier
-effect whose removal costs less than the share `worth` of the gap is dropped, the first is replaced
-by one of its rivals where the pair fits better, and what ended at the limit of its form by a
-plainer effect of its family.
+chosen alone, the first had to account for what the second explains, too. Either way two effects are
+of one family only at places that the recordings tell apart. Of all of them the one with the lowest
+bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier effect whose removal
+costs less than the share `worth` of the gap is dropped, the first is replaced by one of its rivals
+where the pair fits better, and what ended at the limit of its form by a plainer effect of its
+family.
 
 Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
 Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
@@ -176,7 +176,13 @@ def _larger(
         hints = gather_hints(search.evidence, best, search.settings)
         models = run_round(replace(search, hints=hints), best, beside).models
     known = {_labels(c) for c in models}
-    subsets = best_subsets(responses, search.family, len(best.attached) + 1, search.settings)
+    subsets = best_subsets(
+        responses,
+        search.family,
+        len(best.attached) + 1,
+        search.settings,
+        lambda a, b: not set(a.ports) & _alike(b, located),
+    )
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
@@ -192,10 +198,14 @@ def _larger(
 def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:
     """Does an effect of its family act where the recordings cannot tell its place from this one's?
     Two joints may both have dry friction; two laws of it at one joint are one cause."""
-    here = [k for k in located.classes if set(a.ports) & set(k)]
-    places = {*a.ports, *(port for k in here for port in k)}
-    family = search.family(a)
+    places, family = _alike(a, located), search.family(a)
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
+
+
+def _alike(a: Attachment, located: PortEvidence) -> set[str]:
+    """The ports where it acts, and those that the recordings cannot tell from these."""
+    here = [k for k in located.classes if set(a.ports) & set(k)]
+    return {*a.ports, *(port for k in here for port in k)}
 
 
 def _joint_start(
