@@ -7,9 +7,9 @@ that were screened on top of the baseline (`effect_subsets`), with or without th
 chosen alone, the first had to account for what the second explains, too. Either way two effects are
 of one family only at places that the recordings tell apart. Of all of them the one with the lowest
 bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier effect whose removal
-costs less than the share `worth` of the gap is dropped, the first is replaced by one of its rivals
-where the pair fits better, and what ended at the limit of its form by a plainer effect of its
-family.
+costs less than the share `worth` of the gap, and not most of what the others leave, is dropped, the
+first is replaced by one of its rivals where the pair fits better, and what ended at the limit of
+its form by a plainer effect of its family.
 
 Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
 Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
@@ -277,14 +277,30 @@ def _weighed(
 def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
     """The model less the first effect whose removal costs less than `worth` of the gap; the model
     itself where every one is needed. The newest is asked, too: where the model below it had ended
-    in a local minimum, what it gained may have been the way out alone."""
-    worth = search.settings.worth * search.excess(search.budget.baseline)
+    in a local minimum, what it gained may have been the way out alone. What surely removes most of
+    what the others leave is needed however small that is: beside a spring at the shoulder that
+    explains nearly all, the one at the elbow explains the rest."""
+    settings = search.settings
+    gap = search.excess(search.budget.baseline)
     for a in best.attached:
         smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
-        lost = search.excess(smaller) - search.excess(best)
-        if smaller.finite and lost < worth:
+        left = search.excess(best)
+        lost = search.excess(smaller) - left
+        if not smaller.finite or lost >= settings.worth * gap:
+            continue
+        # most of what the others leave: more than is left with it
+        if (
+            lost < max(settings.further_least * gap, left)
+            or _surely(search, smaller, best) < settings.further_sure
+        ):
             return smaller
     return best
+
+
+def _surely(search: Search, worse: CandidateModel, better: CandidateModel) -> float:
+    """By how many standard errors of the held-out log loss one model is better."""
+    losses = search.losses([worse, better])
+    return in_errors(losses[0] - losses[1])
 
 
 def _best_first(
