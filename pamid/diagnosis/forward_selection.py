@@ -17,10 +17,12 @@ Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, bac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors, transferred
@@ -32,7 +34,7 @@ from pamid.diagnosis.effect_subsets import (
 )
 from pamid.diagnosis.judgement import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
-from pamid.diagnosis.ranges import is_plain_inside
+from pamid.diagnosis.ranges import as_wide, is_plain_inside
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
@@ -44,8 +46,11 @@ from pamid.diagnosis.search import (
 )
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import model_with
+from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -229,7 +234,17 @@ def _joint_start(
     except PamidError:
         return None
     found = [alone.get(s.attachment.label, s.ended) for s in strongest[::-1]]
-    return RefitStart(attached, transferred(assembly, *found), assembly=assembly)
+    return _from_found(attached, assembly, found)
+
+
+def _from_found(
+    attached: tuple[Attachment, ...], assembly: Assembly, found: Sequence[tuple[Assembly, Array]]
+) -> RefitStart:
+    """A model refitted from what others have found, in ranges as wide as theirs."""
+    wide = as_wide(assembly, *(other for other, _ in found))
+    return RefitStart(
+        attached, transferred(wide, *found), ranges=dict(wide.ranges), assembly=assembly
+    )
 
 
 def _weighed(
@@ -366,8 +381,8 @@ def refitted_with(
     """A model with these effects, refitted from what these others have found, the last of them
     first."""
     assembly = model_with(search.evidence, attached, search.budget.sizes)
-    p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
-    return search.pool.one(work, RefitStart(attached, p, assembly=assembly))
+    start = _from_found(attached, assembly, [(c.assembly, c.fit.p) for c in found])
+    return search.pool.one(work, start)

@@ -34,6 +34,12 @@ def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> As
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
 
 
+def as_wide(assembly: Assembly, *others: Assembly) -> Assembly:
+    """The model with the ranges to which those of its parameters were widened in others."""
+    found = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
+    return replace(assembly, ranges={**assembly.ranges, **found}) if found else assembly
+
+
 def _wider(b: Bound, end: str | None, by: float) -> Range:
     if end == "high":
         return b.low, b.high * by
