@@ -217,17 +217,11 @@ def _joint_start(
     search: Search, subset: Subset, best: CandidateModel, ranking: tuple[CandidateModel, ...]
 ) -> RefitStart | None:
     """A subset's model, refitted from what each member has found alone, the strongest last: it
-    knows the rig's own parameters best. The ranking says which that is; of those that were only
-    screened, their gain. Members that are in `best` come first, as there; None of
+    knows the rig's own parameters best. Members that are in `best` come first, as there; None of
     effects that cannot act together."""
     alone = {c.label: (c.assembly, c.fit.p) for c in ranking}
-    before, order = [a.label for a in best.attached], [*alone]
-    strongest = sorted(
-        by_gain(subset.members),
-        key=lambda s: (
-            order.index(s.attachment.label) if s.attachment.label in alone else len(order)
-        ),
-    )
+    before = [a.label for a in best.attached]
+    strongest = by_gain(subset.members)
     members = sorted(
         strongest,
         key=lambda s: (
