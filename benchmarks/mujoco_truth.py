@@ -73,6 +73,16 @@ class Planted:
     ratio: float = 0.0
 
 
+#: what a machine differs by: nothing, one thing, or several at different links
+Differences = Planted | tuple[Planted, ...] | None
+
+
+def at_link(planted: Differences, i: int) -> Planted | None:
+    """What is planted at a link."""
+    several = planted if isinstance(planted, tuple) else (planted,)
+    return next((p for p in several if p and p.link == i), None)
+
+
 @dataclass(frozen=True)
 class Machine:
     """An arm; velocities: whether they are recorded beside the positions."""
@@ -181,14 +191,14 @@ def _numbers(values: Any) -> str:
     return " ".join(f"{v:.9g}" for v in np.atleast_1d(values))
 
 
-def model_text(machine: Machine, planted: Planted | None = None, step_s: float = 0.002) -> str:
+def model_text(machine: Machine, planted: Differences = None, step_s: float = 0.002) -> str:
     """MJCF of a machine, with what is planted."""
     lines = ['<mujoco model="arm">', '  <compiler angle="radian" autolimits="true"/>']
     lines.append(f'  <option timestep="{step_s:g}" integrator="RK4"/>')
     lines.append('  <default><geom contype="0" conaffinity="0"/></default>')
     lines.append("  <worldbody>")
     for i, link in enumerate(machine.links):
-        lines += _body(link, planted if planted and planted.link == i else None)
+        lines += _body(link, at_link(planted, i))
     lines.append("</body>" * len(machine.links))
     lines += ["  </worldbody>", "  <actuator>"]
     for link in machine.links:
@@ -221,13 +231,13 @@ def _body(link: Link, planted: Planted | None) -> list[str]:
     ]
     if planted and kind == "backlash":
         lines.append(
-            f'      <joint name="behind" axis="{axis}" range="{-size:.9g} {size:.9g}" '
+            f'      <joint name="behind_{link.joint}" axis="{axis}" range="{-size:.9g} {size:.9g}" '
             f'solreflimit="0.02 {planted.ratio:.9g}"/>'
         )
     if planted and kind == "spring":
         damping = 2.0 * planted.ratio * math.sqrt(size * link.about_joint)
         lines.append(
-            f'      <joint name="behind" axis="{axis}" stiffness="{size:.9g}" '
+            f'      <joint name="behind_{link.joint}" axis="{axis}" stiffness="{size:.9g}" '
             f'damping="{damping:.9g}"/>'
         )
     lines.append(
@@ -296,7 +306,7 @@ def commands(machine: Machine, seconds: float, amplitude: float, seed: int) -> A
 
 def record(
     machine: Machine,
-    planted: Planted | None,
+    planted: Differences,
     seconds: float,
     seed: int,
     torque_noise: float = TORQUE_NOISE,
@@ -313,7 +323,8 @@ def record(
     own = [model.joint(link.joint) for link in machine.links]
     positions = np.array([int(j.qposadr[0]) for j in own])
     dofs = np.array([int(j.dofadr[0]) for j in own])
-    late = int(planted.size) if planted and planted.kind == "delay" else 0
+    found = [at_link(planted, i) for i in range(len(own))]
+    late = [int(p.size) if p and p.kind == "delay" else 0 for p in found]
     every, count = round(PERIOD_S / STEP_S), round(seconds / PERIOD_S)
     ripple = torque_noise * random.normal(size=(count, len(own)))
     spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
@@ -322,9 +333,9 @@ def record(
     while True:
         sent = commands(machine, seconds, amplitude, seed)[:count]
         reached = np.array(sent)
-        if late and planted:
-            i = planted.link
-            reached[:, i] = np.concatenate([np.zeros(late), sent[:-late, i]])
+        for i, samples in enumerate(late):
+            reached[samples:, i] = sent[: len(sent) - samples, i]
+            reached[:samples, i] = 0.0
         force = np.zeros((count, model.nv))
         force[:, dofs] = ripple * [link.limit for link in machine.links]
         driven = np.repeat(np.hstack([reached, force]), every, axis=0)

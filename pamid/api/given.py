@@ -13,7 +13,7 @@ import numpy as np
 
 from pamid.base.errors import PamidError, UsageError, nearest
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.hold_or_line import tried_both_ways, unstated
+from pamid.checks.hold_or_line import unstated, wrongly_taken
 from pamid.checks.inspection import require_sound
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, as_file, catalogue_rig, rig_given, rig_named, rig_of
@@ -161,8 +161,8 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
 def _between_remarks(rig: Rig, recording: Recording) -> list[str]:
     """A sentence per input of which nobody says what it does between samples, and which fits
     clearly better otherwise than held."""
-    tried = tried_both_ways(recording, rig, unstated(rig))
-    return [f"{recording.path}: {one.text(recording)}." for one in tried if one.wrong]
+    wrong = wrongly_taken(recording, rig, unstated(rig))
+    return [f"{recording.path}: {one.text(recording)}." for one in wrong]
 
 
 def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:

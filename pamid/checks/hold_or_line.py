@@ -12,6 +12,14 @@ of half a sample that the rig does not have looks alike.
 
 The start states are eliminated window by window (variable projection by block elimination: Golub,
 Pereyra 2003, Inverse Problems 19, R1-R26).
+
+Where only a way that is taken wrongly is of interest (`wrongly_taken`), two fits per input are
+mostly in vain. With an input the other way the outputs change by d at the fitted parameters, which
+is one run; what the error becomes once everything has followed is to first order
+
+    min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
+
+(r, A, B: residuals and derivatives of the fit). Only an input by which this falls is tried.
 """
 
 from __future__ import annotations
@@ -25,7 +33,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.units import NONE, split_column, to_si
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
-from pamid.engine.program import Stepping
+from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
@@ -43,6 +51,9 @@ WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
 LEAST_SIGMA = 0.01  # of a channel's spread: the weight of one without noise
 STEPS = 30
 BETTER, SURE = 0.9, 0.7
+# of the error, to first order: below it an input is tried; half way to BETTER, for what fits gain
+# beyond the first order
+MAYBE_BETTER = 0.95
 SETTLED_GAIN = 1e-5  # relative gain of a step
 
 
@@ -106,9 +117,15 @@ def tried_both_ways(
 
     rig: with what the recording states (`as_recorded`).
     """
+    return _both_ways(recording, rig, columns, screened=False)
+
+
+def _both_ways(
+    recording: Recording, rig: Rig, columns: Iterable[str] | None, screened: bool
+) -> list[HoldOrLine]:
     try:
         trial = _trial_of(recording, rig)
-        names = _worth_trying(recording, rig, rig.inputs if columns is None else columns)
+        names = _open_inputs(recording, rig, rig.inputs if columns is None else columns)
         if trial is None or not names:
             return []
         problem = _ShortFit.of(trial, trial.rig)
@@ -116,9 +133,17 @@ def tried_both_ways(
         # both ways are one
         if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
             return []
-        return _tried(trial, names, problem)
+        return _tried(trial, names, problem, screened)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
+
+
+def wrongly_taken(
+    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
+) -> list[HoldOrLine]:
+    """Of `tried_both_ways` those inputs that fit clearly better the other way, at a fraction of its
+    cost: an input is tried where to first order it may be one."""
+    return [one for one in _both_ways(recording, rig, columns, screened=True) if one.wrong]
 
 
 def unstated(rig: Rig) -> list[str]:
@@ -126,7 +151,7 @@ def unstated(rig: Rig) -> list[str]:
     return [column for column in rig.inputs if column not in rig.between]
 
 
-def _worth_trying(recording: Recording, rig: Rig, columns: Iterable[str]) -> list[str]:
+def _open_inputs(recording: Recording, rig: Rig, columns: Iterable[str]) -> list[str]:
     sent = {loop.command for loop in rig.loops}
     return [
         c
@@ -135,17 +160,21 @@ def _worth_trying(recording: Recording, rig: Rig, columns: Iterable[str]) -> lis
     ]
 
 
-def _tried(trial: _TriedOn, names: list[str], problem: _ShortFit) -> list[HoldOrLine]:
-    """Every input the other way; where several fit better so, the best first and the others
-    beside it."""
+def _tried(
+    trial: _TriedOn, names: list[str], problem: _ShortFit, screened: bool
+) -> list[HoldOrLine]:
+    """Every input the other way, or those that are worth it; where several fit better so, the best
+    first and the others beside it."""
     found: dict[str, HoldOrLine] = {}
     base = trial.fitted(trial.rig, problem=problem)
     while True:
-        tried = {c: trial.compared(base, c) for c in names if c not in found}
+        left = [c for c in names if c not in found]
+        worth = trial.worth_trying(base, left) if screened else left
+        tried = {c: trial.compared(base, c) for c in worth}
         wrong = [c for c, (one, _) in tried.items() if one.wrong]
         if len(wrong) < 2:
             found |= {c: one for c, (one, _) in tried.items()}
-            return [found[c] for c in names]
+            return [found[c] for c in names if c in found]
         best = min(wrong, key=lambda c: tried[c][1].error)
         found[best], base = tried[best]
 
@@ -233,6 +262,31 @@ class _TriedOn:
             turned,
         )
 
+    def worth_trying(self, base: _Fitted, columns: list[str]) -> list[str]:
+        """Those of these inputs by which the error of the fit would to first order fall, were they
+        the other way."""
+        # one model serves all: in it an input that does not rise over a sample is held
+        moving = stated(base.rig, dict.fromkeys(columns, LINEAR))
+        program = Assembly(moving, outputs=self.names).for_fitting().program
+        if not columns or not isinstance(program, Program):
+            return columns
+        inputs, moves = program.inputs, [program.inputs[i] for i in program.linear]
+        rises = np.diff(self.track.u, axis=0, append=self.track.u[-1:])
+        ways = [{c: between_of(base.rig, c) for c in moves}]
+        ways += [ways[0] | {c: other(ways[0][c])} for c in columns]
+        told = [
+            np.column_stack(
+                [self.track.u, *(rises[:, inputs.index(c)] * (way[c] == LINEAR) for c in moves)]
+            )
+            for way in ways
+        ]
+        reached = base.problem.reached(base.point, program, told)
+        return [
+            c
+            for c, error in zip(columns, reached[1:], strict=True)
+            if not error > MAYBE_BETTER * reached[0]
+        ]
+
     def _rms(self, one: _Fitted, channel: int) -> float:
         symbol_ = split_column(self.names[channel])[1]
         mean = float(np.sqrt(one.point.errors[:, channel].mean())) / self.weight[channel]
@@ -319,32 +373,80 @@ class _ShortFit(LeastSquares[_Point, Array]):
         return p, slopes
 
     def at(self, s: Array, x: Array) -> _Point:
-        runner, trial, weight = self.runner, self.trial, self.trial.weight
-        m, n, channels = len(s), runner.start_states, len(self.trial.names)
+        trial, m = self.trial, len(s)
+        n, channels = self.runner.start_states, len(trial.names)
         p, slopes = self.parameters(s)
+        fresh = self.runner.memory(p)
         H, g = np.eye(m), s.copy()
         cost = float(s @ s)
         gains, own = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         errors = np.zeros((len(x), channels))
         for k, window in enumerate(trial.windows):
-            memory = runner.memory(p)
-            runner.enter(memory, x[k])
-            Y, J, fine = runner.run(memory, window, p, True, weight)
-            if not fine or not np.isfinite(J).all():
+            rows = self._rows(fresh.copy(), window, x[k], p, slopes)
+            if rows is None:
                 return _Point(s, x, np.inf, H, g, gains, own, np.full_like(errors, np.inf))
-            left = (Y - trial.track.y[window.start : window.stop]) * weight
-            A, B, r = J[:, :m] * slopes, J[:, m : m + n], left.ravel()
-            inner = B.T @ B
-            scale = np.sqrt(inner.diagonal())
-            scale[scale == 0.0] = 1.0
-            root = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-12)
-            solve = root / np.outer(scale, scale)
+            A, B, r = rows
+            solve = _solving(B)
             gains[k], own[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
             g += A.T @ r + A.T @ B @ own[k]
-            errors[k] = (left**2).mean(axis=0)
+            errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
             cost += float(r @ r)
         return _Point(s, x, cost, H, g, gains, own, errors)
+
+    def _rows(
+        self, memory: Memory, window: Window, x: Array, p: Array, slopes: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Of one window derivatives by parameters and by its start, and residuals, weighted; None
+        where the model runs away."""
+        m, n, weight = len(slopes), self.runner.start_states, self.trial.weight
+        self.runner.enter(memory, x)
+        Y, J, fine = self.runner.run(memory, window, p, True, weight)
+        if not fine or not np.isfinite(J).all():
+            return None
+        left = (Y - self.trial.track.y[window.start : window.stop]) * weight
+        return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
+
+    def reached(self, at: _Point, program: Program, told: list[Array]) -> Array:
+        """Root mean square errors, one per way of telling `program` the inputs, once parameters and
+        start states have followed to first order. told: inputs of the track with their rises; the
+        first as here."""
+        runner, t = self.runner, self.trial.track
+        p, slopes = self.parameters(at.s)
+        fresh, begun = runner.memory(p), runner.assembly.start(p)
+        plain = program.memory(begun, stepping=runner.stepping, period_s=t.period_s)
+        H, g = np.eye(len(at.s)), np.tile(at.s[:, None], len(told))
+        reduced = []
+        for window, x in zip(self.trial.windows, at.x, strict=True):
+            rows = self._rows(fresh.copy(), window, x, p, slopes)
+            if rows is None:
+                return np.full(len(told), np.nan)
+            A, B, r = rows
+            seen = []
+            for u in told:
+                memory = plain.copy()
+                memory.x[: len(x)], memory.join = x, True
+                Y, _, _ = program.run(
+                    memory,
+                    u[window.start : window.stop],
+                    p,
+                    period_s=t.period_s,
+                    time_s=(t.first + window.start) * t.period_s,
+                    stepping=runner.stepping,
+                )
+                seen.append((Y * self.trial.weight).ravel())
+            changed = r[:, None] + np.column_stack([y - seen[0] for y in seen])
+            both = np.column_stack([A, changed])
+            both -= B @ (_solving(B) @ (B.T @ both))
+            A, changed = both[:, : len(at.s)], both[:, len(at.s) :]
+            H += A.T @ A
+            g += A.T @ changed
+            reduced.append((A, changed))
+        if not np.isfinite(g).all():  # run away with one of them
+            return np.full(len(told), np.nan)
+        step = -np.linalg.lstsq(H, g, rcond=None)[0]
+        left = [np.mean((changed + A @ step) ** 2, axis=0) for A, changed in reduced]
+        return np.asarray(np.sqrt(np.mean(left, axis=0)))
 
     def step(self, at: _Point, damping: float) -> Array | None:
         if not np.isfinite(at.cost):
@@ -360,6 +462,15 @@ class _ShortFit(LeastSquares[_Point, Array]):
 
     def settled(self, gain: float, before: _Point, after: _Point) -> bool:
         return gain < SETTLED_GAIN * after.cost
+
+
+def _solving(B: Array) -> Array:
+    """The pseudo-inverse of B'B, its columns scaled."""
+    inner = B.T @ B
+    scale = np.sqrt(inner.diagonal())
+    scale[scale == 0.0] = 1.0
+    root = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-12)
+    return np.asarray(root / np.outer(scale, scale))
 
 
 def figures(found: Sequence[HoldOrLine]) -> list[dict[str, object]]:

@@ -158,7 +158,7 @@ def responses_of(
 
 @dataclass(frozen=True)
 class Subset:
-    """Candidates of several families that may act together. gain: see above, in the unit of a fit's
+    """Candidates that may act together. gain: see above, in the unit of a fit's
     cost."""
 
     members: tuple[Screened, ...]
@@ -174,28 +174,39 @@ def best_subsets(
     family: Callable[[Attachment], str],
     size: int,
     settings: Settings = DEFAULT,
+    apart: Callable[[Attachment, Attachment], bool] = lambda a, b: False,
 ) -> list[Subset]:
     """The best `size` (two or more) candidates of every combination of as many families, the
     `subsets` best of these, as far as they gain something beyond fewer candidates and not next to
-    nothing against the first.
+    nothing against the first. A family is there twice where two of it stand `apart`, at places that
+    the recordings tell from each other: gaps at two joints.
 
     Every pair is looked at; of larger sets those that add a candidate to one of the best that are
     smaller by one.
     """
     families = [family(s.attachment) for s in found.screened]
     everyone = range(len(families))
+
+    def at_once(i: int, j: int) -> bool:
+        one, rest = found.screened[i].attachment, found.screened[j].attachment
+        return families[i] != families[j] or apart(one, rest)
+
     leading: list[tuple[float, tuple[int, ...]]] = [(found.gain((i,)), (i,)) for i in everyone]
     fewer = 0.0
     for _ in range(size - 1):
         fewer = max((gain for gain, _ in leading), default=0.0)
-        tried = {tuple(sorted((*m, i))) for _, m in leading for i in everyone if i not in m}
-        best: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
+        tried = {
+            tuple(sorted((*m, i)))
+            for _, m in leading
+            for i in everyone
+            if i not in m and all(at_once(i, j) for j in m)
+        }
+        best: dict[tuple[str, ...], tuple[float, tuple[int, ...]]] = {}
         for members in sorted(tried):
-            names = frozenset(families[i] for i in members)
-            if len(names) == len(members):
-                gain = found.gain(members)
-                if names not in best or gain > best[names][0]:
-                    best[names] = gain, members
+            names = tuple(sorted(families[i] for i in members))
+            gain = found.gain(members)
+            if names not in best or gain > best[names][0]:
+                best[names] = gain, members
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
     # a share, no size in nats: the weights are those of the baseline's residuals, and where the
     # first effect removes nearly all of these, one that halves the rest gains a fraction of one

@@ -2,14 +2,14 @@
 
 Beside the model M_(k-1) found so far two kinds of models with k effects are refitted, all their
 parameters jointly: M_(k-1) with the effects that a screening on top of it puts first where its
-ports still have latent evidence (forward selection; of a family that it has already only at a place
-that the recordings tell apart), and the best subsets of k effects of different families among all
+ports still have latent evidence (forward selection), and the best subsets of k effects among all
 that were screened on top of the baseline (`effect_subsets`), with or without those of M_(k-1):
-chosen alone, the first had to account for what the second explains, too. Of all of them the one
-with the lowest bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier
-effect whose removal costs less than the share `worth` of the gap is dropped, the first is replaced
-by one of its rivals where the pair fits better, and what ended at the limit of its form by a
-plainer effect of its family.
+chosen alone, the first had to account for what the second explains, too. Either way two effects are
+of one family only at places that the recordings tell apart. Of all of them the one with the lowest
+bootstrapped held-out log loss is taken, or none (`_weighed`). Then an earlier effect whose removal
+costs less than the share `worth` of the gap, and not most of what the others leave, is dropped, the
+first is replaced by one of its rivals where the pair fits better, and what ended at the limit of
+its form by a plainer effect of its family.
 
 Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
 Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
@@ -17,10 +17,12 @@ Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, bac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors, transferred
@@ -32,7 +34,7 @@ from pamid.diagnosis.effect_subsets import (
 )
 from pamid.diagnosis.judgement import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
-from pamid.diagnosis.ranges import is_plain_inside
+from pamid.diagnosis.ranges import as_wide, is_plain_inside
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
@@ -44,8 +46,11 @@ from pamid.diagnosis.search import (
 )
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import model_with
+from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -176,7 +181,13 @@ def _larger(
         hints = gather_hints(search.evidence, best, search.settings)
         models = run_round(replace(search, hints=hints), best, beside).models
     known = {_labels(c) for c in models}
-    subsets = best_subsets(responses, search.family, len(best.attached) + 1, search.settings)
+    subsets = best_subsets(
+        responses,
+        search.family,
+        len(best.attached) + 1,
+        search.settings,
+        lambda a, b: not set(a.ports) & _alike(b, located),
+    )
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
@@ -192,10 +203,14 @@ def _larger(
 def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:
     """Does an effect of its family act where the recordings cannot tell its place from this one's?
     Two joints may both have dry friction; two laws of it at one joint are one cause."""
-    here = [k for k in located.classes if set(a.ports) & set(k)]
-    places = {*a.ports, *(port for k in here for port in k)}
-    family = search.family(a)
+    places, family = _alike(a, located), search.family(a)
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
+
+
+def _alike(a: Attachment, located: PortEvidence) -> set[str]:
+    """The ports where it acts, and those that the recordings cannot tell from these."""
+    here = [k for k in located.classes if set(a.ports) & set(k)]
+    return {*a.ports, *(port for k in here for port in k)}
 
 
 def _joint_start(
@@ -219,7 +234,17 @@ def _joint_start(
     except PamidError:
         return None
     found = [alone.get(s.attachment.label, s.ended) for s in strongest[::-1]]
-    return RefitStart(attached, transferred(assembly, *found), assembly=assembly)
+    return _from_found(attached, assembly, found)
+
+
+def _from_found(
+    attached: tuple[Attachment, ...], assembly: Assembly, found: Sequence[tuple[Assembly, Array]]
+) -> RefitStart:
+    """A model refitted from what others have found, in ranges as wide as theirs."""
+    wide = as_wide(assembly, *(other for other, _ in found))
+    return RefitStart(
+        attached, transferred(wide, *found), ranges=dict(wide.ranges), assembly=assembly
+    )
 
 
 def _weighed(
@@ -267,14 +292,30 @@ def _weighed(
 def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
     """The model less the first effect whose removal costs less than `worth` of the gap; the model
     itself where every one is needed. The newest is asked, too: where the model below it had ended
-    in a local minimum, what it gained may have been the way out alone."""
-    worth = search.settings.worth * search.excess(search.budget.baseline)
+    in a local minimum, what it gained may have been the way out alone. What surely removes most of
+    what the others leave is needed however small that is: beside a spring at the shoulder that
+    explains nearly all, the one at the elbow explains the rest."""
+    settings = search.settings
+    gap = search.excess(search.budget.baseline)
     for a in best.attached:
         smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
-        lost = search.excess(smaller) - search.excess(best)
-        if smaller.finite and lost < worth:
+        left = search.excess(best)
+        lost = search.excess(smaller) - left
+        if not smaller.finite or lost >= settings.worth * gap:
+            continue
+        # most of what the others leave: more than is left with it
+        if (
+            lost < max(settings.further_least * gap, left)
+            or _surely(search, smaller, best) < settings.further_sure
+        ):
             return smaller
     return best
+
+
+def _surely(search: Search, worse: CandidateModel, better: CandidateModel) -> float:
+    """By how many standard errors of the held-out log loss one model is better."""
+    losses = search.losses([worse, better])
+    return in_errors(losses[0] - losses[1])
 
 
 def _best_first(
@@ -340,8 +381,8 @@ def refitted_with(
     """A model with these effects, refitted from what these others have found, the last of them
     first."""
     assembly = model_with(search.evidence, attached, search.budget.sizes)
-    p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
-    return search.pool.one(work, RefitStart(attached, p, assembly=assembly))
+    start = _from_found(attached, assembly, [(c.assembly, c.fit.p) for c in found])
+    return search.pool.one(work, start)

@@ -1,8 +1,9 @@
 """Ranges of an effect's parameters: wider where a fit ends at a guess, mirrored where it ends at
 nothing.
 
-A range in multiples of a typical magnitude is a guess. Where a fit ends at its upper end the
-effect is fitted again over a wider one, and only what still ends there is at its bound. A range
+A range in multiples of a typical magnitude is a guess. Where a fit ends at its upper end (or at the
+lower one of a factor that makes the equation softer) the effect is fitted again over a wider one,
+and only what still ends there is at its bound. A range
 between two numbers without a unit (a share of 0 .. 1) is physics and stays.
 
 An effect whose amount may not be negative and that ends at nothing may be there with the opposite
@@ -22,17 +23,27 @@ from pamid.model.bound_parameter import Bound, Range
 
 
 def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> Assembly | None:
-    """The model with wider ranges of what its last effect's parameters ended at; None where there
-    is none such. The lower end of a factor stays: it keeps an equation from growing stiff."""
+    """The model with wider ranges of what its effects' parameters ended at; None where there is
+    none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
     found = {
-        e.bound.key: (
-            e.bound.low * settings.wider if e.at_bound == "low" else e.bound.low,
-            e.bound.high * settings.wider if e.at_bound == "high" else e.bound.high,
-        )
-        for e, _ in _at_guesses(assembly, fitted)
+        e.bound.key: _wider(e.bound, e.at_bound, settings.wider)
+        for a in assembly.attachments
+        for e, _ in _at_guesses(assembly, fitted, a.label)
         if not _is_limit(e)
     }
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
+
+
+def as_wide(assembly: Assembly, *others: Assembly) -> Assembly:
+    """The model with the ranges to which those of its parameters were widened in others."""
+    found = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
+    return replace(assembly, ranges={**assembly.ranges, **found}) if found else assembly
+
+
+def _wider(b: Bound, end: str | None, by: float) -> Range:
+    if end == "high":
+        return b.low, b.high * by
+    return (b.low / by if b.log else b.low * by), b.high
 
 
 def at_bounds(
@@ -55,7 +66,7 @@ def is_plain_inside(model: CandidateModel, settings: Settings = DEFAULT, label: 
 
 
 def _is_limit(e: FittedParameter) -> bool:
-    return e.at_bound == "low" and e.bound.log
+    return e.at_bound == "low" and e.bound.log and not e.bound.softens
 
 
 def _at_guesses(

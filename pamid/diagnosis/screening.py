@@ -22,6 +22,7 @@ from pamid.diagnosis.candidate_model import (
     set_within_bounds,
     transferred,
 )
+from pamid.diagnosis.ranges import as_wide
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
@@ -179,6 +180,11 @@ class ScreeningBaseline:
         samples = sum(len(t) for t in problem.tracks) * (WORTH if stepped else 1)
         return 0 if self.held else self.settings.refits_all // samples
 
+    def model_beside(self, evidence: DataSplit, attachment: Attachment, sizes: Sizes) -> Assembly:
+        """The baseline and a candidate; what was widened for the baseline stays wide."""
+        made = model_with(evidence, (*self.baseline.attached, attachment), sizes)
+        return as_wide(made, self.baseline.assembly)
+
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
             t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
@@ -227,7 +233,7 @@ def screen(
     the best of them."""
     baseline, settings = reference.baseline, reference.settings
     try:
-        assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
+        assembly = reference.model_beside(evidence, attachment, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))

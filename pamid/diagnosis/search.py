@@ -100,10 +100,10 @@ class _Screening(ObjectWork[Attachment, Screened]):
         }
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
-        attached = (*self.reference.baseline.attached, item)
+        fits, made = found["fits"], self.reference.model_beside
         return Screened(
             item,
-            model_with(self.evidence, attached, self.sizes) if found["fits"] else None,
+            made(self.evidence, item, self.sizes) if fits else None,
             found["first"],
             found["gain"],
             found["why"],

@@ -60,6 +60,7 @@ class Backlash(OutboardEffect):
             spread=2.0,
             log=True,
             size="1/timescale",
+            softens=True,
             tries=(3.0,),
             source="in contact: 300 N m/rad with 0.01-0.08 kg m2",
         ),

@@ -60,6 +60,7 @@ class TwoMass(OutboardEffect):
             spread=2.0,
             log=True,
             size="1/timescale",
+            softens=True,
             tries=(2.1, 9.0),
             source="30-1000 N m/rad with a load of 0.08 kg m2: 3-18 Hz",
         ),

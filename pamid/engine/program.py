@@ -138,7 +138,8 @@ class Program:
         """Simulate over the rows of u (samples x inputs), carrying `memory` on.
 
         after: the inputs (inputs,) one sample behind the last row, where there are any: inputs that
-        are linear over a sample lead there; without it the last row is held.
+        are linear over a sample lead there; without it the last row is held. Columns of u behind
+        the inputs, where there are any, are what each linear one rises over the sample.
         columns: for each parameter its sensitivity column or -1; None runs without sensitivities.
         The Jacobian is as wide as the memory's (padded) sensitivities. weights: factor per output
         on its sensitivities. Returns outputs (samples x outputs), their sensitivities (samples x
@@ -229,22 +230,16 @@ class Program:
         """df/dx (nx x nx) where `memory` stands, at the input u (inputs,)."""
         from pamid.engine.integrator import rate_matrix
 
-        return rate_matrix(
-            self._equations,
-            memory.arrays(),
-            self._with_rises(u[None, :], None)[0],
-            self._prepared(p),
-            time_s,
-            period_s,
-            period_s,
-        )
+        u, p = self._with_rises(u[None, :], None)[0], self._prepared(p)
+        return rate_matrix(self._equations, memory.arrays(), u, p, time_s, period_s, period_s)
 
     exchange_matrix = rate_matrix  # by which the length of a step is chosen
 
     def _with_rises(self, u: Array, after: Array | None) -> Array:
-        """u and, behind it, by how much every linear input rises over each sample."""
+        """u and, behind it, by how much every linear input rises over each sample, unless that is
+        there already."""
         plain = np.ascontiguousarray(u, float)
-        if not self.linear:
+        if not self.linear or plain.shape[1] > len(self.inputs):
             return plain
         moving = plain[:, self.linear]
         end = moving[-1:] if after is None else np.asarray(after, float)[None, list(self.linear)]

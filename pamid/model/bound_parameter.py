@@ -39,6 +39,7 @@ class Bound:
     sized: bool = (
         False  # value and bounds are multiples of a typical magnitude: guesses, no physics
     )
+    softens: bool = False  # as in `Parameter`
 
     @property
     def full_name(self) -> str:
@@ -112,6 +113,7 @@ def bind(
         tuple(t * si for t in parameter.tries),
         parameter.source,
         bool(parameter.size) and not parameter.hard,
+        parameter.softens,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import TypeAlias
 
 from pamid.base.errors import UsageError
@@ -14,7 +15,7 @@ from pamid.model.rig import Rig
 from pamid.model.step_rig import SIMULATED, RigSimulator, StepRig
 from pamid.model.trace import Traced
 from pamid.symbolic.expression import ZERO, substitute, symbol, walk
-from pamid.symbolic.memory_cells import expand_memory
+from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
 from pamid.symbolic.vocabulary import Expr
 
 Executable: TypeAlias = Program | SteppedProgram
@@ -31,10 +32,22 @@ def program_of(
     `pamid.engine.program.build_program`."""
     if isinstance(rig, StepRig):
         return _stepped(rig, traced, outputs, parameters, sensitive)
-    lowered = expand_memory(traced.rates, dict(outputs), traced.cells, traced.linear)
+    asked = tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
+    lowered = _lowered(*asked)
     return build_program(
         lowered, traced.inputs, parameters, tuple(outputs), sensitive, traced.linear
     )
+
+
+@lru_cache(maxsize=32)
+def _lowered(
+    rates: tuple[tuple[str, Expr], ...],
+    outputs: tuple[tuple[str, Expr], ...],
+    cells: tuple[Cell, ...],
+    linear: tuple[str, ...],
+) -> StateEquations:
+    """`expand_memory`; the same equations are asked for several times in every fit."""
+    return expand_memory(dict(rates), dict(outputs), cells, linear)
 
 
 def _stepped(

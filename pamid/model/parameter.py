@@ -36,6 +36,9 @@ class Parameter:
     tries      further starting values for the fit, where one basin is not enough
     hard       effects only: the bounds are physics, or tell the effect from another; where a fit
                ends at one it is not widened
+    softens    effects only, with log=True: the equation grows softer as the value falls (a spring's
+               own frequency), so that the lower bound is widened, too; that of other factors stays,
+               below which an equation grows stiff
     fitted     False: held at its value unless a fit is told otherwise
     """
 
@@ -51,6 +54,7 @@ class Parameter:
     tries: tuple[float, ...] = ()
     fitted: bool = True
     hard: bool = False
+    softens: bool = False
     label: str = ""
     source: str = ""
 

@@ -3,7 +3,8 @@ at the ports."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, nearest, quoted
 from pamid.base.units import from_si, size_to_si, split_column
-from pamid.engine.program import Memory, Stepping
+from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Sizes
 from pamid.recording.recording import Recording
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 # classical Runge-Kutta method becomes unstable (2.79 on the real axis, 2.83 on the imaginary one)
 STEADY = 1.8
 MOST_SUBSTEPS = 4  # beyond, the implicit step is cheaper
+LOOKED_AT = 3000  # samples along which it is looked for
+KEPT_CHOICES = 16
+_CHOSEN: dict[tuple[Hashable, ...], Stepping] = {}
 
 
 def input_table(
@@ -79,13 +83,28 @@ def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, li
 
 def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: Array) -> Stepping:
     """Steps per sample from the spectral radius of df/dx (of what steps by itself: of what is
-    exchanged with it) along a robust run of the first seconds."""
+    exchanged with it) along a robust run of the first seconds. The last few choices are kept: the
+    checks of a recording and the begin of its fit ask the same of the same equations."""
+    if not isinstance(assembly.program, Program):
+        return _chosen_stepping(assembly, u, p, period_s, x)
+    t = assembly.traced
+    equations = tuple(t.rates.items()), t.cells, t.inputs, t.linear, tuple(assembly.keys)
+    told = tuple(np.asarray(a, float).tobytes() for a in (u[: LOOKED_AT + 1], p, x))
+    key = (equations, hashlib.blake2b(b"|".join(told)).digest(), u.shape, period_s)
+    if key not in _CHOSEN:
+        while len(_CHOSEN) >= KEPT_CHOICES:
+            _CHOSEN.pop(next(iter(_CHOSEN)), None)
+        _CHOSEN[key] = _chosen_stepping(assembly, u, p, period_s, x)
+    return _CHOSEN[key]
+
+
+def _chosen_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: Array) -> Stepping:
     program = assembly.program
     careful = Stepping(2, implicit=True)
     memory = program.memory(x, stepping=careful, period_s=period_s)
     fastest = 0.0
-    block = max(1, min(len(u), 3000) // 40)
-    for i in range(0, min(len(u), 3000), block):
+    block = max(1, min(len(u), LOOKED_AT) // 40)
+    for i in range(0, min(len(u), LOOKED_AT), block):
         matrix = (
             program.exchange_matrix(memory, u[i], p, period_s=period_s, time_s=i * period_s)
             if i

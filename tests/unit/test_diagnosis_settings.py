@@ -4,7 +4,7 @@ by."""
 from __future__ import annotations
 
 import ast
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -317,6 +317,7 @@ def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing() -> None:
 
 def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     bound = SimpleNamespace(owner="play", sized=True, log=True, low=0.1, high=1.0, name="gap")
+    bound.softens = False
     ended = SimpleNamespace(bound=bound, at_bound="high")
     monkeypatch.setattr(ranges, "estimates", lambda fitted: [ended])
     fitted = SimpleNamespace(
@@ -328,8 +329,47 @@ def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch)
     assert ranges.at_bounds(model, Settings(pressed=6.0)) == ()
     ended.at_bound = "low"  # of a factor: as little of it as the equation can be solved with
     assert ranges.at_bounds(model) == ()
-    bound.log = False
+    bound.softens = True  # less of it is no harder to solve: a guess at either end
     assert ranges.at_bounds(model) == ("gap",)
+    bound.log = bound.softens = False
+    assert ranges.at_bounds(model) == ("gap",)
+
+
+@dataclass(frozen=True)
+class Attached:
+    """What `ranges` needs of an assembly."""
+
+    attachments: tuple[Any, ...]
+    ranges: dict[str, tuple[float, float]]
+
+
+def test_ranges_are_widened_of_every_effect_and_below_where_that_is_softer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def bound(owner: str, name: str, **more: Any) -> Any:
+        return SimpleNamespace(
+            owner=owner, key=f"{owner}:{name}", sized=True, log=True, low=2.0, high=8.0, **more
+        )
+
+    ended = [
+        SimpleNamespace(bound=bound("spring", "frequency", softens=True), at_bound="low"),
+        SimpleNamespace(bound=bound("spring", "drag", softens=False), at_bound="high"),
+        SimpleNamespace(bound=bound("rub", "give", softens=False), at_bound="low"),
+        SimpleNamespace(bound=bound("rub", "torque", softens=False), at_bound=None),
+    ]
+    monkeypatch.setattr(ranges, "estimates", lambda fitted: ended)
+    fit: Any = SimpleNamespace(
+        residuals=(np.zeros(1),), held=np.ones(4), problem=SimpleNamespace(free=range(4))
+    )
+    spring, rub = SimpleNamespace(label="spring"), SimpleNamespace(label="rub")
+    assembly: Any = Attached((spring, rub), {"rub:torque": (0.0, 1.0)})
+    wider = ranges.widened(assembly, fit, Settings(wider=4.0))
+    assert wider is not None and wider.ranges == {
+        "rub:torque": (0.0, 1.0),
+        "spring:frequency": (0.5, 8.0),
+        "spring:drag": (2.0, 32.0),
+    }
+    assert ranges.widened(Attached((rub,), {}), fit) is None  # type: ignore[arg-type]
 
 
 def test_when_a_smoothing_ends_and_how_it_is_damped() -> None:

@@ -113,3 +113,28 @@ def test_what_would_have_to_act_the_other_way_round_gains_nothing() -> None:
 def test_what_changed_hardly_anything_is_not_blown_up() -> None:
     trace = 1e-3 * np.ones((ROWS, 1))
     assert responses(-np.ones(ROWS), {"rub": trace}).gain([0]) < 1e-3 * ROWS
+
+
+def test_two_of_one_family_act_together_only_where_they_stand_apart() -> None:
+    random = np.random.default_rng(8)
+    at = {"gap@hip": "hip", "rattle@hip": "hip", "gap@knee": "knee", "late@hip": "hip"}
+    columns = {k: 10.0 * random.normal(size=(ROWS, 2)) for k in at}
+    # two laws of a gap at the hip would explain it best, the gaps at either joint nearly as well
+    left = -columns["gap@hip"][:, 0] - columns["rattle@hip"][:, 0] - 0.8 * columns["gap@knee"][:, 0]
+    found = responses(left, columns)
+
+    def kind(a: Any) -> str:
+        return "timing" if a.label.startswith("late") else "gap"
+
+    def apart(a: Any, b: Any) -> bool:
+        return at[a.label] != at[b.label]
+
+    alone = best_subsets(found, kind, 2, EVERY)
+    assert alone and all(
+        {kind(s.attachment) for s in p.members} == {"gap", "timing"} for p in alone
+    )
+    beside = best_subsets(found, kind, 2, EVERY, apart)
+    assert "gap@knee" in beside[0].labels and len({at[k] for k in beside[0].labels}) == 2
+    # one of every combination still, and those of two families are who they were
+    assert [p for p in beside if p.labels == alone[0].labels] and len(beside) == len(alone) + 1
+    assert all(p.labels != {"gap@hip", "rattle@hip"} for p in beside)

@@ -9,8 +9,9 @@ import pytest
 
 import pamid
 from pamid.base.errors import FileError, PamidError, UsageError
+from pamid.checks import hold_or_line
 from pamid.checks.conformance import ExcitedRig
-from pamid.checks.hold_or_line import tried_both_ways
+from pamid.checks.hold_or_line import HoldOrLine, tried_both_ways, wrongly_taken
 from pamid.checks.recording_quality import examine
 from pamid.model.assembly import Assembly
 from pamid.model.parameter import Parameter
@@ -81,6 +82,32 @@ def test_both_ways_are_tried_and_the_true_one_fits(truth: str, taken: str) -> No
     errors = {"held": one.held, "linear": one.linear}
     assert min(errors, key=errors.__getitem__) == truth
     assert one.channel == "position_mm"
+
+
+def worst_of_both(truth: str) -> tuple[list[HoldOrLine], list[HoldOrLine], list[str]]:
+    """Of a recording with two moving inputs, the force held or linear: what the screen leaves, what
+    all fits do, and the inputs that the screen has had fitted."""
+    recording = recorded(truth, 0.002)
+    random = np.random.default_rng(6)
+    recording.columns["valve_percent"] = 30.0 + 1e-3 * random.standard_normal(len(recording))
+    fitted: list[str] = []
+    compared = hold_or_line._TriedOn.compared
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            hold_or_line._TriedOn,
+            "compared",
+            lambda self, base, column: (fitted.append(column), compared(self, base, column))[1],
+        )
+        screened = wrongly_taken(recording, varied())
+    return screened, [one for one in tried_both_ways(recording, varied()) if one.wrong], fitted
+
+
+def test_only_an_input_that_may_be_wrong_is_tried() -> None:
+    screened, fully, fitted = worst_of_both("linear")
+    assert screened == fully and [one.column for one in screened] == ["force_n"]
+    assert fitted == ["force_n"]  # the valve's flicker moves nothing
+    screened, fully, fitted = worst_of_both("held")
+    assert screened == fully == [] and fitted == []
 
 
 def test_noise_leaves_it_open() -> None:

@@ -174,3 +174,28 @@ def test_effects_vanish_and_slope_exactly_there_too(spec: str) -> None:
     attachment = min(fit, key=lambda a: a.ports != ("command",))
     assert null_error(rig, attachment, draws=1) < NULL_TOLERANCE
     assert sensitivity_error(rig, attachment) < SAME_SLOPE
+
+
+def test_a_linear_input_that_is_told_not_to_rise_is_held() -> None:
+    """One model then serves both ways, and a mixture: rises that stand beside the inputs count."""
+    equations = {"x": -a * x + u * u}, {"y": x}
+    linear, held = made(*equations), made(*equations, linear=False)
+    rises = np.diff(U, append=U[-1])
+    for stepping in STEPPINGS:
+        runs = [
+            program.run(
+                begin(program, [0.3], stepping, 1),
+                told,
+                np.array([2.0]),
+                period_s=H,
+                stepping=stepping,
+            )[0]
+            for program, told in [
+                (linear, np.column_stack([U, 0.0 * U])),
+                (held, U[:, None]),
+                (linear, np.column_stack([U, rises])),
+                (linear, U[:, None]),
+            ]
+        ]
+        assert np.allclose(runs[0], runs[1], rtol=1e-12, atol=1e-15)
+        assert np.array_equal(runs[2], runs[3]) and not np.allclose(runs[0], runs[2], rtol=1e-3)
