@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.engine.stepped import SteppedProgram
+from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
@@ -138,17 +138,18 @@ def begun_from(base: Fit, assembly: Assembly) -> Beginning:
     return Beginning(base.starts, base.continuity)
 
 
-def known_along(fitted: Fit) -> tuple[KnownSlopes | None, ...]:
+def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlopes | None, ...]:
     """Slopes of what steps by itself where a fit has ended, for fits of other models of the same
-    rig along the same tracks; none of equations, which are differentiated at little cost."""
-    if not isinstance(fitted.problem.assembly.program, SteppedProgram) or not fitted.starts:
+    rig along the same tracks; none of equations, which are differentiated at little cost. stepping:
+    of these fits (default: what the recordings ask for)."""
+    if not fitted.problem.assembly.program.keeps_slopes or not fitted.starts:
         return ()
     shooting, _ = begin(
         fitted.problem,
         p=fitted.p,
         starts=fitted.starts,
         weights=fitted.weights,
-        stepping=fitted.stepping,
+        stepping=stepping,
         continuity=fitted.continuity,
         probe=True,
     )
@@ -219,6 +220,7 @@ def refit(
             weights=done.weights,
             stepping=done.stepping,
             continuity=done.continuity,
+            known=done.known,
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )

@@ -26,10 +26,9 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.engine.stepped import WORTH, SteppedProgram
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
-from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
@@ -102,7 +101,8 @@ class ScreeningBaseline:
     from which the baseline does best there, its own or the data sheet's (a gap can drive a fit into
     a corner that no effect leads out of); cost: the baseline's, after as many steps as a candidate
     is given; held: is the background kept as it was fitted? Among many candidates it is, which
-    makes a step several times as cheap.
+    makes a step several times as cheap; stepping: finer than the recordings ask for only where that
+    costs little.
     """
 
     baseline: CandidateModel
@@ -112,6 +112,7 @@ class ScreeningBaseline:
     cost: float
     held: bool
     settings: Settings
+    stepping: Stepping
 
     @classmethod
     def of(
@@ -141,7 +142,8 @@ class ScreeningBaseline:
             starts.append(x[first : last + 1])
         held = candidates > settings.held_background_from
         short = _short(problem, tuple(spans), held)
-        sheet = problem.assembly.values()
+        sheet, program = problem.assembly.values(), problem.assembly.program
+        stepping = careful_stepping(short, base.p) if program.keeps_slopes else base.stepping
         costs = [
             fit(
                 short,
@@ -149,14 +151,14 @@ class ScreeningBaseline:
                 starts=tuple(starts),
                 weights=base.weights,
                 continuity=base.continuity,
-                stepping=base.stepping,
+                stepping=stepping,
                 iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
             ).cost
             for p in (base.p, sheet)
         ]
         p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
-        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
+        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings, stepping)
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
@@ -168,15 +170,15 @@ class ScreeningBaseline:
                 problem=_short(base.problem, self.spans, self.held),
                 p=self.p,
                 starts=self.starts,
-            )
+            ),
+            self.stepping,
         )
 
     @property
     def affordable(self) -> int:
         """Candidates that may be refitted without a choice among them."""
         problem = self.baseline.fit.problem
-        stepped = isinstance(problem.assembly.program, SteppedProgram)
-        samples = sum(len(t) for t in problem.tracks) * (WORTH if stepped else 1)
+        samples = sum(len(t) for t in problem.tracks) * problem.assembly.program.worth
         return 0 if self.held else self.settings.refits_all // samples
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
@@ -238,7 +240,7 @@ def screen(
     for first, steps in starting_points(assembly, attachment, here, settings):
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        done = _probed(reference, problem, p, starts, steps, baseline.fit.stepping)
+        done = _probed(reference, problem, p, starts, steps, reference.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(done.cost):
             done = _probed(reference, problem, p, starts, steps, None)
@@ -247,7 +249,7 @@ def screen(
     if found is None:
         return unstable
     more = settings.screen_steps
-    done = _probed(reference, problem, found.p, found.starts, more, found.stepping)
+    done = _probed(reference, problem, found.p, found.starts, more, found.stepping, found.known)
     if reference.cost - done.cost < best.gain:
         done = found
     return replace(
@@ -266,7 +268,9 @@ def _probed(
     starts: tuple[Array, ...] | None,
     steps: int,
     stepping: Stepping | None,
+    known: tuple[KnownSlopes | None, ...] = (),
 ) -> Fit:
+    """A few steps from p; known: slopes along the way so far, else those of the baseline."""
     base = reference.baseline.fit
     return fit(
         problem,
@@ -274,7 +278,7 @@ def _probed(
         starts=starts,
         weights=base.weights,
         continuity=begun_from(base, problem.assembly).continuity,
-        known=reference.known,
+        known=known or reference.known,
         iterations=steps,
         probe=True,
         stepping=stepping,

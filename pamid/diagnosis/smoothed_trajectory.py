@@ -80,17 +80,19 @@ class SlicedTrack:
         slopes from one linearisation to the next."""
         return replace(self.runner, free=()).keeping(), self.runner.keeping()
 
-    def simulate(self, x: Array, p: Array, noise: Array) -> Simulation:
-        """Where the slices end, and their squared error; p: parameters (SI)."""
-        values = self.runner.parameters(p)
-        memory, end, cost = self.runner.memory(values), np.zeros_like(x), 0.0
+    def simulate(self, x: Array, p: Array, noise: Array, moving: bool) -> Simulation:
+        """Where the slices end, and their squared error; p: parameters (SI); moving: are they
+        improved, too?"""
+        runner = self.keeping[moving]
+        values = runner.parameters(p)
+        memory, end, cost = runner.memory(values), np.zeros_like(x), 0.0
         for i, window in enumerate(self.slices):
-            self.runner.enter(memory, x[i])
-            Y, _, fine = self.runner.run(memory, window, values, False)
+            runner.enter(memory, x[i])
+            Y, _, fine = runner.run(memory, window, values, False)
             if not fine:
                 return Simulation(end, np.inf)
             cost += float(
-                np.nansum(((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2)
+                np.nansum(((Y - runner.track.y[window.start : window.stop]) / noise) ** 2)
             )
             end[i] = memory.x[: end.shape[1]]
         return Simulation(end, cost)

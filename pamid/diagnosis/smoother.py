@@ -305,7 +305,8 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     ) -> _SmoothingPoint:
         s, x = at.s + step.s, tuple(one + d for one, d in zip(at.x, step.x, strict=True))
         p, noise = self.of.parameters(s), self.of.evidence.noise
-        runs = [t.simulate(one, p, noise) for t, one in zip(self.of.tracks, x, strict=True)]
+        tracks = zip(self.of.tracks, x, strict=True)
+        runs = [t.simulate(one, p, noise, self.moving) for t, one in tracks]
         return _SmoothingPoint(s, x, self.cost(s, x, runs))
 
     def linearised(self, at: _SmoothingPoint) -> _SmoothingPoint:

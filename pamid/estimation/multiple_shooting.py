@@ -202,15 +202,15 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
     def exactly(
         self, ended: Iteration[_ShootingPoint], iterations: int
     ) -> Iteration[_ShootingPoint]:
-        """Where slopes were used again, on from where that has ended, with slopes of that point."""
+        """Where slopes were used again, on from where that has ended, with slopes of that point and
+        steps that are made, all of them."""
         if not (ended.settled and any(known and known.counts[1] for known in self.known)):
             return ended
-        for known in self.known:
-            if known:
-                known.forget()
-        point = self.at(ended.point.s, ended.point.starts)
+        anew = [replace(r, known=r.known and r.known.forgotten()) for r in self.runners]
+        exact = replace(self, runners=tuple(anew))
+        point = exact.at(ended.point.s, ended.point.starts)
         again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
-        return iterate(self, again, max(iterations, ended.steps + LAST_STEPS))
+        return iterate(exact, again, max(iterations, ended.steps + LAST_STEPS))
 
     def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
         """The fit to which a probe comes that goes on."""
@@ -317,8 +317,8 @@ def fit(
     The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
     probe: only the cost and the parameters matter; the last step is then not differentiated and has
     no covariance. known: slopes along the same tracks of a rig that is stepped, to begin with; on
-    the way they are used again where they hold. exact: it ends with those of its last point; else
-    it hands them on, to a fit that goes on from there.
+    the way they are used again where they hold. exact: it ends with those of its last point; else,
+    and as a probe, it hands them on, to a fit that goes on from there.
     """
     shooting, begun = begin(
         problem,
@@ -346,5 +346,5 @@ def fit(
         )
     ended = iterate(shooting, begun, iterations, progress)
     if probe or not exact:
-        return replace(shooting.fit(ended), known=() if probe else shooting.known)
+        return replace(shooting.fit(ended), known=shooting.known)
     return shooting.fit(shooting.exactly(ended, iterations))

@@ -56,6 +56,6 @@ def test_what_is_stepped_is_refitted_as_often_as_it_costs() -> None:
     for rig in (WrittenPendulum(), SteppedTwin()):
         problem = SimpleNamespace(assembly=Assembly(rig), tracks=(range(samples),))
         baseline: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem))
-        base = ScreeningBaseline(baseline, (), (), NONE, 0.0, False, DEFAULT)
+        base = ScreeningBaseline(baseline, (), (), NONE, 0.0, False, DEFAULT, Stepping())
         counts.append(base.affordable)
     assert counts == [2 * WORTH, 2]
