@@ -32,6 +32,7 @@ from pamid.diagnosis.smoothed_trajectory import (
     start_trajectory,
 )
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.estimation.problem import Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -110,6 +111,7 @@ class Smoother:
     base: CandidateModel
     ports: tuple[str, ...]
     settings: Settings = DEFAULT
+    known: tuple[tuple[KnownSlopes | None, ...], ...] = ()  # per replay: see `known_by`
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -166,13 +168,15 @@ class Smoother:
 
     @cached_property
     def tracks(self) -> tuple[SlicedTrack, ...]:
-        return tuple(self._sliced(r) for r in self.base.replays)
+        replays = self.base.replays
+        known = self.known or ((None, None),) * len(replays)
+        return tuple(self._sliced(r, k) for r, k in zip(replays, known, strict=True))
 
-    def _sliced(self, r: Replay) -> SlicedTrack:
+    def _sliced(self, r: Replay, known: tuple[KnownSlopes | None, ...]) -> SlicedTrack:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
         slices, opens = slices_of(r, self.settings)
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
-        return SlicedTrack(runner, slices, opens, start, self.settings)
+        return SlicedTrack(runner, slices, opens, start, self.settings, known)
 
     @property
     def times_s(self) -> tuple[float, ...]:
