@@ -15,7 +15,6 @@ Worden and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Sys
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import combinations
 from math import factorial
 
@@ -24,14 +23,11 @@ import numpy as np
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.smoothed_trajectory import known_by
 from pamid.diagnosis.smoother import Smoother
-from pamid.engine.known_slopes import KnownSlopes
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.windows import Runner
 
 Ports = tuple[str, ...]
 Found = tuple[float, float, float]  # log evidence, size, time constant
@@ -85,17 +81,8 @@ class _Smoothing(Work[Ports, Found]):
     settings: Settings = DEFAULT
     smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
-    @cached_property
-    def known(self) -> tuple[tuple[KnownSlopes | None, ...], ...]:
-        """Slopes along the replays, of what steps by itself."""
-        b, fit = self.base.assembly, self.base.fit
-        return tuple(
-            known_by(Runner(b, r.track, fit.stepping, fit.problem.free), fit.p, r)
-            for r in self.base.replays
-        )
-
     def smoother(self, ports: Ports) -> Smoother:
-        new = Smoother(self.evidence, self.base, ports, self.settings, self.known)
+        new = Smoother(self.evidence, self.base, ports, self.settings)
         return self.smoothers.setdefault(ports, new)
 
     def __call__(self, item: Ports) -> Plain:

@@ -74,7 +74,7 @@ class SlicedTrack:
     opens: NDArray[np.bool_]  # slices that begin a window: the rig's states may jump there
     start: Array  # the trajectory that smoothing begins with
     settings: Settings = DEFAULT
-    known: tuple[KnownSlopes | None, ...] = (None, None)  # see `known_by`
+    known: tuple[KnownSlopes | None, ...] = (None, None)  # as `slopes_along`
 
     @cached_property
     def keeping(self) -> tuple[Runner, Runner]:
@@ -218,22 +218,6 @@ def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior
     """Squared distance of a trajectory from its prior, in the prior's variances."""
     jump = x[1:] - prior.decay * run.end[:-1]
     return float((prior.joint * jump**2).sum() + (prior.first * x[0] ** 2).sum())
-
-
-def known_by(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | None, ...]:
-    """Slopes along a replay of what steps by itself, by its states alone and by the parameters,
-    too, for smoothings along it to begin with."""
-    found = []
-    for own in (replace(runner, free=()).keeping(), runner.keeping()):
-        if own.known is not None:
-            values = own.parameters(p)
-            memory = own.memory(values)
-            for window, x in zip(r.windows, r.entered, strict=True):
-                own.enter(memory, x)
-                if not own.run(memory, window, values, True)[2]:
-                    memory = own.memory(values)
-        found.append(own.known)
-    return tuple(found)
 
 
 def slices_of(r: Replay, settings: Settings = DEFAULT) -> tuple[list[Window], NDArray[np.bool_]]:

@@ -111,7 +111,6 @@ class Smoother:
     base: CandidateModel
     ports: tuple[str, ...]
     settings: Settings = DEFAULT
-    known: tuple[tuple[KnownSlopes | None, ...], ...] = ()  # per replay: see `known_by`
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -168,9 +167,8 @@ class Smoother:
 
     @cached_property
     def tracks(self) -> tuple[SlicedTrack, ...]:
-        replays = self.base.replays
-        known = self.known or ((None, None),) * len(replays)
-        return tuple(self._sliced(r, k) for r, k in zip(replays, known, strict=True))
+        known = self.base.slopes_along_replays
+        return tuple(self._sliced(r, k) for r, k in zip(self.base.replays, known, strict=True))
 
     def _sliced(self, r: Replay, known: tuple[KnownSlopes | None, ...]) -> SlicedTrack:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)

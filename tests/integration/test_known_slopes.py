@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
-from pamid.diagnosis.smoothed_trajectory import (
-    SlicedTrack,
-    known_by,
-    slices_of,
-    start_trajectory,
-)
+from pamid.diagnosis.candidate_model import slopes_along
+from pamid.diagnosis.smoothed_trajectory import SlicedTrack, slices_of, start_trajectory
 from pamid.engine import known_slopes
 from pamid.engine.known_slopes import FAR, FORETOLD, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Stepping
@@ -207,7 +203,7 @@ def test_smoothing_begins_with_slopes_along_the_replay(
     slices, opens = slices_of(replay)
     start = start_trajectory(runner, p, replay, slices, opens)
     found, cost = [], []
-    for known in (known_by(Runner(a, replay.track, step, free), p, replay), (None, None)):
+    for known in (slopes_along(Runner(a, replay.track, step, free), p, replay), (None, None)):
         sliced = SlicedTrack(runner, slices, opens, start, known=known)
         copies.clear()
         found.append(sliced.linearise(start, p, np.ones(len(free)), evidence.noise, moving))
