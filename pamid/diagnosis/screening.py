@@ -101,8 +101,7 @@ class ScreeningBaseline:
     from which the baseline does best there, its own or the data sheet's (a gap can drive a fit into
     a corner that no effect leads out of); cost: the baseline's, after as many steps as a candidate
     is given; held: is the background kept as it was fitted? Among many candidates it is, which
-    makes a step several times as cheap; stepping: finer than the recordings ask for only where that
-    costs little.
+    makes a step several times as cheap.
     """
 
     baseline: CandidateModel
@@ -112,7 +111,6 @@ class ScreeningBaseline:
     cost: float
     held: bool
     settings: Settings
-    stepping: Stepping
 
     @classmethod
     def of(
@@ -142,8 +140,7 @@ class ScreeningBaseline:
             starts.append(x[first : last + 1])
         held = candidates > settings.held_background_from
         short = _short(problem, tuple(spans), held)
-        sheet, program = problem.assembly.values(), problem.assembly.program
-        stepping = careful_stepping(short, base.p) if program.keeps_slopes else base.stepping
+        sheet, stepping = problem.assembly.values(), _screened_by(base)
         costs = [
             fit(
                 short,
@@ -158,7 +155,11 @@ class ScreeningBaseline:
             for p in (base.p, sheet)
         ]
         p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
-        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings, stepping)
+        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
+
+    @cached_property
+    def stepping(self) -> Stepping:
+        return _screened_by(self.baseline.fit)
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
@@ -188,6 +189,12 @@ class ScreeningBaseline:
         return Problem(
             assembly, tracks, _free(assembly, free_parameters(assembly, tracks), self.held)
         )
+
+
+def _screened_by(base: Fit) -> Stepping:
+    """The stepping of the fit; where a step is dear no finer one than the recordings ask for."""
+    dear = base.problem.assembly.program.keeps_slopes
+    return careful_stepping(base.problem, base.p) if dear else base.stepping
 
 
 def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:

@@ -197,6 +197,7 @@ class KnownSlopes:
             and (np.abs(change) <= STILL_HOLDS * level + tiny).all()
         )
 
+    @np.errstate(all="ignore")  # what is no number is not trusted
     def foretells(self, row: int, x: Array, f: Array, p: Array, level: Array) -> Array | None:
         """Where a step from x under f with p leads, without making it; None where that has not been
         checked."""
@@ -209,13 +210,14 @@ class KnownSlopes:
             return None
         return np.asarray(self.led[row] + self.slopes[row] @ dz)
 
+    @np.errstate(all="ignore")
     def check(self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array) -> None:
         """A step was made: how well would its slopes have foretold it?"""
         if self.foretold == 0.0 or not self._in_reach(row, p):
             return
         dz = self._moved(row, x, f, p)
         way, base = self._way(row, dz, level), self.trust[row, 0]
-        if way > 0.0:
+        if 0.0 < way < np.inf:
             missed = _most(np.abs(after - self.led[row] - self.slopes[row] @ dz), level)
             self.trust[row, 1:] = way, missed / ((2.0 * base + way) * way)
         here = np.concatenate([x, f, p])

@@ -176,7 +176,7 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     here = t.last[row]
     _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
     way, base = _way(t, row, dz), t.trust[row, 0]
-    if way > 0.0:
+    if 0.0 < way < np.inf:
         missed = 0.0
         for j in range(nx):
             off = abs(plain[j] - t.led[row, j] - _told(t, row, j, dz)[0])
