@@ -238,7 +238,7 @@ def refit(
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )
-    if any(done.known) and done.residuals:  # to its end, with slopes of where it stands
+    if any(done.known) and done.residuals:  # to its end, by steps that are made
         done = fit(
             problem,
             p=done.p,
@@ -246,7 +246,7 @@ def refit(
             weights=done.weights,
             stepping=done.stepping,
             continuity=done.continuity,
-            known=done.known,
+            known=tuple(k and k.without_foretelling() for k in done.known),
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )

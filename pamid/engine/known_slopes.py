@@ -135,8 +135,12 @@ class KnownSlopes:
         """Rows of its own, with what is known so far."""
         return replace(self, **self._by_rows(np.copy), counts=np.zeros(3, np.int64))
 
+    def without_foretelling(self) -> KnownSlopes:
+        """The same rows, with which every step is made."""
+        return replace(self, foretold=0.0)
+
     def forgotten(self) -> KnownSlopes:
-        """Rows of its own of which nothing is known, and no step will be foretold."""
+        """Rows of its own of which nothing is known, with which every step is made."""
         return replace(self.copy(), made=np.zeros_like(self.made), foretold=0.0)
 
     def forget(self) -> None:

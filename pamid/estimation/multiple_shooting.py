@@ -203,14 +203,25 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         self, ended: Iteration[_ShootingPoint], iterations: int
     ) -> Iteration[_ShootingPoint]:
         """Where slopes were used again, on from where that has ended, with slopes of that point and
-        steps that are made, all of them."""
-        if not (ended.settled and any(known and known.counts[1] for known in self.known)):
+        steps that are made, all of them; where it has used up its steps, that point as it is."""
+        if not any(known and known.counts[1] for known in self.known):
             return ended
-        anew = [replace(r, known=r.known and r.known.forgotten()) for r in self.runners]
-        exact = replace(self, runners=tuple(anew))
+        if not ended.settled:
+            if not any(known and known.counts[2] for known in self.known):
+                return ended
+            made = self._keeping([k and k.without_foretelling() for k in self.known])
+            return replace(ended, point=made.at(ended.point.s, ended.point.starts))
+        exact = self._keeping([k and k.forgotten() for k in self.known])
         point = exact.at(ended.point.s, ended.point.starts)
         again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
+        if not point.normal.fine:  # what was foretold was wrong
+            return again
         return iterate(exact, again, max(iterations, ended.steps + LAST_STEPS))
+
+    def _keeping(self, known: list[KnownSlopes | None]) -> MultipleShooting:
+        """The same with these slopes, per track."""
+        pairs = zip(self.runners, known, strict=True)
+        return replace(self, runners=tuple(replace(r, known=k) for r, k in pairs))
 
     def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
         """The fit to which a probe comes that goes on."""

@@ -190,6 +190,28 @@ def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
     assert cost[0] < cost[1]
 
 
+@pytest.mark.parametrize("iterations", [2, 40])
+def test_what_a_fit_leaves_is_of_steps_that_were_made(problem: Problem, iterations: int) -> None:
+    """Whether it has settled or has used up its steps."""
+    done = fit(problem, stepping=Stepping(1), iterations=iterations)
+    assert done.converged is (iterations == 40)
+    p, step, (starts,) = done.p, done.stepping, done.starts
+    runner = Runner(problem.assembly, problem.tracks[0], step)
+    memory = runner.memory(p)
+    for window, x, left in zip(
+        problem.windows(runner.track), starts, _windows(problem, done), strict=True
+    ):
+        runner.enter(memory, x)
+        y = runner.run(memory, window, p, False)[0]
+        assert np.allclose(y - runner.track.y[window.start : window.stop], left, atol=1e-12)
+
+
+def _windows(problem: Problem, done: Fit) -> list[Array]:
+    """What is left in each window."""
+    (left,) = done.residuals
+    return [left[w.start : w.stop] for w in problem.windows(problem.tracks[0])]
+
+
 @pytest.mark.parametrize("moving", [False, True])
 def test_smoothing_begins_with_slopes_along_the_replay(
     recording: Recording, moving: bool, copies: list[int]
