@@ -3,7 +3,7 @@ the same weights, and compared on windows that no fit has seen."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.engine.stepped import SteppedProgram
+from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
@@ -22,6 +22,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,15 @@ class CandidateModel:
                 [(r[w.start : w.stop] ** 2).mean(axis=0) for w in problem.windows(t)]
                 for t, r in zip(problem.tracks, self.fit.residuals, strict=True)
             ]
+        )
+
+    @cached_property
+    def slopes_along_replays(self) -> tuple[tuple[KnownSlopes | None, ...], ...]:
+        """Per replay: see `slopes_along`."""
+        f = self.fit
+        return tuple(
+            slopes_along(Runner(self.assembly, r.track, f.stepping, f.problem.free), f.p, r)
+            for r in self.replays
         )
 
     @property
@@ -82,6 +92,22 @@ class CandidateModel:
     @property
     def free_count(self) -> int:
         return len(self.fit.problem.free)
+
+
+def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | None, ...]:
+    """Slopes along a replay of what steps by itself, by its states alone and by the parameters,
+    too, for smoothings along it to begin with; none of equations."""
+    found = []
+    for own in (replace(runner, free=()).keeping(), runner.keeping()):
+        if own.known is not None:
+            values = own.parameters(p)
+            memory = own.memory(values)
+            for window, x in zip(r.windows, r.entered, strict=True):
+                own.enter(memory, x)
+                if not own.run(memory, window, values, True)[2]:
+                    memory = own.memory(values)
+        found.append(own.known)
+    return tuple(found)
 
 
 def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> CandidateModel:
@@ -138,17 +164,18 @@ def begun_from(base: Fit, assembly: Assembly) -> Beginning:
     return Beginning(base.starts, base.continuity)
 
 
-def known_along(fitted: Fit) -> tuple[KnownSlopes | None, ...]:
+def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlopes | None, ...]:
     """Slopes of what steps by itself where a fit has ended, for fits of other models of the same
-    rig along the same tracks; none of equations, which are differentiated at little cost."""
-    if not isinstance(fitted.problem.assembly.program, SteppedProgram) or not fitted.starts:
+    rig along the same tracks; none of equations, which are differentiated at little cost. stepping:
+    of these fits (default: what the recordings ask for)."""
+    if not fitted.problem.assembly.program.keeps_slopes or not fitted.starts:
         return ()
     shooting, _ = begin(
         fitted.problem,
         p=fitted.p,
         starts=fitted.starts,
         weights=fitted.weights,
-        stepping=fitted.stepping,
+        stepping=stepping,
         continuity=fitted.continuity,
         probe=True,
     )
@@ -211,7 +238,7 @@ def refit(
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )
-    if any(done.known) and done.residuals:  # to its end, with slopes of where it stands
+    if any(done.known) and done.residuals:  # to its end, by steps that are made
         done = fit(
             problem,
             p=done.p,
@@ -219,6 +246,7 @@ def refit(
             weights=done.weights,
             stepping=done.stepping,
             continuity=done.continuity,
+            known=tuple(k and k.without_foretelling() for k in done.known),
             iterations=settings.refit_iterations,
             tolerance=settings.refit_tolerance,
         )

@@ -67,6 +67,7 @@ class Responding(ObjectWork[Screened, Response]):
             base.continuity,
             item.stepping,
             settings.subset_rows,
+            known=self.reference.known,
         )
         label, bounds = item.attachment.label, assembly.parameters
         own = np.array([bounds[i].owner == label for i in problem.free], bool)
@@ -135,8 +136,9 @@ def responses_of(
         reference.starts,
         base.fit.weights,
         base.fit.continuity,
-        base.fit.stepping,
+        reference.stepping,
         reference.settings.subset_rows,
+        known=reference.known,
     )
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
     found = pool.run(Responding(evidence, reference, ground.away, spanned), screened)

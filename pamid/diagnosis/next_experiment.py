@@ -370,6 +370,7 @@ class _RivalModel:
             iterations=settings.experiment_steps,
             tolerance=settings.experiment_tolerance,
             weights=residual_weights(left, self.noise, problem.window),
+            exact=False,
         )
         if done.residuals:
             left = done.residuals
@@ -379,6 +380,7 @@ class _RivalModel:
                 starts=done.starts,
                 continuity=done.continuity,
                 stepping=self.stepping,
+                known=done.known,
                 weights=residual_weights(left, self.noise, problem.window),
                 iterations=settings.experiment_steps,
                 tolerance=settings.experiment_tolerance,

@@ -27,10 +27,9 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.engine.stepped import WORTH, SteppedProgram
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
-from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
@@ -142,7 +141,7 @@ class ScreeningBaseline:
             starts.append(x[first : last + 1])
         held = candidates > settings.held_background_from
         short = _short(problem, tuple(spans), held)
-        sheet = problem.assembly.values()
+        sheet, stepping = problem.assembly.values(), _screened_by(base)
         costs = [
             fit(
                 short,
@@ -150,7 +149,7 @@ class ScreeningBaseline:
                 starts=tuple(starts),
                 weights=base.weights,
                 continuity=base.continuity,
-                stepping=base.stepping,
+                stepping=stepping,
                 iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
             ).cost
@@ -158,6 +157,10 @@ class ScreeningBaseline:
         ]
         p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
+
+    @cached_property
+    def stepping(self) -> Stepping:
+        return _screened_by(self.baseline.fit)
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
@@ -169,15 +172,15 @@ class ScreeningBaseline:
                 problem=_short(base.problem, self.spans, self.held),
                 p=self.p,
                 starts=self.starts,
-            )
+            ),
+            self.stepping,
         )
 
     @property
     def affordable(self) -> int:
         """Candidates that may be refitted without a choice among them."""
         problem = self.baseline.fit.problem
-        stepped = isinstance(problem.assembly.program, SteppedProgram)
-        samples = sum(len(t) for t in problem.tracks) * (WORTH if stepped else 1)
+        samples = sum(len(t) for t in problem.tracks) * problem.assembly.program.worth
         return 0 if self.held else self.settings.refits_all // samples
 
     def model_beside(self, evidence: DataSplit, attachment: Attachment, sizes: Sizes) -> Assembly:
@@ -192,6 +195,12 @@ class ScreeningBaseline:
         return Problem(
             assembly, tracks, _free(assembly, free_parameters(assembly, tracks), self.held)
         )
+
+
+def _screened_by(base: Fit) -> Stepping:
+    """The stepping of the fit; where a step is dear no finer one than the recordings ask for."""
+    dear = base.problem.assembly.program.keeps_slopes
+    return careful_stepping(base.problem, base.p) if dear else base.stepping
 
 
 def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
@@ -244,7 +253,7 @@ def screen(
     for first, steps in starting_points(assembly, attachment, here, settings):
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        done = _probed(reference, problem, p, starts, steps, baseline.fit.stepping)
+        done = _probed(reference, problem, p, starts, steps, reference.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(done.cost):
             done = _probed(reference, problem, p, starts, steps, None)
@@ -253,7 +262,7 @@ def screen(
     if found is None:
         return unstable
     more = settings.screen_steps
-    done = _probed(reference, problem, found.p, found.starts, more, found.stepping)
+    done = _probed(reference, problem, found.p, found.starts, more, found.stepping, found.known)
     if reference.cost - done.cost < best.gain:
         done = found
     return replace(
@@ -272,7 +281,9 @@ def _probed(
     starts: tuple[Array, ...] | None,
     steps: int,
     stepping: Stepping | None,
+    known: tuple[KnownSlopes | None, ...] = (),
 ) -> Fit:
+    """A few steps from p; known: slopes along the way so far, else those of the baseline."""
     base = reference.baseline.fit
     return fit(
         problem,
@@ -280,7 +291,7 @@ def _probed(
         starts=starts,
         weights=base.weights,
         continuity=begun_from(base, problem.assembly).continuity,
-        known=reference.known,
+        known=known or reference.known,
         iterations=steps,
         probe=True,
         stepping=stepping,

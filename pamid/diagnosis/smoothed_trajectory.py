@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.block_tridiagonal import eliminate
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner, Window, cut
 
@@ -73,24 +74,28 @@ class SlicedTrack:
     opens: NDArray[np.bool_]  # slices that begin a window: the rig's states may jump there
     start: Array  # the trajectory that smoothing begins with
     settings: Settings = DEFAULT
+    known: tuple[KnownSlopes | None, ...] = (None, None)  # as `slopes_along`
 
     @cached_property
     def keeping(self) -> tuple[Runner, Runner]:
         """The runner by the states alone, and by the parameters, too; what steps by itself keeps
         slopes from one linearisation to the next."""
-        return replace(self.runner, free=()).keeping(), self.runner.keeping()
+        still, moving = self.known
+        return replace(self.runner, free=()).keeping(still), self.runner.keeping(moving)
 
-    def simulate(self, x: Array, p: Array, noise: Array) -> Simulation:
-        """Where the slices end, and their squared error; p: parameters (SI)."""
-        values = self.runner.parameters(p)
-        memory, end, cost = self.runner.memory(values), np.zeros_like(x), 0.0
+    def simulate(self, x: Array, p: Array, noise: Array, moving: bool) -> Simulation:
+        """Where the slices end, and their squared error; p: parameters (SI); moving: are they
+        improved, too?"""
+        runner = self.keeping[moving]
+        values = runner.parameters(p)
+        memory, end, cost = runner.memory(values), np.zeros_like(x), 0.0
         for i, window in enumerate(self.slices):
-            self.runner.enter(memory, x[i])
-            Y, _, fine = self.runner.run(memory, window, values, False)
+            runner.enter(memory, x[i])
+            Y, _, fine = runner.run(memory, window, values, False)
             if not fine:
                 return Simulation(end, np.inf)
             cost += float(
-                np.nansum(((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2)
+                np.nansum(((Y - runner.track.y[window.start : window.stop]) / noise) ** 2)
             )
             end[i] = memory.x[: end.shape[1]]
         return Simulation(end, cost)

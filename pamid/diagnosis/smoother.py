@@ -32,6 +32,7 @@ from pamid.diagnosis.smoothed_trajectory import (
     start_trajectory,
 )
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.estimation.problem import Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -166,13 +167,14 @@ class Smoother:
 
     @cached_property
     def tracks(self) -> tuple[SlicedTrack, ...]:
-        return tuple(self._sliced(r) for r in self.base.replays)
+        known = self.base.slopes_along_replays
+        return tuple(self._sliced(r, k) for r, k in zip(self.base.replays, known, strict=True))
 
-    def _sliced(self, r: Replay) -> SlicedTrack:
+    def _sliced(self, r: Replay, known: tuple[KnownSlopes | None, ...]) -> SlicedTrack:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
         slices, opens = slices_of(r, self.settings)
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
-        return SlicedTrack(runner, slices, opens, start, self.settings)
+        return SlicedTrack(runner, slices, opens, start, self.settings, known)
 
     @property
     def times_s(self) -> tuple[float, ...]:
@@ -305,7 +307,8 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     ) -> _SmoothingPoint:
         s, x = at.s + step.s, tuple(one + d for one, d in zip(at.x, step.x, strict=True))
         p, noise = self.of.parameters(s), self.of.evidence.noise
-        runs = [t.simulate(one, p, noise) for t, one in zip(self.of.tracks, x, strict=True)]
+        tracks = zip(self.of.tracks, x, strict=True)
+        runs = [t.simulate(one, p, noise, self.moving) for t, one in tracks]
         return _SmoothingPoint(s, x, self.cost(s, x, runs))
 
     def linearised(self, at: _SmoothingPoint) -> _SmoothingPoint:

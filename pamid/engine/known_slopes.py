@@ -20,13 +20,27 @@ off by a little, a fit would crawl along what nothing but the priors tells.
 
 This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about
 `STILL_HOLDS` (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5
-and 10.2; the chord method reuses one Jacobian, this reuses its parts). What is to be exact forgets
-them first.
+and 10.2; the chord method reuses one Jacobian, this reuses its parts).
+
+The step itself is foretold, and not made, where slopes have shown how well they do that. With z1
+where it was last made, b = |z1 - z0| and r the way to there from where it was made before, both as
+far as something acts differently there (|D - 1| |dz|, in levels), the part that slopes missed then
+grows with the square of the way from z0, as what they leave out does:
+
+    after1 + D (z - z1)    where    |z - z1| = d <= r
+                           and      missed (2b + d) d / ((2b' + r) r) <= FORETOLD
+
+b' being b as it was then. What has moved no farther than it was seen to, and was foretold to
+`FORETOLD` of a level there, is no impact. What is cheap is believed as far as it has been checked,
+as in the trust regions of Alexandrov, Dennis, Lewis and Torczon (1998), Structural Optimization 15,
+16-23, here exchange by exchange. What is to be exact forgets slopes first, and foretells nothing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +50,7 @@ Array = NDArray[np.float64]
 STILL_HOLDS = 0.1  # of what a step does: a change that leaves slopes as they were
 FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
 SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
+FORETOLD = 1e-3  # of a level: what a step may be off that is not made
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept
 
 
@@ -43,8 +58,11 @@ MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing i
 class KnownSlopes:
     """One row per exchange. made (rows,): are there any? x (rows, states), f (rows, forces), p
     (rows, own parameters): where; after (rows, told): readings and states behind the step; slopes
-    (rows, told, states + forces + chosen); chosen: places of the parameters; substeps: exchanges
-    per sample; counts (2,): how often slopes were worked out, and used again."""
+    (rows, told, states + forces + chosen); last (rows, states + forces + own parameters), led
+    (rows, told): where the step was made last, and what came of it; trust (rows, 3): b, r and
+    missed / ((2b' + r) r), infinite where nothing was checked; chosen: places of the parameters;
+    substeps: exchanges per sample; counts (3,): how often slopes were worked out, used again, and
+    a step was foretold; foretold: how far one may be off, in levels."""
 
     made: NDArray[np.bool_]
     x: Array
@@ -52,9 +70,13 @@ class KnownSlopes:
     p: Array
     after: Array
     slopes: Array
+    last: Array
+    led: Array
+    trust: Array
     chosen: NDArray[np.intp]
     substeps: int
     counts: NDArray[np.int64]
+    foretold: float = FORETOLD
 
     @classmethod
     def room(
@@ -92,36 +114,34 @@ class KnownSlopes:
             np.zeros((rows, own)),
             np.zeros((rows, told)),
             np.zeros((rows, told, nx + nf + len(chosen))),
+            np.zeros((rows, nx + nf + own)),
+            np.zeros((rows, told)),
+            np.zeros((rows, 3)),
             chosen,
             substeps,
-            np.zeros(2, np.int64),
+            np.zeros(3, np.int64),
         )
+
+    def _by_rows(self, what: Callable[[NDArray[Any]], NDArray[Any]]) -> dict[str, Any]:
+        names = ("made", "x", "f", "p", "after", "slopes", "last", "led", "trust")
+        return {name: what(getattr(self, name)) for name in names}
 
     def part(self, start: int, stop: int) -> KnownSlopes:
         """The rows of these samples, the same ones."""
         rows = slice(start * self.substeps, stop * self.substeps)
-        return replace(
-            self,
-            made=self.made[rows],
-            x=self.x[rows],
-            f=self.f[rows],
-            p=self.p[rows],
-            after=self.after[rows],
-            slopes=self.slopes[rows],
-        )
+        return replace(self, **self._by_rows(lambda a: a[rows]))
 
     def copy(self) -> KnownSlopes:
         """Rows of its own, with what is known so far."""
-        return replace(
-            self,
-            made=self.made.copy(),
-            x=self.x.copy(),
-            f=self.f.copy(),
-            p=self.p.copy(),
-            after=self.after.copy(),
-            slopes=self.slopes.copy(),
-            counts=np.zeros(2, np.int64),
-        )
+        return replace(self, **self._by_rows(np.copy), counts=np.zeros(3, np.int64))
+
+    def without_foretelling(self) -> KnownSlopes:
+        """The same rows, with which every step is made."""
+        return replace(self, foretold=0.0)
+
+    def forgotten(self) -> KnownSlopes:
+        """Rows of its own of which nothing is known, with which every step is made."""
+        return replace(self.copy(), made=np.zeros_like(self.made), foretold=0.0)
 
     def forget(self) -> None:
         self.made[:] = False
@@ -149,8 +169,13 @@ class KnownSlopes:
         return np.asarray(np.sqrt((done**2).mean(axis=0)))
 
     def keep(self, row: int, x: Array, f: Array, p: Array, after: Array, slopes: Array) -> None:
+        """Slopes as they were worked out for a step; how far the row is trusted else stays."""
         self.x[row], self.f[row], self.p[row] = x, f, p
-        self.after[row], self.slopes[row], self.made[row] = after, slopes, True
+        self.after[row], self.slopes[row] = after, slopes
+        self.last[row], self.led[row] = np.concatenate([x, f, p]), after
+        if not self.made[row]:
+            self.trust[row, 1:] = 0.0, np.inf
+        self.trust[row, 0], self.made[row] = 0.0, True
 
     def parts(self, row: int, p: Array) -> tuple[Array, Array, Array]:
         """Slopes of a row by states, forces, and parameters as they are now."""
@@ -163,25 +188,74 @@ class KnownSlopes:
     def hold(self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array) -> bool:
         """Do the slopes of a row hold for a step from x under f with p that led to `after`? See the
         module's docstring; level: of the run."""
+        if not self._in_reach(row, p):
+            return False
+        dx, dp = x - self.x[row], (p - self.p[row])[self.chosen]
+        dz = np.concatenate([dx, f - self.f[row], dp])
+        tiny, first = SLOPE_ROUNDING * (np.abs(after) + level), len(after) - len(x)
+        change = after - self.after[row]
+        off = np.abs(change - self.slopes[row] @ dz)
+        change[first:] -= dx
+        return bool(
+            (off <= STILL_HOLDS * self._differently(row, dz) + tiny).all()
+            and (np.abs(change) <= STILL_HOLDS * level + tiny).all()
+        )
+
+    @np.errstate(all="ignore")  # what is no number is not trusted
+    def foretells(self, row: int, x: Array, f: Array, p: Array, level: Array) -> Array | None:
+        """Where a step from x under f with p leads, without making it; None where that has not been
+        checked."""
+        if self.foretold == 0.0 or not self._in_reach(row, p):
+            return None
+        dz, (base, reach, bend) = self._moved(row, x, f, p), self.trust[row]
+        way = self._way(row, dz, level)
+        near = way == 0.0 or bend * (2.0 * base + way) * way <= self.foretold
+        if not (near and way <= reach):
+            return None
+        return np.asarray(self.led[row] + self.slopes[row] @ dz)
+
+    @np.errstate(all="ignore")
+    def check(self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array) -> None:
+        """A step was made: how well would its slopes have foretold it?"""
+        if self.foretold == 0.0 or not self._in_reach(row, p):
+            return
+        dz = self._moved(row, x, f, p)
+        way, base = self._way(row, dz, level), self.trust[row, 0]
+        if 0.0 < way < np.inf:
+            missed = _most(np.abs(after - self.led[row] - self.slopes[row] @ dz), level)
+            self.trust[row, 1:] = way, missed / ((2.0 * base + way) * way)
+        here = np.concatenate([x, f, p])
+        self.last[row], self.led[row] = here, after
+        own = np.concatenate([x - self.x[row], f - self.f[row], (p - self.p[row])[self.chosen]])
+        self.trust[row, 0] = self._way(row, own, level)
+
+    def _in_reach(self, row: int, p: Array) -> bool:
+        """Are there slopes by all that has moved in the parameters, and has none moved far?"""
         if not self.made[row]:
             return False
         dp = p - self.p[row]
-        moved = dp[self.chosen]
         if (np.abs(dp) > FAR * np.abs(self.p[row])).any():
             return False
         dp[self.chosen] = 0.0
-        if dp.any():
-            return False  # by a parameter whose slopes were not asked for
-        dx = x - self.x[row]
-        by, dz = self.slopes[row], np.concatenate([dx, f - self.f[row], moved])
-        tiny, first = SLOPE_ROUNDING * (np.abs(after) + level), len(after) - len(x)
-        change = after - self.after[row]
-        off = np.abs(change - by @ dz)
-        acted = by.copy()
-        acted[first:, : len(x)] -= np.eye(len(x))
-        differently = np.abs(acted) @ np.abs(dz)
-        change[first:] -= dx
-        return bool(
-            (off <= STILL_HOLDS * differently + tiny).all()
-            and (np.abs(change) <= STILL_HOLDS * level + tiny).all()
-        )
+        return not dp.any()
+
+    def _moved(self, row: int, x: Array, f: Array, p: Array) -> Array:
+        """From where the step was made last."""
+        at = len(x) + len(f)
+        dz = np.concatenate([x, f, p]) - self.last[row]
+        return np.concatenate([dz[:at], dz[at:][self.chosen]])
+
+    def _differently(self, row: int, dz: Array) -> Array:
+        """|D - 1| |dz|, by what is told."""
+        acted, nx = self.slopes[row].copy(), self.x.shape[1]
+        acted[len(acted) - nx :, :nx] -= np.eye(nx)
+        return np.asarray(np.abs(acted) @ np.abs(dz))
+
+    def _way(self, row: int, dz: Array, level: Array) -> float:
+        return _most(self._differently(row, dz), level)
+
+
+def _most(size: Array, level: Array) -> float:
+    """The largest in levels; of what has none, nothing alone is little."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.where(size == 0.0, 0.0, size / level).max(initial=0.0))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.llvm_ir import (
     LANES,
     declarations,
@@ -18,11 +19,12 @@ from pamid.engine.llvm_ir import (
     product_text,
     with_partials,
 )
+from pamid.engine.step_driver import StepDriver
 from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
-    from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays, Results
+    from pamid.engine.integrator import CompiledEquations, MemoryArrays
 
 Array = NDArray[np.float64]
 
@@ -88,7 +90,14 @@ class Stepping:
 @dataclass(frozen=True)
 class Program:
     """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
-    array."""
+    array.
+
+    worth: samples of equations that one costs in a fit; ordered: do finer steps change less and
+    less? keeps_slopes: are there any that are dear enough to be kept?"""
+
+    worth: ClassVar[int] = 1
+    ordered: ClassVar[bool] = True
+    keeps_slopes: ClassVar[bool] = False
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -151,6 +160,7 @@ class Program:
         step = stepping or Stepping()
         shape = (u.shape[0], len(self.outputs), memory.S.shape[1])
         asked = (1, 1, 0) if columns is None else shape
+        times = float(time_s), float(period_s), step.substeps, step.implicit
         if memory.S.shape[1] == 0:
             columns = None  # the vector loop needs at least one lane
         if columns is not None and not self.sensitive.issuperset(
@@ -170,15 +180,7 @@ class Program:
                 none if columns is None else columns,
                 columns is not None,
             ),
-            Times(
-                float(time_s),
-                float(period_s),
-                step.substeps,
-                step.implicit,
-                memory.begin,
-                memory.join,
-                -1,
-            ),
+            Times(*times, memory.begin, memory.join, -1),
             Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
         )
         memory.begin = memory.join = False
@@ -215,6 +217,15 @@ class Program:
             np.ones(len(self.outputs)),
         )
         return StepDriver(self._equations, held._replace(x=x, S=S), inputs, results)
+
+    def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
+        """For slopes of a track's steps, with which `knowing` makes a program; None where none are
+        kept, since they cost little."""
+        return None
+
+    def knowing(self, known: KnownSlopes | None) -> Program:
+        """The same, whose next run with sensitivities begins with these slopes."""
+        return self
 
     def least_substeps(self, period_s: float) -> int:
         """Steps per sample that the model asks for by itself."""
@@ -254,42 +265,6 @@ class Program:
         values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
         prepare(self._equations.address[-1], values, values[len(p) :])
         return values
-
-
-@dataclass(frozen=True, eq=False)
-class StepDriver:
-    """A run in single steps. What it works on stands in `arrays`: states may be set between two
-    steps, and their rows of S with them."""
-
-    equations: CompiledEquations = field(repr=False)
-    arrays: MemoryArrays
-    inputs: Inputs
-    results: Results
-
-    def step(
-        self, k: int, sub: int, times: tuple[float, float, Stepping], begin: bool, join: bool
-    ) -> tuple[Array, Array]:
-        """Step `sub` of sample k; the outputs at its start (outputs,) and their sensitivities
-        (outputs, columns). times: of the first sample, s; of a sample, s; how it is divided."""
-        from pamid.engine.integrator import Times, sweep
-
-        time_s, period_s, step = times
-        sweep(
-            self.equations,
-            self.arrays,
-            self.inputs._replace(u=self.inputs.u[k : k + 1]),
-            Times(
-                float(time_s + k * period_s),
-                float(period_s),
-                step.substeps,
-                step.implicit,
-                begin,
-                join,
-                sub,
-            ),
-            self.results,
-        )
-        return self.results.Y[0], self.results.JY[0]
 
 
 @lru_cache(maxsize=256)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pamid.engine.carried import Carrier
 from pamid.engine.jit_cache import addresses
 from pamid.engine.program import Memory, Program, Stepping, module_text
-from pamid.engine.stepped import Recipe, Simulator, SteppedProgram
+from pamid.engine.simulator import Simulator
+from pamid.engine.stepped import Recipe, SteppedProgram
 
 Array = NDArray[np.float64]
 

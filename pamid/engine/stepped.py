@@ -18,69 +18,27 @@ and Computer Modelling of Dynamical Systems 6(2), 93-113).
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
 from pamid.engine.known_slopes import FAR, SLOPE_ROUNDING, STILL_HOLDS, KnownSlopes
-from pamid.engine.program import Memory, Program, StepDriver, Stepping
+from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.simulator import DIFFERENCE, Simulator, Slopes, slopes_of
+from pamid.engine.step_driver import StepDriver
 
 if TYPE_CHECKING:  # numba is loaded when a model is run, not with the package
     from pamid.engine.stepped_kernel import KnownInC
 
 Array = NDArray[np.float64]
 
-DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 1e-9 of a slope
 MOST_EXCHANGES = 64  # per sample
 # samples of equations that one of a simulator costs in a fit whose slopes are known: 0.7 us against
 # 11 with MuJoCo and 100 with Python (`benchmarks/stepped.py`)
 WORTH = 16
-
-
-class Simulator(Protocol):
-    """What steps by itself. All values SI; n copies side by side, each with values of its own.
-
-    sizes (states, forces): typical magnitudes, of which differences take a share;
-    longest_s: longest step (s) that it may be asked for, infinite where nothing is known of it.
-    """
-
-    sizes: tuple[Array, Array]
-    longest_s: float
-
-    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        """States (n, states) and readings (n, readings) after a step of h seconds from x (n,
-        states) under f (n, forces), with parameters p (n, parameters)."""
-
-    def reads(self, x: Array, p: Array) -> Array:
-        """Readings (n, readings) at x (n, states), p (n, parameters)."""
-
-    def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
-        """The same steps of h seconds as a function of a library, with parameters p (n,
-        parameters); None where there is none, or where there are readings."""
-
-
-@dataclass(frozen=True, eq=False)
-class LibraryStep:
-    """What steps, in a library of C functions; addresses are int64.
-
-    step: function (model, data) that moves data on, `count` times an exchange; models (n,): with
-    parameters of their own; state_at, force_at: where the states and forces (float64) stand in
-    data; cleared_at: numbers of it that every exchange begins with at zero; kept: what must live as
-    long as these.
-    """
-
-    step: int
-    data: int
-    models: NDArray[np.int64]
-    count: int
-    state_at: NDArray[np.int64]
-    force_at: NDArray[np.int64]
-    cleared_at: NDArray[np.int64]
-    kept: tuple[Any, ...]
 
 
 class FarRunner(Protocol):
@@ -94,48 +52,6 @@ class FarRunner(Protocol):
 
 #: arguments of `build_program`
 Recipe: TypeAlias = tuple[Any, ...]
-
-
-class Slopes(NamedTuple):
-    """Readings and states (in this order) after a step, and their derivatives by the states before
-    it, the forces, and the chosen parameters."""
-
-    after: Array
-    by_state: Array
-    by_force: Array
-    by_parameter: Array
-
-
-def slopes_of(
-    simulator: Simulator,
-    x: Array,
-    f: Array,
-    p: Array,
-    h: float,
-    chosen: NDArray[np.intp],
-    pushed: NDArray[np.intp] | None = None,
-) -> Slopes:
-    """By forward differences over copies: one plain, then one for each value that is moved; or as
-    the simulator itself tells them, where it has `slopes` that do. chosen: places of parameters;
-    pushed: of forces, all without it."""
-    told = getattr(simulator, "slopes", None)
-    if told is not None and (own := told(x, f, p, h, chosen)) is not None:
-        known = Slopes(*own)
-        return known if pushed is None else known._replace(by_force=known.by_force[:, pushed])
-    nx, nf = len(x), len(f)
-    forces = np.arange(nf) if pushed is None else pushed
-    at = np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen])
-    plain = np.concatenate([x, f, p])
-    by = DIFFERENCE * np.maximum(np.abs(plain), np.concatenate([*simulator.sizes, p == 0.0]))[at]
-    copies = np.empty((1 + len(at), len(plain)))
-    copies[:] = plain
-    copies[np.arange(1, 1 + len(at)), at] += by
-    after, readings = simulator.steps(
-        copies[:, :nx], copies[:, nx : nx + nf], copies[:, nx + nf :], h
-    )
-    both = np.concatenate([readings, after], axis=1)
-    slopes = (both[1:] - both[0]).T / by
-    return Slopes(both[0], *np.split(slopes, [nx, nx + len(forces)], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +74,8 @@ class SteppedProgram:
     known: KnownSlopes | None = None  # of the exchanges of the next run with sensitivities
     states: tuple[str, ...] = field(init=False)
     outputs: tuple[str, ...] = field(init=False)
+    worth: ClassVar[int] = WORTH
+    ordered: ClassVar[bool] = False  # contacts come and go with the length of a step
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "states", self.around.states[self.readings :])
@@ -175,13 +93,21 @@ class SteppedProgram:
     def cells(self) -> tuple[str, ...]:
         return self.around.cells
 
+    @property
+    def keeps_slopes(self) -> bool:
+        """See `Program`; not where what is inside cannot be set, or runs elsewhere."""
+        return not isinstance(self.simulator, Carrier) and self.far is None
+
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
-        """For slopes of a track's exchanges, of which `replace(self, known=...)` makes use; None
-        where there is nothing to keep: what is inside cannot be set, or runs elsewhere."""
-        if isinstance(self.simulator, Carrier) or self.far is not None:
+        """See `Program`; None of what would be too much to keep, too."""
+        if not self.keeps_slopes:
             return None
         sizes = self.readings, self.simulated, self.forces, self.own
         return KnownSlopes.room(samples, substeps, sizes, np.flatnonzero(columns[: self.own] >= 0))
+
+    def knowing(self, known: KnownSlopes | None) -> SteppedProgram:
+        """See `Program`."""
+        return replace(self, known=known)
 
     def least_substeps(self, period_s: float) -> int:
         """Exchanges per sample that the simulator asks for."""
@@ -248,7 +174,7 @@ class SteppedProgram:
                     JY[k + 1 :] = np.nan
                 break
         course.keep(memory)
-        if bad >= 0 and self.known is not None:
+        if bad >= 0 and columns is not None and self.known is not None:
             self.known.forget()
         memory.x[:] = course.x[self.readings :]
         if columns is not None:
@@ -269,7 +195,7 @@ class SteppedProgram:
             return CarriedCourse(self.simulator, memory, x, S, p, columns, self.own)
         course = _Course(self, self.simulator, x, S, p, columns)
         known = self.known
-        if known is not None and columns is not None and known.is_by(course.chosen):
+        if known is not None and (columns is None or known.is_by(course.chosen)):
             course.known, course.level = known, known.level
         return course
 
@@ -382,10 +308,9 @@ class _Course:
     def step(self, row: int, f: Array, by: Array, h: float) -> None:
         """One exchange of h seconds, the row-th of the run, under f (forces), whose sensitivities
         are `by` (forces, columns)."""
-        q, x = self.program, self.x[self.part]
+        x = self.x[self.part]
         if self.columns is None:
-            after, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
-            self.x[: q.readings], self.x[self.part] = readings[0], after[0]
+            self.x[self.both], _ = self._after(row, x, f, h)
             return
         found = self._slopes(row, x, f, by, h)
         pushed = np.arange(len(f)) if self.known else np.flatnonzero(by.any(axis=1))
@@ -401,16 +326,30 @@ class _Course:
             pushed = np.flatnonzero(by.any(axis=1))
             return slopes_of(self.simulator, x, f, self.own, h, self.chosen, pushed)
         if known.made[row]:
-            states, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
-            after = np.concatenate([readings[0], states[0]])
+            after, foretold = self._after(row, x, f, h)
             if known.hold(row, x, f, self.own, after, self.level):
                 known.counts[1] += 1
                 return Slopes(after, *known.parts(row, self.own))
+            known.counts[2] -= foretold
         known.counts[0] += 1
         made = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
         slopes = np.concatenate([made.by_state, made.by_force, made.by_parameter], axis=1)
         known.keep(row, x, f, self.own, made.after, slopes)
         return made
+
+    def _after(self, row: int, x: Array, f: Array, h: float) -> tuple[Array, bool]:
+        """Readings and states behind a step, and whether it was foretold."""
+        known = self.known
+        if known is not None:
+            told = known.foretells(row, x, f, self.own, self.level)
+            if told is not None:
+                known.counts[2] += 1
+                return told, True
+        states, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
+        after = np.concatenate([readings[0], states[0]])
+        if known is not None:
+            known.check(row, x, f, self.own, after, self.level)
+        return after, False
 
     def in_c(
         self,
@@ -472,8 +411,9 @@ class _Course:
 
         q = self.program
         t = self.known or KnownSlopes.none(q.simulated, q.forces, q.own)
-        rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.chosen, t.counts
-        return KnownInC(*rows, self.own, self.level, STILL_HOLDS, FAR, SLOPE_ROUNDING)
+        rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.last, t.led, t.trust, t.chosen
+        limits = STILL_HOLDS, FAR, SLOPE_ROUNDING, t.foretold
+        return KnownInC(*rows, t.counts, self.own, self.level, *limits)
 
     def keep(self, memory: Memory) -> None:
         """All that a run carries on stands in the memory's arrays."""

@@ -53,7 +53,7 @@ class SteppedInC(NamedTuple):
 class KnownInC(NamedTuple):
     """Slopes that are kept, as of `pamid.engine.known_slopes.KnownSlopes`, without rows where none
     are. own: parameters now (own,); level: (states,), what a step does along the run; same, far,
-    rounded: by what they still hold."""
+    rounded: by what they still hold; foretold: how far a step may be off that is not made."""
 
     made: Any
     x: Any
@@ -61,6 +61,9 @@ class KnownInC(NamedTuple):
     p: Any
     after: Any
     slopes: Any
+    last: Any
+    led: Any
+    trust: Any
     chosen: Any
     counts: Any
     own: Any
@@ -68,6 +71,7 @@ class KnownInC(NamedTuple):
     same: float
     far: float
     rounded: float
+    foretold: float
 
 
 @njit(cache=True)
@@ -86,40 +90,143 @@ def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _known(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """Do the slopes of a row hold for a step from x under f to `plain`?"""
+def _in_reach(t, row):  # type: ignore[no-untyped-def]
+    """Are there slopes by all that has moved in the parameters, and has none moved far?"""
     if not t.made[row]:
         return False
-    nx, nf, wide = x.shape[0], f.shape[0], t.slopes.shape[2]
-    dz = np.empty(wide)
+    for i in range(t.own.shape[0]):
+        dp = abs(t.own[i] - t.p[row, i])
+        if dp > t.far * abs(t.p[row, i]):
+            return False
+        if dp != 0.0:
+            chosen = False
+            for k in range(t.chosen.shape[0]):
+                chosen = chosen or t.chosen[k] == i
+            if not chosen:
+                return False
+    return True
+
+
+@njit(cache=True)
+def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
+    """Fill dz (states + forces + chosen parameters): from there to x under f."""
+    nx, nf = x.shape[0], f.shape[0]
     for i in range(nx):
-        dz[i] = x[i] - t.x[row, i]
+        dz[i] = x[i] - x0[i]
     for i in range(nf):
-        dz[nx + i] = f[i] - t.f[row, i]
-    dp = t.own - t.p[row]
-    for i in range(dp.shape[0]):
-        if abs(dp[i]) > t.far * abs(t.p[row, i]):
-            return False
+        dz[nx + i] = f[i] - f0[i]
     for i in range(t.chosen.shape[0]):
-        dz[nx + nf + i] = dp[t.chosen[i]]
-        dp[t.chosen[i]] = 0.0
-    for i in range(dp.shape[0]):
-        if dp[i] != 0.0:
-            return False
+        dz[nx + nf + i] = t.own[t.chosen[i]] - p0[t.chosen[i]]
+
+
+@njit(cache=True)
+def _told(t, row, j, dz):  # type: ignore[no-untyped-def]
+    """By how much the slopes of a row move the j-th state, and how differently it then acts."""
+    told, differently = 0.0, 0.0
+    for i in range(dz.shape[0]):
+        slope = t.slopes[row, j, i]
+        told += slope * dz[i]
+        differently += abs((slope - 1.0 if i == j else slope) * dz[i])
+    return told, differently
+
+
+@njit(cache=True)
+def _more(most, size, level):  # type: ignore[no-untyped-def]
+    """The larger of these, the size in levels; of what has none, nothing alone is little."""
+    if size == 0.0:
+        return most
+    return max(most, size / level if level > 0.0 else np.inf)
+
+
+@njit(cache=True)
+def _way(t, row, dz):  # type: ignore[no-untyped-def]
+    """How differently it acts there at most, in levels."""
+    found = 0.0
+    for j in range(t.level.shape[0]):
+        found = _more(found, _told(t, row, j, dz)[1], t.level[j])
+    return found
+
+
+@njit(cache=True)
+def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
+    """Fill `after` with where a step from x under f leads; False where that has not been
+    checked."""
+    if t.foretold == 0.0 or not _in_reach(t, row):
+        return False
+    dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
+    here = t.last[row]
+    _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
+    way = _way(t, row, dz)
+    base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
+    # neither is so of what is no number
+    near = way == 0.0 or bend * (2.0 * base + way) * way <= t.foretold
+    if not (near and way <= reach):
+        return False
     for j in range(nx):
+        after[j] = t.led[row, j] + _told(t, row, j, dz)[0]
+    return True
+
+
+@njit(cache=True)
+def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+    """A step to `plain` was made: how well would its slopes have foretold it?"""
+    if t.foretold == 0.0 or not _in_reach(t, row):
+        return
+    dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
+    here = t.last[row]
+    _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
+    way, base = _way(t, row, dz), t.trust[row, 0]
+    if 0.0 < way < np.inf:
+        missed = 0.0
+        for j in range(nx):
+            off = abs(plain[j] - t.led[row, j] - _told(t, row, j, dz)[0])
+            missed = _more(missed, off, t.level[j])
+        t.trust[row, 1] = way
+        t.trust[row, 2] = missed / ((2.0 * base + way) * way)
+    here[:nx] = x
+    here[nx:at] = f
+    here[at:] = t.own
+    t.led[row] = plain
+    _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    t.trust[row, 0] = _way(t, row, dz)
+
+
+@njit(cache=True)
+def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+    """Do the slopes of a row hold for a step from x under f to `plain`?"""
+    if not _in_reach(t, row):
+        return False
+    dz = np.empty(t.slopes.shape[2])
+    _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    for j in range(x.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
         change = plain[j] - t.after[row, j]
-        told, differently = 0.0, 0.0
-        for i in range(wide):
-            slope = t.slopes[row, j, i]
-            told += slope * dz[i]
-            differently += abs((slope - 1.0 if i == j else slope) * dz[i])
+        told, differently = _told(t, row, j, dz)
         # neither is so of what is no number
         if not abs(change - told) <= t.same * differently + tiny:
             return False
         if not abs(change - dz[j]) <= t.same * t.level[j] + tiny:
             return False
     return True
+
+
+@njit(cache=True)
+def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+    """Slopes of a row were worked out for a step; how far it is trusted else stays."""
+    nx, at = x.shape[0], x.shape[0] + f.shape[0]
+    t.x[row] = x
+    t.f[row] = f
+    t.p[row] = t.own
+    t.after[row] = plain
+    t.last[row, :nx] = x
+    t.last[row, nx:at] = f
+    t.last[row, at:] = t.own
+    t.led[row] = plain
+    if not t.made[row]:
+        t.trust[row, 1] = 0.0
+        t.trust[row, 2] = np.inf
+    t.trust[row, 0] = 0.0
+    t.made[row] = True
 
 
 @njit(cache=True)
@@ -152,22 +259,24 @@ def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def
     """Move x (states,) and, where asked for, their rows of S (all in place) over an exchange under
     f (forces,), whose sensitivities are `by` (forces, columns)."""
     nx, nf, wide = x.shape[0], f.shape[0], S.shape[1]
-    plain = np.empty(nx)
-    _advance(c, c.models[0], x, f, plain)
+    plain, keep = np.empty(nx), t.made.shape[0] > 0
+    foretold = keep and _foretells(t, row, x, f, plain)
+    if not foretold:
+        _advance(c, c.models[0], x, f, plain)
+        if keep:
+            _check(t, row, x, f, plain)
     if sensitive:
-        keep = t.made.shape[0] > 0
         found = t.slopes[row] if keep else np.empty((nx, nx + nf + c.place.shape[0]))
-        if keep and _known(t, row, x, f, plain):
+        if keep and _hold(t, row, x, f, plain):
             t.counts[1] += 1
         else:
+            if foretold:
+                foretold = False
+                _advance(c, c.models[0], x, f, plain)
             _slopes(c, x, f, by, plain, keep, found)
             if keep:
                 t.counts[0] += 1
-                t.x[row] = x
-                t.f[row] = f
-                t.p[row] = t.own
-                t.after[row] = plain
-                t.made[row] = True
+                _keep(t, row, x, f, plain)
         rows = np.zeros((nx, wide))
         for i in range(nx + nf):
             for j in range(nx):
@@ -184,6 +293,8 @@ def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def
             for j in range(nx):
                 rows[j, c.place[k]] += share * found[j, nx + nf + k]
         S[:nx] = rows
+    if foretold:
+        t.counts[2] += 1
     x[:] = plain
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, Settled, silent
-from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.intervals import bootstrap, estimates
 from pamid.estimation.multiple_shooting import ITERATIONS
 from pamid.estimation.observed_sizes import observed_sizes
@@ -152,8 +151,8 @@ def settles(
     see `rechecked`)? Not where doubling them again changes as much: a simulator whose contacts come
     and go leads elsewhere at every length of its step, and a fit with finer ones would be no
     better."""
-    if not isinstance(assembly.program, SteppedProgram):
-        return True  # their own steps have an order
+    if assembly.program.ordered:
+        return True
     finer = replace(fitted, stepping=fitted.stepping.doubled())
     return not rechecked(assembly, finer, held, noise)[1] > SETTLING * change
 

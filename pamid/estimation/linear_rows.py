@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, Stepping
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
@@ -46,18 +47,21 @@ def linear_rows(
     most: int,
     *,
     derivatives: bool = True,
+    known: tuple[KnownSlopes | None, ...] = (),
 ) -> LinearRows:
     """At parameters p (SI) and these starts; of residuals about `most` rows at most, evenly thinned
     and weighed up for those left out: neighbours of a finely sampled residual say the same.
 
+    known: slopes along the tracks of a rig that is stepped, used where they hold;
     derivatives: without them those of the model are zero, and the runs cost a small part."""
     free, scale = list(problem.free), problem.scale
     k, columns = len(free), sum(x.size for x in starts)
     every = max(1, -(-sum(t.y.size for t in problem.tracks) // most))
     blocks, at = list[tuple[Array, Array]](), 0  # residuals, derivatives by everything
     channel = list[NDArray[np.intp]]()
-    for track, x, joint in zip(problem.tracks, starts, continuity, strict=True):
+    for i, (track, x, joint) in enumerate(zip(problem.tracks, starts, continuity, strict=True)):
         runner = Runner(problem.assembly, track, stepping, problem.free)
+        runner = runner.keeping(known[i]) if known else runner
         own, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
         memory, root = runner.memory(own), np.where(track.seen, weights.root, 0.0)
         for w, window in enumerate(windows):

@@ -202,15 +202,26 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
     def exactly(
         self, ended: Iteration[_ShootingPoint], iterations: int
     ) -> Iteration[_ShootingPoint]:
-        """Where slopes were used again, on from where that has ended, with slopes of that point."""
-        if not (ended.settled and any(known and known.counts[1] for known in self.known)):
+        """Where slopes were used again, on from where that has ended, with slopes of that point and
+        steps that are made, all of them; where it has used up its steps, that point as it is."""
+        if not any(known and known.counts[1] for known in self.known):
             return ended
-        for known in self.known:
-            if known:
-                known.forget()
-        point = self.at(ended.point.s, ended.point.starts)
+        if not ended.settled:
+            if not any(known and known.counts[2] for known in self.known):
+                return ended
+            made = self._keeping([k and k.without_foretelling() for k in self.known])
+            return replace(ended, point=made.at(ended.point.s, ended.point.starts))
+        exact = self._keeping([k and k.forgotten() for k in self.known])
+        point = exact.at(ended.point.s, ended.point.starts)
         again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
-        return iterate(self, again, max(iterations, ended.steps + LAST_STEPS))
+        if not point.normal.fine:  # what was foretold was wrong
+            return again
+        return iterate(exact, again, max(iterations, ended.steps + LAST_STEPS))
+
+    def _keeping(self, known: list[KnownSlopes | None]) -> MultipleShooting:
+        """The same with these slopes, per track."""
+        pairs = zip(self.runners, known, strict=True)
+        return replace(self, runners=tuple(replace(r, known=k) for r, k in pairs))
 
     def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
         """The fit to which a probe comes that goes on."""
@@ -317,8 +328,8 @@ def fit(
     The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
     probe: only the cost and the parameters matter; the last step is then not differentiated and has
     no covariance. known: slopes along the same tracks of a rig that is stepped, to begin with; on
-    the way they are used again where they hold. exact: it ends with those of its last point; else
-    it hands them on, to a fit that goes on from there.
+    the way they are used again where they hold. exact: it ends with those of its last point; else,
+    and as a probe, it hands them on, to a fit that goes on from there.
     """
     shooting, begun = begin(
         problem,
@@ -346,5 +357,5 @@ def fit(
         )
     ended = iterate(shooting, begun, iterations, progress)
     if probe or not exact:
-        return replace(shooting.fit(ended), known=() if probe else shooting.known)
+        return replace(shooting.fit(ended), known=shooting.known)
     return shooting.fit(shooting.exactly(ended, iterations))

@@ -44,7 +44,8 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import DIFFERENCE, FarRunner, LibraryStep, Slopes, slopes_of
+from pamid.engine.simulator import DIFFERENCE, LibraryStep, Slopes, slopes_of
+from pamid.engine.stepped import FarRunner
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -94,8 +95,8 @@ class StepRig(Rig):
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
     ) -> tuple[Array, Array]:
-        """See `pamid.engine.stepped.Simulator`; one copy after the other. into: names of what goes
-        in."""
+        """See `pamid.engine.simulator.Simulator`; one copy after the other. into: names of what
+        goes in."""
         states, own = self._named
         after, pushed, known = list[list[float]](), _Given(into), _Given(own)
         for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
@@ -107,7 +108,7 @@ class StepRig(Rig):
         return told, self.reads(told, p)
 
     def reads(self, x: Array, p: Array) -> Array:
-        """See `pamid.engine.stepped.Simulator`; one copy after the other."""
+        """See `pamid.engine.simulator.Simulator`; one copy after the other."""
         wanted = tuple(self.readings)
         if not wanted:
             return np.empty((len(x), 0))
@@ -128,7 +129,7 @@ class StepRig(Rig):
     def in_c(
         self, p: Array, h: float, into: tuple[str, ...]
     ) -> AbstractContextManager[LibraryStep | None]:
-        """See `pamid.engine.stepped.Simulator`; what is written in Python is none."""
+        """See `pamid.engine.simulator.Simulator`; what is written in Python is none."""
         return nullcontext()
 
     def _called(
@@ -301,7 +302,7 @@ class _Given:
 
 
 class RigSimulator:
-    """A stepped rig as the engine drives it (`pamid.engine.stepped.Simulator`)."""
+    """A stepped rig as the engine drives it (`pamid.engine.simulator.Simulator`)."""
 
     def __init__(self, rig: StepRig, into: tuple[str, ...]) -> None:
         self.rig, self.into = rig, into

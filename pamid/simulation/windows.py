@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, Stepping
-from pamid.engine.stepped import SteppedProgram
 from pamid.model.assembly import Assembly
 from pamid.simulation.tracks import Track
 
@@ -67,12 +66,10 @@ class Runner:
         """The same, keeping slopes from run to run, where there are any to keep; other: that were
         kept along this track before, from which these begin."""
         program = self.assembly.program
-        if not isinstance(program, SteppedProgram):
-            return self
         made = program.room(len(self.track), self.stepping.substeps, self.columns)
-        if made is not None and other is not None and other.fits(made):
-            made = other.copy()
-        return replace(self, known=made)
+        if made is None:
+            return self
+        return replace(self, known=other.copy() if other and other.fits(made) else made)
 
     def parameters(self, p: Array) -> Array:
         """p with what this recording knows put in."""
@@ -121,8 +118,8 @@ class Runner:
         """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all
         stay finite?"""
         t, behind, program = self.track, window.stop, self.assembly.program
-        if self.known is not None and sensitivities and isinstance(program, SteppedProgram):
-            program = replace(program, known=self.known.part(window.start, window.stop))
+        if self.known is not None:
+            program = program.knowing(self.known.part(window.start, window.stop))
         Y, J, bad = program.run(
             memory,
             t.u[window.start : window.stop],

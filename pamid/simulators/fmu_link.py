@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.stepped import DIFFERENCE, Slopes
+from pamid.engine.simulator import DIFFERENCE, Slopes
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ class FmuLink:
 
 @dataclass
 class SeenFmu:
-    """An FMU whose states are seen, a `pamid.engine.stepped.Simulator`. places: of the readings
+    """An FMU whose states are seen, a `pamid.engine.simulator.Simulator`. places: of the readings
     among the outputs; derives: it tells its directional derivatives."""
 
     link: FmuLink

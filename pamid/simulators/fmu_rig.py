@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
 from pamid.engine.carried import Carrier
-from pamid.engine.stepped import FarRunner, Slopes
+from pamid.engine.simulator import Slopes
+from pamid.engine.stepped import FarRunner
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port

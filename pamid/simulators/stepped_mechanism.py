@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.engine.stepped import LibraryStep
+from pamid.engine.simulator import LibraryStep
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
+from pamid.diagnosis.candidate_model import slopes_along
+from pamid.diagnosis.smoothed_trajectory import SlicedTrack, slices_of, start_trajectory
 from pamid.engine import known_slopes
-from pamid.engine.known_slopes import FAR, STILL_HOLDS, KnownSlopes
+from pamid.engine.known_slopes import FAR, FORETOLD, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.multiple_shooting import fit
@@ -23,6 +25,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.replay import replay_track
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
@@ -83,11 +86,11 @@ def test_slopes_that_are_known_are_those_that_were_worked_out(
     exchanges = SUBSTEPS * len(runner.track)
     y, by = _run(problem, runner, p)
     first = _run(problem, keeping, p)
-    assert keeping.known.counts.tolist() == [exchanges, 0]
+    assert keeping.known.counts.tolist() == [exchanges, 0, 0]
     copies.clear()
     again = _run(problem, keeping, p)
-    assert keeping.known.counts.tolist() == [exchanges, exchanges]
-    assert copies == [1] * exchanges  # plain steps alone
+    assert keeping.known.counts.tolist() == [exchanges, exchanges, exchanges]
+    assert not copies  # where each had been made already
     for found in (first, again):
         assert np.array_equal(found[0], y)
         assert np.abs(found[1] - by).max() <= 1e-9 * np.abs(by).max()
@@ -104,14 +107,68 @@ def test_near_by_they_hold_and_far_off_they_are_worked_out_anew(problem: Problem
         own = keeping.keeping(keeping.known)
         assert own.known is not None
         (y, by), (exact, exactly) = _run(problem, own, p), _run(problem, runner, p)
-        assert np.array_equal(y, exact)  # the run itself is always plain
+        assert np.array_equal(y, exact)  # nothing was checked yet, so all steps are made
         if share > FAR:
-            assert own.known.counts.tolist() == [exchanges, 0]
+            assert own.known.counts.tolist() == [exchanges, 0, 0]
             assert np.abs(by - exactly).max() <= 1e-9 * np.abs(exactly).max()
             continue
         assert own.known.counts[1] > 0.95 * exchanges
         size = np.sqrt((exactly**2).mean(axis=0))
         assert (np.sqrt(((by - exactly) ** 2).mean(axis=0)) <= STILL_HOLDS * size).all()
+
+
+def test_a_step_is_foretold_as_far_as_that_was_checked(problem: Problem) -> None:
+    runner = Runner(problem.assembly, problem.tracks[0], Stepping(SUBSTEPS), problem.free)
+    sheet, exchanges, free = problem.start(), SUBSTEPS * len(runner.track), list(problem.free)
+    keeping = runner.keeping()
+    assert keeping.known is not None
+
+    def at(share: float) -> tuple[int, float]:
+        """How many steps were foretold, and by how much outputs are off, in their spread."""
+        p, before = sheet.copy(), keeping.known.counts[2] if keeping.known else 0
+        p[free] *= 1.0 + share
+        y, exact = _run(problem, keeping, p)[0], _run(problem, runner, p)[0]
+        assert keeping.known is not None
+        off = float(np.abs((y - exact) / exact.std(axis=0)).max())
+        return int(keeping.known.counts[2] - before), off
+
+    assert at(0.0) == (0, 0.0)
+    told, off = at(0.02)  # slopes alone: this checks them
+    assert told < 0.1 * exchanges and off < 1e-9  # what is at rest stays so
+    told, off = at(0.015)
+    assert told > 0.5 * exchanges
+    assert 0.0 < off < 10.0 * FORETOLD
+    told, off = at(0.1)  # farther than was checked
+    assert told < 0.1 * exchanges
+    exact = replace(keeping, known=keeping.known.forgotten())
+    for share in (0.0, 0.01, 0.009):
+        _run(problem, exact, (1.0 + share) * sheet)
+    assert exact.known is not None and exact.known.counts[2] == 0
+
+
+def _table() -> KnownSlopes:
+    """Of one exchange of x' = x + 0.1 max(x - 1, 0), at rest up to a stop at 1."""
+    found = KnownSlopes.room(1, 1, (0, 1, 0, 0), np.zeros(0, np.intp))
+    assert found is not None
+    return found
+
+
+def test_what_lies_behind_a_stop_is_not_foretold() -> None:
+    none, level, known = np.zeros(0), np.ones(1), _table()
+
+    def step(x: float) -> Array:
+        return np.array([x + 0.1 * max(x - 1.0, 0.0)])
+
+    known.keep(0, np.array([1.5]), none, none, step(1.5), np.array([[1.1]]))
+    assert known.foretells(0, np.array([1.4]), none, none, level) is None  # nothing was checked
+    known.check(0, np.array([1.3]), none, none, step(1.3), level)
+    told = known.foretells(0, np.array([1.2]), none, none, level)
+    assert told is not None and told == pytest.approx(step(1.2))
+    assert known.foretells(0, np.array([0.8]), none, none, level) is None  # beyond what was
+    known.check(0, np.array([0.8]), none, none, step(0.8), level)
+    assert known.foretells(0, np.array([1.2]), none, none, level) is None  # it was wrong there
+    same = known.foretells(0, np.array([0.8]), none, none, level)
+    assert same is not None and np.array_equal(same, step(0.8))  # the very same step
 
 
 def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
@@ -131,6 +188,51 @@ def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
     assert (np.abs(apart) < 0.02 * error).all()
     assert np.allclose(one.covariance, other.covariance, rtol=1e-2, atol=1e-6)
     assert cost[0] < cost[1]
+
+
+@pytest.mark.parametrize("iterations", [2, 40])
+def test_what_a_fit_leaves_is_of_steps_that_were_made(problem: Problem, iterations: int) -> None:
+    """Whether it has settled or has used up its steps."""
+    done = fit(problem, stepping=Stepping(1), iterations=iterations)
+    assert done.converged is (iterations == 40)
+    p, step, (starts,) = done.p, done.stepping, done.starts
+    runner = Runner(problem.assembly, problem.tracks[0], step)
+    memory = runner.memory(p)
+    for window, x, left in zip(
+        problem.windows(runner.track), starts, _windows(problem, done), strict=True
+    ):
+        runner.enter(memory, x)
+        y = runner.run(memory, window, p, False)[0]
+        assert np.allclose(y - runner.track.y[window.start : window.stop], left, atol=1e-12)
+
+
+def _windows(problem: Problem, done: Fit) -> list[Array]:
+    """What is left in each window."""
+    (left,) = done.residuals
+    return [left[w.start : w.stop] for w in problem.windows(problem.tracks[0])]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_smoothing_begins_with_slopes_along_the_replay(
+    recording: Recording, moving: bool, copies: list[int]
+) -> None:
+    evidence = split_recordings(SteppedTwin(), [recording], [])
+    a = Assembly(evidence.rig, outputs=evidence.channels).for_fitting()
+    (track,) = evidence.tracks(a, held_out=True)
+    free, p, step = free_parameters(a, (track,)), a.values(), Stepping(1)
+    replay = replay_track(a, p, track, step, evidence.noise)
+    runner = Runner(a, replay.track, step, free, all_states=True)
+    slices, opens = slices_of(replay)
+    start = start_trajectory(runner, p, replay, slices, opens)
+    found, cost = [], []
+    for known in (slopes_along(Runner(a, replay.track, step, free), p, replay), (None, None)):
+        sliced = SlicedTrack(runner, slices, opens, start, known=known)
+        copies.clear()
+        found.append(sliced.linearise(start, p, np.ones(len(free)), evidence.noise, moving))
+        cost.append(sum(copies))
+    for one, other in zip(*found, strict=True):
+        assert np.allclose(one, other, rtol=1e-6, atol=1e-9)
+    assert cost[0] == 0 < cost[1]  # along the replay itself every step had been made
 
 
 def test_equations_keep_none(recording: Recording) -> None:

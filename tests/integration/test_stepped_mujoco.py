@@ -169,7 +169,7 @@ def test_slopes_are_kept_in_its_library_as_in_python(
             runs.append(found)
             counts.append(known.counts.tolist())
     exchanges = 2 * SAMPLES
-    assert counts[:2] == counts[3:5] == [[exchanges, 0], [exchanges, exchanges]]
+    assert counts[:2] == counts[3:5] == [[exchanges, 0, 0], [exchanges, exchanges, exchanges]]
     anew = [counts[i][0] - exchanges for i in (2, 5)]
     assert 0 < anew[0] < exchanges / 2
     assert abs(anew[1] - anew[0]) <= 0.01 * exchanges  # one at the edge of a rule may fall beyond

@@ -29,6 +29,7 @@ from pamid.diagnosis.smoothed_trajectory import SlicedTrack, slices_of
 from pamid.diagnosis.smoother import Smoother, SmoothingProblem
 from pamid.diagnosis.starting_hints import spectrum_peaks
 from pamid.diagnosis.unknown import _Describing, missing_csv, parity, regressors
+from pamid.engine.program import Program
 from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import digest
 
@@ -219,7 +220,7 @@ def test_the_margin_over_a_guess() -> None:
 
 def test_how_many_are_refitted() -> None:
     def refitted(settings: Settings, beside: bool = False) -> int:
-        equations = SimpleNamespace(program=None)
+        equations = SimpleNamespace(program=Program)
         problem = SimpleNamespace(tracks=[range(10_000)], assembly=equations)
         base: Any = SimpleNamespace(
             attached=("one",) if beside else (), fit=SimpleNamespace(problem=problem)

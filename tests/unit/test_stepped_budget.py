@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pendulums import SteppedTwin, WrittenPendulum
 
+from pamid.diagnosis import screening
 from pamid.diagnosis.screening import ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
@@ -59,3 +60,15 @@ def test_what_is_stepped_is_refitted_as_often_as_it_costs() -> None:
         base = ScreeningBaseline(baseline, (), (), NONE, 0.0, False, DEFAULT)
         counts.append(base.affordable)
     assert counts == [2 * WORTH, 2]
+
+
+def test_what_is_stepped_is_screened_by_no_finer_steps_than_it_asks_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of a leader that was refined cost more, and only choose what is refitted."""
+    monkeypatch.setattr(screening, "careful_stepping", lambda *_: Stepping(1))
+    found = []
+    for rig in (WrittenPendulum(), SteppedTwin()):
+        leader: Any = SimpleNamespace(fit=_fitted(Assembly(rig)))
+        found.append(ScreeningBaseline(leader, (), (), NONE, 0.0, False, DEFAULT).stepping)
+    assert found == [Stepping(2), Stepping(1)]
