@@ -102,11 +102,13 @@ class Remainder(Model):
     port: Text = Field("", description="group of ports at which it enters; empty where not real")
     formula: Text = Field("", description="what is missing there, in the signals at the port")
     family: Text = Field("", description="whose free form would take it up; empty where none does")
-    missing_rms: Written[Number] = Field(
-        None, description="root mean square of what is missing there; null where it is not known"
+    missing_rms: Sometimes[Number] = Field(
+        default=None, description="root mean square of what is missing there, where that is known"
     )
-    passing_rms: Written[Number] = Field(None, description="... of what the model lets pass there")
-    unit: Text = Field("", description="of both")
+    passing_rms: Sometimes[Number] = Field(
+        default=None, description="... of what the model lets pass there"
+    )
+    unit: Sometimes[Text] = Field(default=None, description="of both")
 
 
 class HeldOut(Model):
