@@ -441,7 +441,14 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
         return [CheckOutcome("equations", False, str(error))]
 
 
+def follows_mean(rig: Rig, attachment: Attachment) -> bool:
+    """Are its derivatives those of a mean course, which differences do not show?"""
+    return rig.ports[attachment.ports[0]].kind in attachment.effect.mean_slope_at
+
+
 def _slope_finding(rig: Rig, attachment: Attachment | None) -> CheckOutcome:
+    if attachment is not None and follows_mean(rig, attachment):
+        return CheckOutcome("sensitivities", True, "those of its mean course (mean_slope_at)")
     worst, stepped = sensitivity_error(rig, attachment), isinstance(rig, StepRig)
     stepped = stepped and worst > SAME_SLOPE
     return CheckOutcome(

@@ -309,14 +309,27 @@ def _remainder(
 
 
 def _parameters(c: CandidateModel, label: str) -> dict[str, result.CauseParameter]:
-    """Fitted parameters of one of a model's effects, by name with unit."""
-    return {
+    """Parameters of one of a model's effects, by name with unit: what was fitted, and amounts that
+    were read off the recordings."""
+    fitted = {
         e.bound.name: result.CauseParameter(
             value=e.value, low=e.low, high=e.high, unit=e.bound.unit, word=e.word
         )
         for e in estimates(c.fit)
         if e.bound.owner == label
     }
+    read_off = {
+        b.name: result.CauseParameter(
+            value=float(p / b.factor),
+            low=float(p / b.factor),
+            high=float(p / b.factor),
+            unit=b.unit,
+            word="read off",
+        )
+        for b, p in zip(c.assembly.parameters, c.fit.p, strict=True)
+        if b.owner == label and b.null is not None and not b.fitted
+    }
+    return fitted | read_off
 
 
 def _ranking(d: Diagnosis, seed: int) -> tuple[result.Candidate, ...]:

@@ -13,6 +13,8 @@ Looks like it
     friction, if the plateaus are where the motion reverses.
 Equation
     value := quantum * round(value / quantum)
+    At a reading the quantum is taken from the plateaus on which the recorded values rest; at a
+    command it is fitted.
 References
     Widrow, Kollar (2008), Quantization Noise: Roundoff Error in Digital Computation, Signal
     Processing, Control, and Communications, Cambridge University Press.
@@ -20,11 +22,13 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
 from typing import Any
 
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip, floor, maximum
+from pamid.symbolic.vocabulary import Expr, Number, clip, floor, held, maximum
 
 RAMP = 0.1  # of a step: within it the output climbs from one level to the next
 
@@ -48,6 +52,14 @@ class Quantisation(Effect):
         ),
     )
     look_alikes = ("dead-zone",)
+    mean_slope_at = ("reading",)
+
+    @classmethod
+    def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:
+        """Of a reading the quantum is read off, not fitted: where the levels lie tells it to a
+        fraction of their number, and how far readings are from a model says nothing of it."""
+        found, fitted = super().parameters_at(kind, offered), kind not in cls.mean_slope_at
+        return tuple(replace(p, fitted=fitted) for p in found)
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """A rounded reading tells its step by the plateaus on which it rests."""
@@ -57,4 +69,7 @@ class Quantisation(Effect):
         steps = value / maximum(p.quantum, 1e-12)
         whole = floor(steps)
         part = clip((steps - whole - 0.5) * (1.0 / RAMP) + 0.5, 0.0, 1.0)
-        return value + p.quantum * (whole + part - steps)
+        error = p.quantum * (whole + part - steps)
+        # a rounded reading follows its value on the average: with the staircase's own slope,
+        # nothing on the plateaus and much on the risers, no fit finds the states behind it
+        return value + (held(error) if at.kind in self.mean_slope_at else error)

@@ -94,6 +94,9 @@ class Effect:
     general_kinds: ClassVar[tuple[str, ...]] = ()
     signals: ClassVar[tuple[str, ...]] = ()  # signals it cannot do without
     unit: ClassVar[str] = ""  # only at ports of this SI unit
+    # kinds of ports at which its derivatives are those of its mean course, for fits to follow:
+    # those of a staircase say nothing of where it leads
+    mean_slope_at: ClassVar[tuple[str, ...]] = ()
     everywhere: ClassVar[bool] = False  # one copy acts on all matching ports together
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     # signals that make a port its home: without them the port is one of general_kinds

@@ -18,7 +18,7 @@ SHRINKAGE = "1 - error with the cause / error of the refitted model, on held-out
 WHY_ENDED = "why the optimiser stopped, in words"
 CONVERGED = "whether the optimiser came to its end"
 EFFECTS = "labels, effect@port where the place is not unique"
-WORD = "how well the data know it: settled, weak, or silent (all from the prior)"
+WORD = "how well the data know it: settled, weak, silent (all from the prior), or read off them"
 STRAIN = "distance from the prior in its standard deviations"
 AT_BOUND = "low or high: the bound that it lies at; null between them"
 
