@@ -22,6 +22,7 @@ from pamid.diagnosis.candidate_model import (
     set_within_bounds,
     transferred,
 )
+from pamid.diagnosis.parameter_scan import Scanned, scanned_values
 from pamid.diagnosis.ranges import as_wide
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
@@ -250,7 +251,9 @@ def screen(
     best, found = unstable, None
     here = hints.at(attachment.ports[0])
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
-    for first, steps in starting_points(assembly, attachment, here, settings):
+    points = starting_points(assembly, attachment, here, settings)
+    points += _scanned(reference, evidence, problem, starts, attachment)
+    for first, steps in points:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
         done = _probed(reference, problem, p, starts, steps, reference.stepping)
@@ -272,6 +275,36 @@ def screen(
         starts=done.starts,
         stepping=done.stepping,
     )
+
+
+def _scanned(
+    reference: ScreeningBaseline,
+    evidence: DataSplit,
+    problem: Problem,
+    starts: tuple[Array, ...] | None,
+    attachment: Attachment,
+) -> list[tuple[dict[str, float], int]]:
+    """Starting points at the best values of parameters that are scanned, and the steps they are
+    given."""
+    assembly, settings, base = problem.assembly, reference.settings, reference.baseline.fit
+    wanted = [
+        (i, b.key)
+        for i, b in enumerate(assembly.parameters)
+        if b.owner == attachment.label and b.scan[1] and b.fitted
+    ]
+    if not wanted or starts is None:
+        return []
+    tracks = evidence.tracks(assembly)
+    p = transferred(assembly, (reference.baseline.assembly, reference.p))
+    part = Scanned(problem, p, starts, base.weights, reference.stepping)
+    all_of_it = Problem(assembly, tracks, problem.free)
+    fitted = transferred(assembly, (reference.baseline.assembly, base.p))
+    whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)
+    return [
+        ({key: value}, settings.probe_steps + settings.screen_steps)
+        for i, key in wanted
+        for value in scanned_values(part, whole, i, settings)
+    ]
 
 
 def _probed(

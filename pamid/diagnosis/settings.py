@@ -118,6 +118,8 @@ class Settings:
     )
     probe_steps: int = setting(2, "Gauss-Newton steps", "from each starting point", COST)
     screen_steps: int = setting(4, "Gauss-Newton steps", "from the best of them", COST)
+    scanned_checked: int = setting(24, "values", "best on a part, tried on all fitted data", COST)
+    scanned_starts: int = setting(2, "values", "of a scanned parameter, the best ones", COST)
     sheet_advantage: float = setting(
         1.05,
         "cost ratio",
@@ -154,9 +156,7 @@ class Settings:
         4096, "count", "parts of the range travelled, for the spectrum over the position", COST
     )
     spatial_least: float = setting(
-        2.0,
-        "periods",
-        "within the range travelled, for a line over the position to be told from a trend",
+        2.0, "periods", "within the range travelled, for a line over it to be told from a trend"
     )
 
     # ---- refit and ranking (contender, search)

@@ -40,6 +40,7 @@ class Bound:
         False  # value and bounds are multiples of a typical magnitude: guesses, no physics
     )
     softens: bool = False  # as in `Parameter`
+    scan: tuple[float, int] = (0.0, 0)  # as in `Parameter`
 
     @property
     def full_name(self) -> str:
@@ -114,6 +115,7 @@ def bind(
         parameter.source,
         bool(parameter.size) and not parameter.hard,
         parameter.softens,
+        parameter.scan,
     )
 
 

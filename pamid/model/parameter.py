@@ -34,6 +34,8 @@ class Parameter:
                size and its unit is the signal's; "timescale", "1/timescale", "period": of the
                correlation time of the recordings, of its inverse, of the rig's sampling period
     tries      further starting values for the fit, where one basin is not enough
+    scan       effects only: (step, count): the values high / (1 + step k), k below the count, are
+               tried by one run each, where the misfit has many narrow minima; there a fit begins
     hard       effects only: the bounds are physics, or tell the effect from another; where a fit
                ends at one it is not widened
     softens    effects only, with log=True: the equation grows softer as the value falls (a spring's
@@ -52,6 +54,7 @@ class Parameter:
     null: float | None = None
     size: str = ""
     tries: tuple[float, ...] = ()
+    scan: tuple[float, int] = (0.0, 0)
     fitted: bool = True
     hard: bool = False
     softens: bool = False
