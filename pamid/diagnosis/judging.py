@@ -34,13 +34,15 @@ from pamid.simulation.data_split import DataSplit
 @dataclass(frozen=True, eq=False)
 class Member:
     """An effect of a model: what speaks for it beside the others, how probable it is, what it
-    removes of the gap, and the families that would do as well in its place."""
+    removes of the gap, the families that would do as well in its place, and the groups of ports at
+    which its own would."""
 
     effect: Attachment
     signature: Signature
     probability: float
     removes: Share
     instead: tuple[str, ...] = ()
+    or_at: tuple[str, ...] = ()
 
 
 Tied = tuple[CandidateModel, Member]
@@ -182,7 +184,7 @@ def _weighed_up(
     )
     alike = indistinguishable_from_first(search, c.ranking, c.classes)
     halves = crossed(search, c.ranking, best, alike, c.classes)
-    members = _members(search, c, best, halves)
+    members = tuple(_placed(search, c, m, best, alike) for m in _members(search, c, best, halves))
     tied = [
         one
         for one in c.ranking
@@ -190,7 +192,9 @@ def _weighed_up(
     ]
     rivals = _of_families(c.ranking, best)
     alone = {
-        one: _member(search, one.attached[0], one, base, own, halves)
+        one: _placed(
+            search, c, _member(search, one.attached[0], one, base, own, halves), one, alike
+        )
         for one, own in zip(c.ranking, c.signatures, strict=True)
         if one in tied or one in rivals
     }
@@ -310,6 +314,30 @@ def _member(
     removes = gap_share(search.budget, without.absolutes, left, search.seed)
     most = 1.0 if halves is None or halves.steady else search.settings.unbacked_probability
     return Member(a, own, min(cause_probability(own), most), removes)
+
+
+def _placed(
+    search: Search,
+    c: _Compared,
+    m: Member,
+    model: CandidateModel,
+    alike: tuple[CandidateModel, ...],
+) -> Member:
+    """The effect of a model, with the other ports at which one of its family does as well: of those
+    that cannot be told from the first of the ranking, where it is one of them."""
+    if len(model.attached) > 1 or model not in alike:
+        return m
+    chances = dict(zip(c.ranking, map(cause_probability, c.signatures), strict=True))
+    least = search.settings.ambiguous_share * chances[model]
+    others = (
+        one.group
+        for one in alike
+        if one.family == model.family
+        and not set(one.attached[0].ports) & set(m.effect.ports)
+        and chances[one] >= least
+        and not at_bounds(one, search.settings)
+    )
+    return replace(m, or_at=tuple(g for g in dict.fromkeys(others) if g != model.group))
 
 
 def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> Weighed:

@@ -357,7 +357,8 @@ def indistinguishable_from_first(
     search: Search, ranking: tuple[CandidateModel, ...], classes: list[list[str]]
 ) -> tuple[CandidateModel, ...]:
     """The first and every model that is not significantly worse on the held-out windows: by one
-    standard error, or by three where its predictions are like those of the first (`classes`)."""
+    standard error; where its predictions are like those of the first (`classes`), by three and by
+    more than a refit is settled to."""
     if not ranking:
         return ()
     losses, s = search.losses(list(ranking)), search.settings
@@ -366,8 +367,11 @@ def indistinguishable_from_first(
     out = [ranking[0]]
     for i, c in enumerate(ranking[1:], start=1):
         worse = losses[i] - losses[0]
-        errors = s.simpler_errors if c.attached[-1].label in same else s.tie_errors
-        unsure = worse.mean() < errors * worse.std()
+        least = s.tie_errors * worse.std()
+        if c.attached[-1].label in same:
+            settled = s.refit_tolerance * c.squares.shape[1]
+            least = max(s.simpler_errors * worse.std(), settled)
+        unsure = worse.mean() < least
         if unsure and search.excess(c) - first < s.tie_share * gap:
             out.append(c)
     return tuple(out)

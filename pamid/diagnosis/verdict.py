@@ -261,6 +261,7 @@ def _cause(c: CandidateModel, m: Member, share: float) -> result.Cause:
         effect=m.effect.label,
         family=m.effect.family(rig),
         port=m.effect.group(rig),
+        or_at=m.or_at,
         parameters=_parameters(c, m.effect.label),
         probability=m.probability,
         removes=_share(m.removes),

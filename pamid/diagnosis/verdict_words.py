@@ -73,7 +73,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if found.verdict == "cannot-tell":
         return _unsure(found, spelling)
     last = "or" if found.verdict == "ambiguous" else "and"
-    names = _joined((_with_chance(c, spelling) for c in found.causes), last)
+    names = _joined((_with_places(c, spelling) for c in found.causes), last)
     verb = "explain" if last == "and" and len(found.causes) > 1 else "explains"
     if rest is None or rest.share is None:
         return f"{names} {verb} the gap."
@@ -210,6 +210,13 @@ def _with_chance(c: Cause | BestMember, spelling: Spelling) -> str:
     place = f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
     chance = f" (P {chance_figure(c.probability)})" if c.probability is not None else ""
     return f"{spelling.effect(c.effect)}{place}{chance}"
+
+
+def _with_places(c: Cause, spelling: Spelling) -> str:
+    """The same, and where else it may as well act."""
+    ports = _joined((spelling.port(port) for port in c.or_at), "or")
+    elsewhere = f", or the like at the {ports} port," if ports else ""
+    return f"{_with_chance(c, spelling)}{elsewhere}"
 
 
 def chance_figure(probability: float) -> str:

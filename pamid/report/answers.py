@@ -106,7 +106,10 @@ def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         ports = dict.fromkeys(formatting.port_label(one.port) for one in diagnosis.causes)
         every = [port for port in ports if port] or [formatting.port_label(where.port)]
-        return f"At the {formatting.join(every)} port{'s' if len(every) > 1 else ''}."
+        lead = f"At the {formatting.join(every)} port{'s' if len(every) > 1 else ''}"
+        elsewhere = sorted({port for one in diagnosis.causes for port in one.or_at})
+        told = formatting.join(map(formatting.port_label, elsewhere), "or")
+        return sentence(f"{lead}{f', or at {told}: these recordings cannot tell' if told else ''}")
     if not alike:
         return f"At the {formatting.port_label(where.port)} port."
     return sentence(

@@ -156,6 +156,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
                     effect=label,
                     family="",
                     port="",
+                    or_at=(),
                     parameters=own,
                     probability=None,
                     removes=None,

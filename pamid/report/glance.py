@@ -104,8 +104,10 @@ def _with_share(port: str, shares: dict[str, float]) -> str:
 def _alike(diagnosis: DiagnosisFile) -> list[str]:
     """What these sensors cannot tell from the named port, where no cause's form tells it."""
     where = diagnosis.where
-    if where is None or (diagnosis.causes and diagnosis.verdict != "ambiguous"):
+    if where is None:
         return []
+    if diagnosis.causes and diagnosis.verdict != "ambiguous":
+        return sorted({port for cause in diagnosis.causes for port in cause.or_at})
     return sorted(
         {port for group in where.indistinguishable if where.port in group for port in group}
         - {where.port}

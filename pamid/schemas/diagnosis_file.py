@@ -69,6 +69,9 @@ class Cause(Model):
     effect: Text = Field(description="label, effect@port where the place is not unique")
     family: Text = Field("", description="of effects that are mistaken for each other")
     port: Text = Field("", description="group of ports that it acts on")
+    or_at: ListOf[Text] = Field(
+        (), description="groups of ports at which an effect of its family does as well"
+    )
     parameters: MapOf[CauseParameter] = Field({}, description="by name with unit")
     probability: Number | None = Field(
         None, description="calibrated frequency with which such a cause is there, 0 to 1"
