@@ -1,13 +1,14 @@
 """Starting values of a parameter over which the misfit has many narrow minima, such as the step by
 which a command is rounded: no slope leads from one of them to the next.
 
-Every value of a grid is tried by one run, no fit. What the rig's parameters and the windows' starts
-could take up is projected out of the residual r(v),
+Every value v of a grid is tried by one run, no fit. What the rig's parameters, the windows' starts
+and the other amounts of the effect could take up is projected out of the residual r(v),
 
-    misfit(v) = |(I - Q Q') r(v)|^2,    J = Q R,
+    misfit(v) = |(I - Q Q') r(v)|^2,    J(v) = Q R,
 
 with J the derivatives by these where the effect is at its null: variable projection (Golub and
-Pereyra 1973, SIAM J. Numer. Anal. 10(2)) to first order.
+Pereyra 1973, SIAM J. Numer. Anal. 10(2)) to first order. A grid fine enough for the amplitudes of
+all windows is tried on a part of them; its best values, on all.
 """
 
 from __future__ import annotations

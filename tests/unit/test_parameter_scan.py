@@ -1,0 +1,109 @@
+"""Parameters over which the misfit has many narrow minima: values are tried, no slope helps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cart import RIG, cart_evidence
+
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
+from pamid.diagnosis.parameter_scan import Scanned, scan_grid, scanned_values
+from pamid.diagnosis.screening import ScreeningBaseline, screen
+from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.starting_hints import GapHints
+from pamid.estimation.grey_box import fit_model, model_with
+from pamid.estimation.problem import Problem, free_parameters
+from pamid.model.attachment import Attachment, attach
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+PERIOD_M, SERVO = 0.21, "servo-pendulum"
+NO_HINTS = GapHints((), {})
+
+
+@pytest.fixture(scope="module")
+def cogged(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+    """A cart with 0.6 N of cogging, a period in 0.21 m, and its baseline."""
+    folder, random = tmp_path_factory.mktemp("cogging"), np.random.default_rng(5)
+    push = np.repeat(random.choice([-1.0, 1.0], 40) * random.uniform(0.2, 1.2, 40), 40)
+    push -= push.mean()
+    time = 0.01 * np.arange(len(push))
+    write_recording(folder / "push.csv", time, {"force_n": push})
+    planted = (f"cogging:sine_force_n=0.6,cosine_force_n=0.0,period_m={PERIOD_M}",)
+    made = simulate_virtual_rig(
+        RIG, read_recording(folder / "push.csv"), planted, {}, {"mass_kg": 1.2}, 1.0, 1
+    )
+    read = made.columns["position_m"] + 1e-3 * random.standard_normal(len(time))
+    write_recording(folder / "rec.csv", time, made.columns | {"position_m": read}, made.meta)
+    evidence = cart_evidence(folder / "rec.csv")
+    model = fit_model(evidence)
+    return evidence, candidate_from(model.assembly, model.fit, model.held_out)
+
+
+def scanned(evidence: DataSplit, base: CandidateModel, effect: Attachment) -> tuple[Scanned, int]:
+    """Everything that was fitted, and the place of the effect's scanned parameter."""
+    assembly = model_with(evidence, (effect,), base.assembly.sizes)
+    tracks = evidence.tracks(assembly)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    p = transferred(assembly, (base.assembly, base.fit.p))
+    (place,) = (i for i, b in enumerate(assembly.parameters) if b.scan[1])
+    fit = base.fit
+    return Scanned(problem, p, fit.starts, fit.weights, fit.stepping), place
+
+
+def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateModel]) -> None:
+    evidence, base = cogged
+    effect = attach(evidence.rig, "cogging", effects())
+    whole, place = scanned(evidence, base, effect)
+    found = scanned_values(whole, whole, place, DEFAULT)
+    assert len(found) == DEFAULT.scanned_starts
+    grid = scan_grid(whole.problem.assembly.parameters[place])
+    nearest = grid[np.argmin(np.abs(1.0 / grid - 1.0 / PERIOD_M))]
+    assert found[0] == pytest.approx(nearest)
+    reference = ScreeningBaseline.of(base, 5)
+    told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    assert told.p is not None
+    assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
+
+
+def test_amounts_make_no_difference(cogged: tuple[DataSplit, CandidateModel]) -> None:
+    """They are projected out, whatever the fit before has made of them."""
+    evidence, base = cogged
+    whole, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
+    p = whole.p.copy()
+    for i, b in enumerate(whole.problem.assembly.parameters):
+        if b.owner == "cogging" and b.null is not None:
+            p[i] = 0.3 * b.high
+    other = whole._replace(p=p)
+    assert scanned_values(other, other, place, DEFAULT) == scanned_values(
+        whole, whole, place, DEFAULT
+    )
+
+
+def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
+    """And what is read, not sent, is not scanned: its plateaus tell its step."""
+    step_v, random = 0.4, np.random.default_rng(7)
+    sent = np.repeat(random.uniform(-5.0, 5.0, 60), 40)
+    time = 0.005 * np.arange(len(sent))
+    write_recording(tmp_path / "sent.csv", time, {"voltage_v": sent})
+    planted = (f"quantisation@driver:quantum_v={step_v}",)
+    made = simulate_virtual_rig(
+        SERVO, read_recording(tmp_path / "sent.csv"), planted, {}, {"rotor_kg_m2": 0.006}, 1.0, 1
+    )
+    write_recording(tmp_path / "rec.csv", time, made.columns, made.meta)
+    evidence = split_recordings(rig_named(SERVO), [read_recording(tmp_path / "rec.csv")], [])
+    model = fit_model(evidence)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    effect = attach(evidence.rig, "quantisation@driver", effects())
+    whole, place = scanned(evidence, base, effect)
+    assert scanned_values(whole, whole, place, DEFAULT)[0] == pytest.approx(step_v, rel=0.02)
+    told = screen(evidence, ScreeningBaseline.of(base, 5), effect, base.assembly.sizes, NO_HINTS)
+    assert told.p is not None
+    assert told.p[place] == pytest.approx(step_v, rel=0.01)
+    read = attach(evidence.rig, "quantisation@encoder", effects())
+    assembly = model_with(evidence, (read,), base.assembly.sizes)
+    assert not any(b.fitted for b in assembly.parameters if b.owner == read.label)
