@@ -29,7 +29,7 @@ from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
 TRIED_LINES = 3
 # periods tried: one more in every eighth of the largest position, up to fifty in it
-SCANNED = (0.125, 400)
+SCANNED_PERIODS = (0.125, 400)
 
 
 class Cogging(Effect):
@@ -71,7 +71,7 @@ class Cogging(Effect):
             log=True,
             size="position",
             hard=True,
-            scan=SCANNED,
+            scan=SCANNED_PERIODS,
             source="estimate: pole pitches, screw leads and teeth, a thousandth of the stroke and "
             "more; the lines of the gap's spectrum over the position are tried first",
         ),

@@ -31,7 +31,7 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, floor, held, maximum
 
 # quanta tried: a quarter of a step more in the largest value from one to the next, up to a hundred
-SCANNED = (0.05, 400)
+SCANNED_STEPS = (0.05, 400)
 RAMP = 0.1  # of a step: within it the output climbs from one level to the next
 
 
@@ -50,7 +50,7 @@ class Quantisation(Effect):
             size="value",
             null=0.0,
             tries=(0.05,),
-            scan=SCANNED,
+            scan=SCANNED_STEPS,
             source="estimate: 8 bits over the range are 0.8 % of its half",
         ),
     )
