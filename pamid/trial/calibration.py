@@ -42,7 +42,7 @@ RIDGE = {"missing": 4.0, "cause": 4.0, "further": 4.0}
 #: What a network takes beyond an effect is left out of `cause`: on virtual machines it helps (log
 #: loss 0.259 for 0.272), but a network learns more from a real machine's recordings, where it spoke
 #: against the right cause on three of three measured sets. What an effect takes of what the others
-#: leave counts, not of the whole gap, of which the weaker of two takes little (alone it is the same)
+#: leave counts, not of the whole gap, of which the weaker of two takes little (alone: the same)
 LOOKS_AT = {
     "missing": ("floors", "of_signal", "missing", "next_sure", "network"),
     "cause": ("of_left", "sure", "steady", "lead_sure", "wins", "evidence", "bounds"),
