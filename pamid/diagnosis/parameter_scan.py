@@ -24,20 +24,23 @@ from pamid.engine.program import Stepping
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
 from pamid.model.bound_parameter import Bound
-from pamid.simulation.windows import Runner
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
 
 
 class Scanned(NamedTuple):
     """Where the misfit is asked: windows with their starts (states per track), and the parameters
-    (SI) of the model without the effect."""
+    (SI) of the model without the effect; most: samples, of which whole windows are asked, two at
+    least of every track."""
 
     problem: Problem
     p: Array
     starts: tuple[Array, ...]
     weights: Weights
     stepping: Stepping
+    most: int | None = None
 
 
 def scanned_values(part: Scanned, whole: Scanned, place: int, settings: Settings) -> list[float]:
@@ -101,7 +104,7 @@ def _residuals(
         values = runner.parameters(p)
         memory = runner.memory(values)
         root = where.weights.root[track.seen]
-        for window, start in zip(problem.windows(track), x, strict=True):
+        for window, start in zip(_asked(where, track), x, strict=False):
             runner.enter(memory, start)
             y, slope, fine = runner.run(memory, window, values, slopes)
             measured = track.y[window.start : window.stop]
@@ -112,6 +115,15 @@ def _residuals(
                 width = len(problem.free) + runner.start_states
                 parts.append(by_sample.reshape(left.size, -1)[:, :width])
     return np.concatenate(rows), _joined(parts, len(problem.free)) if parts else np.empty((0, 0))
+
+
+def _asked(where: Scanned, track: Track) -> list[Window]:
+    """The first windows of a track that have no more samples than its share, two at least."""
+    windows = where.problem.windows(track)
+    if where.most is None:
+        return windows
+    share = where.most // len(where.problem.tracks)
+    return [w for k, w in enumerate(windows) if k < 2 or w.stop <= share]
 
 
 def _joined(parts: list[Array], shared: int) -> Array:

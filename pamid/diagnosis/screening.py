@@ -296,7 +296,8 @@ def _scanned(
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    part = Scanned(problem, p, starts, base.weights, reference.stepping)
+    few = settings.scanned_samples
+    part = Scanned(problem, p, starts, base.weights, reference.stepping, few)
     all_of_it = Problem(assembly, tracks, problem.free)
     fitted = transferred(assembly, (reference.baseline.assembly, base.p))
     whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)

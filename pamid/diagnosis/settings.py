@@ -118,6 +118,7 @@ class Settings:
     )
     probe_steps: int = setting(2, "Gauss-Newton steps", "from each starting point", COST)
     screen_steps: int = setting(4, "Gauss-Newton steps", "from the best of them", COST)
+    scanned_samples: int = setting(4000, "samples", "on which all values are tried", COST)
     scanned_checked: int = setting(24, "values", "best on a part, tried on all fitted data", COST)
     scanned_starts: int = setting(2, "values", "of a scanned parameter, the best ones", COST)
     sheet_advantage: float = setting(
@@ -184,9 +185,7 @@ class Settings:
         "another",
     )
     mirrored_share: float = setting(
-        0.2,
-        "share of the error",
-        "what an effect has to remove with the opposite sign for the sign of a port to be doubted",
+        0.2, "share of the error", "removed with the other sign, for a port's sign to be doubted"
     )
     mirrored_most: int = setting(3, "candidates", "fitted with the opposite sign", COST)
     few_windows: int = setting(

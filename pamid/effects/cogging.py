@@ -28,7 +28,7 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
 TRIED_LINES = 3
-# periods tried: one more in every eighth of the largest position, up to fifty in it
+# periods tried: an eighth of one more in the largest position each time, up to fifty in it
 SCANNED_PERIODS = (0.125, 400)
 
 

@@ -30,7 +30,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, floor, held, maximum
 
-# quanta tried: a quarter of a step more in the largest value from one to the next, up to a hundred
+# quanta tried: a quarter of a step more in the largest value each time, up to a hundred in it
 SCANNED_STEPS = (0.05, 400)
 RAMP = 0.1  # of a step: within it the output climbs from one level to the next
 
