@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
+from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT
 from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pamid.diagnosis.tournament import Diagnosis
 
 RECORD_MORE = "Record for longer, or with larger motion."
+MEASURE_MAP = "Measure what comes out there for what goes in, slowly, over the whole range."
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,12 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
     """A probable cause that the held-out windows do not confirm, or a gap that may be none."""
     m = max(found.members, key=lambda m: m.probability or 0.0, default=None)
     rest = found.remainder
+    if m is not None and m.removes is not None and m.bent is not None and _only_bent(m):
+        return (
+            f"{_with_chance(m, spelling)} would remove {percent_text(m.removes.share)} of the gap, "
+            f"but it bends what passes there by {percent_text(m.bent)} only: machines on which "
+            f"nothing is missing are as far from straight. {MEASURE_MAP}"
+        )
     if rest is not None and not rest.real and rest.probability is not None:
         text = (
             "These recordings leave open whether anything is missing "
@@ -204,6 +212,13 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
         f"confirm it: it removes {percent_text(m.removes.share)} of the gap (95 % interval "
         f"{percents_text(m.removes.low, m.removes.high)}). {RECORD_MORE}"
     )
+
+
+def _only_bent(m: BestMember) -> bool:
+    """Is it probable, and held back for being no more than an ordinary machine's characteristic?"""
+    probable = (m.probability or 0.0) >= calibration().lines["cause"].yes
+    backed = m.removes is not None and m.removes.low > 0.0
+    return probable and backed and m.bent is not None and m.bent <= DEFAULT.ordinary_bend
 
 
 def _with_chance(c: Cause | BestMember, spelling: Spelling) -> str:
