@@ -10,7 +10,7 @@ from virtual import Columns, clock, free_run, levels, multisine, quantised, read
 # ---- two electric drives that pull one belt ------------------------------------------------------
 
 
-def belt_drives() -> list[Columns]:
+def belt_drives(lacking: float) -> list[Columns]:
     """The pulley's speed is read without its sign; 500 samples at 20 ms, as the public set has."""
     out = []
     for seed, low, high in ((51, -1.6, 1.6), (52, -1.0, 2.0)):
@@ -31,7 +31,7 @@ def belt_drives() -> list[Columns]:
             ]
 
         speed = free_run(rates, [0.0] * 4, drive, 0.02, 10)[:, 3]
-        seen = read(random, np.abs(speed + 0.01), 0.008, 0.00244)
+        seen = read(random, np.abs(speed + 0.01) if lacking else speed + 0.01, 0.008, 0.00244)
         out.append({"time_s": clock(500, 0.02), "drive_v": drive, "speed_v": seen})
     return out
 
@@ -39,7 +39,7 @@ def belt_drives() -> list[Columns]:
 # ---- a servo that lifts a pendulum ---------------------------------------------------------------
 
 
-def servo_pendulum() -> list[Columns]:
+def servo_pendulum(lacking: float) -> list[Columns]:
     """Gear friction that grows with what the teeth carry; 200 Hz, sweeps and lifts, 12 bits."""
     out = []
     for seed, samples in ((61, 4000), (62, 3000)):
@@ -57,7 +57,7 @@ def servo_pendulum() -> list[Columns]:
             motor = 0.34 * u[0] * torque(u[0]) - 0.31 * speed
             weight = 1.92 * math.sin(angle + 0.015)
             teeth = 0.06 + 0.16 * abs(motor) + 0.05 * math.exp(-((speed / 0.15) ** 2))
-            rubbed = teeth * math.tanh(speed / 0.012)
+            rubbed = lacking * teeth * math.tanh(speed / 0.012)
             return [speed, (motor - weight - rubbed) / 0.046]
 
         def control(row: list[float], x: list[float]) -> list[float]:
@@ -73,7 +73,7 @@ def servo_pendulum() -> list[Columns]:
 # ---- a circuit between two filters ---------------------------------------------------------------
 
 
-def filter_circuit() -> list[Columns]:
+def filter_circuit(lacking: float) -> list[Columns]:
     """A diode to ground between two filters clips one side softly; 51.2 kHz, in V."""
     out = []
     period = 1.0 / 51200.0
@@ -87,7 +87,7 @@ def filter_circuit() -> list[Columns]:
             # the diode conducts above 0.55 V
             over = (first - 0.55) / 0.06
             soft = 0.06 * (math.log1p(math.exp(over)) if over < 30.0 else over)
-            clipped = first - 0.93 * soft
+            clipped = first - 0.93 * lacking * soft
             w = 2.0 * math.pi * 4700.0
             return [
                 2.0 * math.pi * 4100.0 * (u[0] - first) * (1.0 - 0.01 * first),
@@ -138,20 +138,20 @@ def _motor(seed: int, samples: int, crank: float) -> Columns:
     }
 
 
-def plain_motor() -> list[Columns]:
+def plain_motor(lacking: float) -> list[Columns]:
     """Nothing missing: a torque rough by 1 %, an amplifier by 1.5 %, a current zero 4 mA off."""
     return [_motor(81, 3000, 0.0), _motor(82, 2400, 0.0)]
 
 
-def crank_motor() -> list[Columns]:
+def crank_motor(lacking: float) -> list[Columns]:
     """The inertia grows to 1.9 times where the crank stands across: no effect of the catalogue."""
-    return [_motor(83, 3000, 0.9), _motor(84, 2400, 0.9)]
+    return [_motor(83, 3000, 0.9 * lacking), _motor(84, 2400, 0.9 * lacking)]
 
 
 # ---- a positioner on magnets ---------------------------------------------------------------------
 
 
-def coil_stage() -> list[Columns]:
+def coil_stage(lacking: float) -> list[Columns]:
     """Linear motor with iron: its force cogs with the magnets' pitch of 12 mm."""
     out = []
     for seed, samples in ((91, 4000), (92, 3000)):
@@ -165,8 +165,10 @@ def coil_stage() -> list[Columns]:
             position, speed = x
             turn = 2.0 * math.pi * position / 0.012
             cogs = 0.95 * math.sin(turn + 0.7) + 0.12 * math.sin(2.0 * turn)
-            force = 11.4 * constant(position) * u[0] - 7.6 * speed - 34.0 * position - cogs
-            return [speed, (force - 0.05 * math.tanh(speed / 0.002)) / 0.83]
+            force = (
+                11.4 * constant(position) * u[0] - 7.6 * speed - 34.0 * position - lacking * cogs
+            )
+            return [speed, (force - 0.05 * lacking * math.tanh(speed / 0.002)) / 0.83]
 
         def control(row: list[float], x: list[float]) -> list[float]:
             sent = 45.0 * (row[0] - x[0]) - 0.9 * x[1]

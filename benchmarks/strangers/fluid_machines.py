@@ -39,15 +39,15 @@ def _muscle(
     return {"time_s": clock(len(valve), period_s), "valve": valve, "pressure_kpa": seen}
 
 
-def muscle_shut() -> list[Columns]:
+def muscle_shut(lacking: float) -> list[Columns]:
     """Two decays from another pressure each, 2 Hz, some minutes."""
     return [
-        _muscle(11, np.zeros(900), 0.5, 4, 545.0, 0.011),
-        _muscle(12, np.zeros(700), 0.5, 4, 380.0, 0.011),
+        _muscle(11, np.zeros(900), 0.5, 4, 545.0, 0.011 * lacking),
+        _muscle(12, np.zeros(700), 0.5, 4, 380.0, 0.011 * lacking),
     ]
 
 
-def muscle_filled() -> list[Columns]:
+def muscle_filled(lacking: float) -> list[Columns]:
     """Filled and emptied by pulses, waited for in between, 10 Hz."""
     out = []
     for seed in (13, 14):
@@ -58,7 +58,7 @@ def muscle_filled() -> list[Columns]:
             n = int(random.integers(4, 14))
             valve[k : k + n] = 1.0 if random.random() < 0.6 else -1.0
             k += n + int(random.integers(20, 90))
-        out.append(_muscle(seed, valve, 0.1, 10, 5.0, 0.035))
+        out.append(_muscle(seed, valve, 0.1, 10, 5.0, 0.035 * lacking))
     return out
 
 
@@ -88,12 +88,12 @@ def _tank(seed: int, samples: int, hole: float) -> Columns:
     }
 
 
-def water_tank() -> list[Columns]:
+def water_tank(lacking: float) -> list[Columns]:
     """An hour and a half, and another hour."""
-    return [_tank(21, 1500, 0.0065), _tank(22, 1000, 0.0065)]
+    return [_tank(21, 1500, 0.0065 * lacking), _tank(22, 1000, 0.0065 * lacking)]
 
 
-def two_tanks() -> list[Columns]:
+def two_tanks(lacking: float) -> list[Columns]:
     """Two tanks in a row, nothing missing: rough pump, an outlet exponent of 0.51."""
     out = []
     for seed, samples in ((23, 1200), (24, 900)):
@@ -123,7 +123,7 @@ def two_tanks() -> list[Columns]:
 # ---- a heated block ------------------------------------------------------------------------------
 
 
-def hot_block() -> list[Columns]:
+def hot_block(lacking: float) -> list[Columns]:
     """The heater's resistance rises as it bakes: its power falls by 28 %, with 25 min.
 
     Radiation, a thermocouple with a lag of 8 s, a room that warms by a degree.
@@ -135,7 +135,7 @@ def hot_block() -> list[Columns]:
         room = 21.0 + np.cumsum(random.normal(0.0, 0.01, samples)) + np.linspace(0, 1.0, samples)
 
         def rates(x: list[float], u: list[float], t: float) -> list[float]:
-            given = 0.62 * u[0] * (1.0 - 0.28 * (1.0 - math.exp(-t / 1500.0)))
+            given = 0.62 * u[0] * (1.0 - 0.28 * lacking * (1.0 - math.exp(-t / 1500.0)))
             above = x[0] - u[1]
             lost = 0.43 * above + 4e-4 * above * abs(above)
             return [(given - lost) / 212.0, (x[0] - x[1]) / 8.0]
@@ -157,7 +157,7 @@ def hot_block() -> list[Columns]:
 # ---- a hydraulic cylinder behind a valve ---------------------------------------------------------
 
 
-def valve_cylinder() -> list[Columns]:
+def valve_cylinder(lacking: float) -> list[Columns]:
     """The spool overlaps its ports by 7 and 8 %; flow with the root of the pressure drop."""
     out = []
     for seed, samples in ((41, 3000), (42, 2000)):
@@ -168,7 +168,8 @@ def valve_cylinder() -> list[Columns]:
 
         def rates(x: list[float], u: list[float], t: float, opened=opened) -> list[float]:
             spool, rate, _, flow = x
-            past = spool - 7.0 if spool > 7.0 else spool + 8.0 if spool < -8.0 else 0.0
+            up, down = 7.0 * lacking, 8.0 * lacking
+            past = spool - up if spool > up else spool + down if spool < -down else 0.0
             wish = (5.0 if past > 0.0 else 5.15) * past * opened(spool)
             w = 2.0 * math.pi * 28.0
             return [rate, w * w * (u[0] - spool) - 1.6 * w * rate, flow, (wish - flow) / 0.012]

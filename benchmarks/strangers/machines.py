@@ -8,9 +8,9 @@ from __future__ import annotations
 import electric_machines as electric
 import fluid_machines as fluid
 import moving_machines as moving
-from virtual import Stranger
+from virtual import NOTHING, Stranger
 
-NOTHING, OUTSIDE = "nothing", "outside the catalogue: "
+OUTSIDE = "outside the catalogue: "
 
 STRANGERS = (
     Stranger(
@@ -20,6 +20,7 @@ STRANGERS = (
         ("muscle",),
         "muscle_air.py",
         fluid.muscle_shut,
+        at_rest=True,
     ),
     Stranger(
         "muscle-filled",

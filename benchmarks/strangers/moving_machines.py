@@ -10,7 +10,7 @@ from virtual import Columns, clock, free_run, levels, multisine, quantised, read
 # ---- a damper with a magnetised fluid on a test bench --------------------------------------------
 
 
-def fluid_damper() -> list[Columns]:
+def fluid_damper(lacking: float) -> list[Columns]:
     """A sine of varying amplitude; the fluid's yield force follows the coil's voltage."""
     out = []
     for seed in (111, 112):
@@ -31,7 +31,7 @@ def fluid_damper() -> list[Columns]:
         states = free_run(rates, [0.0, 0.0], np.column_stack([speed, volts]), period, 20, False)
         z, field = states.T
         level = 62.0 + 205.0 * field - 16.0 * field**2
-        force = (1.25 + 0.12 * field) * speed + 1.9 * moved + level * z + 14.0
+        force = (1.25 + 0.12 * field) * speed + 1.9 * moved + lacking * level * z + 14.0
         # the cell's amplifier lags by 2 ms
         shown = np.interp(time - 0.002, time, force)
         out.append(
@@ -49,7 +49,7 @@ def fluid_damper() -> list[Columns]:
 # ---- a quarter of a car --------------------------------------------------------------------------
 
 
-def quarter_car() -> list[Columns]:
+def quarter_car(lacking: float) -> list[Columns]:
     """The damper is three times as stiff in rebound as in bump, and digressive; 200 Hz."""
     out = []
     for seed, samples in ((121, 4000), (122, 3000)):
@@ -63,8 +63,8 @@ def quarter_car() -> list[Columns]:
         def rates(x: list[float], u: list[float], t: float) -> list[float]:
             body, body_rate, wheel, wheel_rate = x
             stretch, rate = body - wheel, body_rate - wheel_rate
-            damping = 1900.0 if rate > 0.0 else 640.0
-            damper = damping * rate / (1.0 + 0.12 * abs(rate))
+            damping = 1270.0 + lacking * (630.0 if rate > 0.0 else -630.0)
+            damper = damping * rate / (1.0 + 0.12 * lacking * abs(rate))
             strut = -17800.0 * stretch - 60000.0 * stretch**3 - damper
             tyre = -172000.0 * (wheel - u[0]) - 90.0 * wheel_rate
             return [body_rate, strut / 288.0, wheel_rate, (tyre - strut) / 39.0]
@@ -87,14 +87,14 @@ def quarter_car() -> list[Columns]:
 # ---- a link behind a coupling --------------------------------------------------------------------
 
 
-def coupled_link() -> list[Columns]:
+def coupled_link(lacking: float) -> list[Columns]:
     """A motor turns a wheel by a springy coupling that has 1.6 degrees of play; 500 Hz."""
     out = []
     for seed, samples in ((131, 4000), (132, 3000)):
         random = np.random.default_rng(seed)
         time = clock(samples, 0.002)
         wanted = levels(random, samples, (60, 240), -1.0, 1.0) + 0.3 * swept(time, 0.5, 8.0)
-        half = math.radians(0.8)
+        half = math.radians(0.8) * lacking
 
         def rates(x: list[float], u: list[float], t: float, half=half) -> list[float]:
             motor, motor_rate, wheel, wheel_rate = x
@@ -129,7 +129,7 @@ def coupled_link() -> list[Columns]:
 # ---- a pendulum with a propeller -----------------------------------------------------------------
 
 
-def aero_pendulum() -> list[Columns]:
+def aero_pendulum(lacking: float) -> list[Columns]:
     """A wide paddle swings in air, whose drag grows with the square of speed; 100 Hz."""
     out = []
     for seed, samples in ((141, 4500), (142, 3000)):
@@ -143,7 +143,7 @@ def aero_pendulum() -> list[Columns]:
         def rates(x: list[float], u: list[float], t: float, thrust=thrust) -> list[float]:
             angle, speed, blown = x
             push = 0.62 * blown * thrust(blown)
-            drag = 0.0105 * speed * abs(speed)
+            drag = 0.0105 * lacking * speed * abs(speed)
             torque = push - 0.83 * math.sin(angle) - 0.0042 * speed - drag
             return [speed, torque / 0.0235, (u[0] - blown) / 0.06]
 
@@ -161,7 +161,7 @@ def aero_pendulum() -> list[Columns]:
 # ---- a mass between two pairs of springs ---------------------------------------------------------
 
 
-def shaker_mass() -> list[Columns]:
+def shaker_mass(lacking: float) -> list[Columns]:
     """The base of a mass on springs rubs dryly against a guide; force by a shaker, 1 kHz."""
     out = []
     for seed, samples in ((151, 4000), (152, 3000)):
@@ -173,7 +173,7 @@ def shaker_mass() -> list[Columns]:
         def rates(x: list[float], u: list[float], t: float, strong=strong) -> list[float]:
             position, speed, late = x
             spring = 11900.0 * position * strong(position)
-            rubbed = 5.2 * math.tanh(speed / 0.0015)
+            rubbed = 5.2 * lacking * math.tanh(speed / 0.0015)
             return [speed, (late - spring - 11.0 * speed - rubbed) / 1.12, (u[0] - late) / 0.0003]
 
         moved = free_run(rates, [0.0] * 3, force, 0.001, 8, held=False)[:, 0]

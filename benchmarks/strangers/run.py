@@ -1,6 +1,6 @@
 """What a stranger gets: virtual machines with equations of their own, rigs written from the docs.
 
-    python benchmarks/strangers/run.py --output FOLDER [--only NAME ...] [--resume] [--table]
+    python benchmarks/strangers/run.py --output FOLDER [--only NAME ...] [--whole] [--resume]
 
 Every machine (`machines.py`) has equations of its own, in plain numpy, as measured machines have:
 sensors with noise, steps and a zero that walks, maps that are rough by 1 to 3 %, inputs that are
@@ -8,7 +8,8 @@ not quite what is logged, one thing that its rig lacks, or none. Its rig (`rigs/
 README, CONTRIBUTING, docs/tutorials/own-rig.md, data/rigs/README.md and what `pamid check` prints,
 with parameters 10 to 30 % off, and without `background` or `size`. `pamid diagnose` is given the
 first recording, the second as `--held-out`, and the rig, in a folder whose name says nothing, one
-machine after the other. `--resume` keeps what has been diagnosed, `--table` only prints.
+machine after the other. With `--whole` nothing is missing in any of them: what is left is their
+ordinary roughness. `--resume` keeps what has been diagnosed, `--table` only prints.
 
 How an answer is counted:
 
@@ -31,13 +32,13 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machines import NOTHING, STRANGERS
-from virtual import Columns, Stranger
+from machines import STRANGERS
+from virtual import NOTHING, Columns, Stranger
 
 HERE = Path(__file__).resolve().parent
 PAMID = Path(sys.executable).with_name("pamid")
@@ -54,7 +55,7 @@ class Answer:
     counted: str
     causes: str
     leader: str
-    place: int  # of the planted family in the ranking, 0 where it is not in it
+    place: int  # of the planted family in the ranking, 0 where it is not in it, -1 where none is
     port: bool
     removes: float  # share of the held-out error, of all channels
     cpu_s: float
@@ -67,10 +68,13 @@ def main() -> int:
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--resume", action="store_true", help="keep what has been diagnosed")
     parser.add_argument("--table", action="store_true", help="only print what is there")
+    parser.add_argument("--whole", action="store_true", help="machines that lack nothing")
     options = parser.parse_args()
     answers = []
-    for number, stranger in enumerate(STRANGERS, 1):
-        if options.only and stranger.name not in options.only:
+    for number, planned in enumerate(STRANGERS, 1):
+        stranger = whole(planned) if options.whole else planned
+        chosen = not options.only or stranger.name in options.only
+        if not chosen or (options.whole and not planned.can_be_whole):
             continue
         folder = options.output / f"machine-{number:02d}"
         if not options.table and not (options.resume and (folder / "cost.txt").exists()):
@@ -84,6 +88,13 @@ def main() -> int:
     return 0
 
 
+def whole(stranger: Stranger) -> Stranger:
+    """The same machine with nothing missing."""
+    return replace(
+        stranger, lacks=NOTHING, families=(), ports=(), records=lambda _: stranger.records(0.0)
+    )
+
+
 # ---- making and asking ---------------------------------------------------------------------------
 
 
@@ -91,7 +102,7 @@ def write_machine(folder: Path, stranger: Stranger) -> None:
     """Rig and recordings of a machine: rec-1.csv, rec-2.csv."""
     folder.mkdir(parents=True)
     shutil.copy(HERE / "rigs" / stranger.rig, folder / stranger.rig)
-    for number, columns in enumerate(stranger.records(), 1):
+    for number, columns in enumerate(stranger.records(1.0), 1):
         write_recording(folder / f"rec-{number}.csv", columns)
 
 
@@ -135,6 +146,7 @@ def read_answer(folder: Path, stranger: Stranger) -> Answer:
     ours = [c for c in causes if c["family"] in stranger.families]
     at_port = any(set(c["port"].split(", ")) & set(stranger.ports) for c in ours)
     first = next((i for i, r in enumerate(ranking, 1) if r["family"] in stranger.families), 0)
+    first = first if stranger.families else -1
     shrunk = [c["shrinkage"] for c in found["how_far"].values() if c["shrinkage"] is not None]
     return Answer(
         stranger.name,
@@ -172,7 +184,7 @@ def described(entry: dict[str, Any]) -> str:
 def line(answer: Answer) -> str:
     """One line of the table."""
     said = answer.causes or f"({answer.leader})"
-    place = f"{answer.place}." if answer.place else "-"
+    place = f"{answer.place}." if answer.place > 0 else "-"
     return (
         f"| {answer.name:14s} | {answer.lacks:50s} | {answer.verdict:17s} | {answer.counted:7s} "
         f"| {said:48s} | {place:3s} | {'yes' if answer.port else '-':3s} "
@@ -183,13 +195,13 @@ def line(answer: Answer) -> str:
 def summary(answers: list[Answer]) -> str:
     """Counts over all machines."""
     counts = Counter(a.counted for a in answers)
-    missing = [a for a in answers if a.lacks != NOTHING]
-    leads = sum(a.place == 1 for a in missing)
+    known = [a for a in answers if a.place >= 0]
+    leads = sum(a.place == 1 for a in known)
     words = [f"{kind} {counts[kind]}" for kind in ("right", "honest", "missed", "wrong", "refused")]
     cpu = sorted(a.cpu_s for a in answers)
     return (
         f"\n{len(answers)} machines: {', '.join(words)}; the planted family first in the ranking "
-        f"{leads} of {sum(a.place >= 0 and a.lacks != NOTHING for a in answers)}; "
+        f"{leads} of {len(known)}; "
         f"CPU {sum(cpu):.0f} s, median {cpu[len(cpu) // 2] if cpu else 0:.0f} s"
     )
 

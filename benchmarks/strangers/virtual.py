@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+NOTHING = "nothing"
 Columns = dict[str, np.ndarray]
 Rates = Callable[[list[float], list[float], float], Sequence[float]]
 Control = Callable[[list[float], list[float]], list[float]]
@@ -19,8 +20,9 @@ Control = Callable[[list[float], list[float]], list[float]]
 class Stranger:
     """A machine: what its rig lacks, what would be a right answer, and its recordings.
 
-    families: those of which one is right; none where nothing is missing (`lacks` empty) or where
-    no effect of the catalogue is. ports: where, of the rig's.
+    families: those of which one is right; none where nothing is missing (`lacks` is NOTHING) or
+    where no effect of the catalogue is. ports: where, of the rig's. records: of the machine with
+    what its rig lacks times 1.0, or 0.0: its ordinary roughness alone. at_rest: nothing moves then.
     """
 
     name: str
@@ -28,7 +30,12 @@ class Stranger:
     families: tuple[str, ...]
     ports: tuple[str, ...]
     rig: str
-    records: Callable[[], list[Columns]]
+    records: Callable[[float], list[Columns]]
+    at_rest: bool = False
+
+    @property
+    def can_be_whole(self) -> bool:
+        return self.lacks != NOTHING and not self.at_rest
 
 
 def free_run(
