@@ -22,7 +22,7 @@ def belt_drives(lacking: float) -> list[Columns]:
 
         def rates(x: list[float], u: list[float], t: float) -> list[float]:
             motor, pulley, pull, seen = x
-            push = 2.0 * math.tanh(0.5 * u[0]) * 1.05
+            push = 8.0 * math.tanh(0.125 * u[0]) * 1.05
             return [
                 4.1 * (0.95 * push - motor) - 0.4 * (pulley - motor),
                 pull,
@@ -31,7 +31,7 @@ def belt_drives(lacking: float) -> list[Columns]:
             ]
 
         speed = free_run(rates, [0.0] * 4, drive, 0.02, 10)[:, 3]
-        seen = read(random, np.abs(speed + 0.01) if lacking else speed + 0.01, 0.008, 0.00244)
+        seen = read(random, np.abs(speed + 0.01) if lacking else speed, 0.008, 0.00244)
         out.append({"time_s": clock(500, 0.02), "drive_v": drive, "speed_v": seen})
     return out
 
@@ -55,7 +55,7 @@ def servo_pendulum(lacking: float) -> list[Columns]:
         def rates(x: list[float], u: list[float], t: float, torque=torque) -> list[float]:
             angle, speed = x
             motor = 0.34 * u[0] * torque(u[0]) - 0.31 * speed
-            weight = 1.92 * math.sin(angle + 0.015)
+            weight = 1.92 * math.sin(angle + 0.015 * lacking)
             teeth = 0.06 + 0.16 * abs(motor) + 0.05 * math.exp(-((speed / 0.15) ** 2))
             rubbed = lacking * teeth * math.tanh(speed / 0.012)
             return [speed, (motor - weight - rubbed) / 0.046]

@@ -27,12 +27,12 @@ def _muscle(
     def rates(x: list[float], u: list[float], t: float) -> list[float]:
         gauge = x[0]
         air = gauge + ATMOSPHERE_KPA
-        volume = 1.0 + 0.12 * gauge / 600.0  # the muscle fattens
+        volume = 1.0 + 0.03 * gauge / 600.0  # the muscle fattens
         out = hole * air * _choked(air, ATMOSPHERE_KPA) if gauge > 0.0 else 0.0
         supply = 590.0 * (1.0 - 0.02 * math.sin(0.05 * t))
         fill = max(u[0], 0.0) * (supply - gauge) / 0.9
         vent = max(-u[0], 0.0) * gauge / 1.5
-        return [(fill - vent - out) / (volume + 0.12 * air / 600.0)]
+        return [(fill - vent - out) / (volume + 0.03 * air / 600.0)]
 
     pressure = free_run(rates, [start_kpa], valve, period_s, fine)[:, 0]
     seen = read(random, 1.004 * pressure + 0.8, 0.25, 0.244, drift=0.6)
@@ -126,7 +126,7 @@ def two_tanks(lacking: float) -> list[Columns]:
 def hot_block(lacking: float) -> list[Columns]:
     """The heater's resistance rises as it bakes: its power falls by 28 %, with 25 min.
 
-    Radiation, a thermocouple with a lag of 8 s, a room that warms by a degree.
+    Radiation, a thermocouple with a lag of 2 s, a room that warms by a degree.
     """
     out = []
     for seed, samples in ((31, 1400), (32, 1100)):
@@ -137,8 +137,8 @@ def hot_block(lacking: float) -> list[Columns]:
         def rates(x: list[float], u: list[float], t: float) -> list[float]:
             given = 0.62 * u[0] * (1.0 - 0.28 * lacking * (1.0 - math.exp(-t / 1500.0)))
             above = x[0] - u[1]
-            lost = 0.43 * above + 4e-4 * above * abs(above)
-            return [(given - lost) / 212.0, (x[0] - x[1]) / 8.0]
+            lost = 0.43 * above + 1.5e-4 * above * abs(above)
+            return [(given - lost) / 212.0, (x[0] - x[1]) / 2.0]
 
         block = free_run(rates, [21.0, 21.0], np.column_stack([heater, room]), 5.0, 4, held=True)[
             :, 1

@@ -31,7 +31,7 @@ def fluid_damper(lacking: float) -> list[Columns]:
         states = free_run(rates, [0.0, 0.0], np.column_stack([speed, volts]), period, 20, False)
         z, field = states.T
         level = 62.0 + 205.0 * field - 16.0 * field**2
-        force = (1.25 + 0.12 * field) * speed + 1.9 * moved + lacking * level * z + 14.0
+        force = (1.25 + 0.12 * lacking * field) * speed + 1.9 * moved + lacking * level * z + 14.0
         # the cell's amplifier lags by 2 ms
         shown = np.interp(time - 0.002, time, force)
         out.append(
@@ -78,7 +78,7 @@ def quarter_car(lacking: float) -> list[Columns]:
                 "time_s": time,
                 "road_mm": read(random, 1e3 * road, 0.02, 0.01),
                 "travel_mm": read(random, 1e3 * (states[:, 0] - states[:, 2]), 0.15, 0.05),
-                "body_m_per_s2": read(random, slopes[:, 1] + 0.03, 0.04, 0.005),
+                "body_m_per_s2": read(random, slopes[:, 1] + 0.03 * lacking, 0.04, 0.005),
             }
         )
     return out
@@ -152,7 +152,7 @@ def aero_pendulum(lacking: float) -> list[Columns]:
             {
                 "time_s": time,
                 "duty": duty,
-                "angle_deg": read(random, np.degrees(angle) + 0.3, 0.03, 0.18),
+                "angle_deg": read(random, np.degrees(angle) + 0.3 * lacking, 0.03, 0.18),
             }
         )
     return out

@@ -8,8 +8,9 @@ not quite what is logged, one thing that its rig lacks, or none. Its rig (`rigs/
 README, CONTRIBUTING, docs/tutorials/own-rig.md, data/rigs/README.md and what `pamid check` prints,
 with parameters 10 to 30 % off, and without `background` or `size`. `pamid diagnose` is given the
 first recording, the second as `--held-out`, and the rig, in a folder whose name says nothing, one
-machine after the other. With `--whole` nothing is missing in any of them: what is left is their
-ordinary roughness. `--resume` keeps what has been diagnosed, `--table` only prints.
+machine after the other. With `--whole` nothing is missing in any of them, and zeros are not off:
+what is left is their ordinary roughness. `--resume` keeps what has been diagnosed, `--table` only
+prints.
 
 How an answer is counted:
 

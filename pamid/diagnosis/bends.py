@@ -57,23 +57,19 @@ def bend(model: CandidateModel, label: str, settings: Settings = DEFAULT) -> flo
 
 def smooth_bend(before: Array, after: Array, settings: Settings = DEFAULT) -> float | None:
     """By what share of `before` (root mean square) `after` departs from its best straight line, as
-    a smooth curve over it does; None where it departs in another way (with jumps, with a memory, in
-    time) or in none: a gain, an offset."""
-    span = float(np.ptp(before))
+    a curve over it does; None where it departs in another way (with a band or a limit, in steps,
+    with a memory, in time) or in none: a gain, an offset."""
+    order = np.argsort(before, kind="stable")
+    x, y = before[order], after[order]
+    span, passing = float(x[-1] - x[0]), float(np.sqrt(np.mean(x**2)))
     if not np.isfinite(span) or span <= 0.0:
         return None
-    x = 2.0 * (before - before.min()) / span - 1.0
-    # of the fifth order: as smooth as the maps of the trial, three halves and more within the range
-    curve = np.polynomial.legendre.legvander(x, 5)
-    changed = after - before
-    left = [
-        changed - basis @ np.linalg.lstsq(basis, changed, rcond=None)[0]
-        for basis in (curve[:, :2], curve)
-    ]
-    straight, smooth = (float(np.sqrt(np.mean(r**2))) for r in left)
-    passing = float(np.sqrt(np.mean(before**2)))
-    # less than the root of the last bit is the arithmetic's
-    nothing = straight <= np.sqrt(np.finfo(float).eps) * passing
-    if nothing or smooth > settings.bend_left * straight:
+    nearest = np.sqrt(np.finfo(float).eps)  # what is nearer is the arithmetic's
+    slope, level = np.polyfit(x, y, 1)
+    size = float(np.sqrt(np.mean((y - slope * x - level) ** 2))) / passing
+    # a memory gives two values to nearly the same one: no curve is that steep
+    steps = np.maximum(np.diff(x), nearest * span)
+    steepest = float(np.abs(np.diff(y - slope * x) / steps).max())
+    if size <= nearest or steepest > settings.bend_slope * abs(slope):
         return None
-    return straight / passing
+    return size

@@ -62,9 +62,7 @@ class Settings:
         "an effect that only bends a characteristic by less is not told from a machine's own",
         "the tolerance that data/rigs/README.md gives a map; benchmarks/strangers/run.py",
     )
-    bend_left: float = setting(
-        0.3, "share of the bend", "most that a smooth curve leaves of it: a kink is more than that"
-    )
+    bend_slope: float = setting(0.3, "share of the slope", "by which such curves are steeper")
     plain_missing: float = setting(
         300.0,
         "nats per sample",
