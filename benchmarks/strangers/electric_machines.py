@@ -30,7 +30,8 @@ def belt_drives(lacking: float) -> list[Columns]:
                 (pulley - seen) / 0.004,
             ]
 
-        speed = free_run(rates, [0.0] * 4, drive, 0.02, 10)[:, 3]
+        states = free_run(rates, [0.0] * 4, drive, 0.02, 10)
+        speed = states[:, 3] if lacking else states[:, 1]
         seen = read(random, np.abs(speed + 0.01) if lacking else speed, 0.008, 0.00244)
         out.append({"time_s": clock(500, 0.02), "drive_v": drive, "speed_v": seen})
     return out

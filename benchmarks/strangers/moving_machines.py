@@ -33,7 +33,7 @@ def fluid_damper(lacking: float) -> list[Columns]:
         level = 62.0 + 205.0 * field - 16.0 * field**2
         force = (1.25 + 0.12 * lacking * field) * speed + 1.9 * moved + lacking * level * z + 14.0
         # the cell's amplifier lags by 2 ms
-        shown = np.interp(time - 0.002, time, force)
+        shown = np.interp(time - 0.002 * lacking, time, force)
         out.append(
             {
                 "time_s": time,
@@ -66,7 +66,7 @@ def quarter_car(lacking: float) -> list[Columns]:
             damping = 1270.0 + lacking * (630.0 if rate > 0.0 else -630.0)
             damper = damping * rate / (1.0 + 0.12 * lacking * abs(rate))
             strut = -17800.0 * stretch - 60000.0 * stretch**3 - damper
-            tyre = -172000.0 * (wheel - u[0]) - 90.0 * wheel_rate
+            tyre = -172000.0 * (wheel - u[0]) - 90.0 * lacking * wheel_rate
             return [body_rate, strut / 288.0, wheel_rate, (tyre - strut) / 39.0]
 
         states = free_run(rates, [0.0] * 4, road, 0.005, 5, held=False)

@@ -70,7 +70,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
         families = free_families(found, spelling)
         return (
             "Something material is missing from the model, and no effect of the catalogue "
-            f"explains it.{at}{f' It is {families}.' if families else ''}"
+            f"explains it.{at}{f' It is {families}.' if families else ''}{_as_a_rough_map(found)}"
         )
     if found.verdict == "cannot-tell":
         return _unsure(found, spelling)
@@ -85,6 +85,18 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if not rest.real:
         return f"{said}; {left_beside(rest)}."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
+
+
+def _as_a_rough_map(found: DiagnosisFile) -> str:
+    """Where what is missing is no more than a map leaves that is rough, and the rig states by how
+    much none of its maps may be: that; begins with a space."""
+    rest = found.remainder
+    if rest is None or found.background or rest.missing_rms is None or not rest.passing_rms:
+        return ""
+    share = rest.missing_rms / rest.passing_rms
+    if share > DEFAULT.rough_share:
+        return ""
+    return f" A map that is rough by {percent_text(share)} there would look alike."
 
 
 def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
