@@ -351,6 +351,16 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
     found += [CheckOutcome("finite", False, b) for b in bad] or [
         CheckOutcome("finite", True, "over random points of the bounds")
     ]
+    if bad and type(rig).period_s == Rig.period_s:
+        found.append(
+            CheckOutcome(
+                "finite",
+                False,
+                f"the rig states no period_s, so that it was tried at {Rig.period_s:g} s a sample: "
+                "state that of your recordings (period_s = 1e-5) where the machine is faster",
+                advice=True,
+            )
+        )
     if not bad:
         tell("sensitivities")
         found.append(_slope_finding(rig, None))

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pamid.diagnosis.decision import is_ordinary_bend
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.verdict_words import RECORD_MORE
+from pamid.diagnosis.verdict_words import MEASURE_MAP, RECORD_MORE
 from pamid.schemas.diagnosis_file import CAUSED, BestMember, Cause, DiagnosisFile
 
 #: how a note on it begins, in the file itself
@@ -86,6 +87,9 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     ]
     if any(one is not None and (one.bounds or 0.0) > 0.0 for one in own):
         yield "a parameter ended at a bound that physics did not set"
+    bent = [m.bent for m in found.members if m.effect == cause.effect]
+    if any(is_ordinary_bend(one, settings) for one in bent):
+        yield "it bends what passes its port by no more than ordinary machines do"
     where = found.where
     if where is None or not where.ports:
         return
@@ -124,6 +128,7 @@ def _sentence(found: DiagnosisFile) -> Iterator[str]:
         yield f"the sentence does not name {', '.join(lacking)}"
     if not found.causes and "with the cause" in found.sentence:
         yield "the sentence speaks of a cause, and there is none"
-    advised = found.remark or found.next_experiment or RECORD_MORE in found.sentence
+    said = any(advice in found.sentence for advice in (RECORD_MORE, MEASURE_MAP))
+    advised = found.remark or found.next_experiment or said
     if found.verdict == "cannot-tell" and not advised:
         yield "nothing can be told, and it is not said what to check or to record"

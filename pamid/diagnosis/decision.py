@@ -53,7 +53,8 @@ class Weighed:
     probability: that its family is really there; removes: share of the gap, beside the others;
     at_bound: parameters at a bound that physics did not set; vanished: its amounts, where all of
     them ended at nothing; here: share of the gap that enters at its port or at one that the sensors
-    cannot tell from it, or the evidence there over the largest at any port, whichever is more
+    cannot tell from it, or the evidence there over the largest at any port, whichever is more;
+    bent: share of what passes by which it bends a characteristic, where it does nothing else
     """
 
     effect: str
@@ -63,6 +64,7 @@ class Weighed:
     at_bound: tuple[str, ...]
     here: float
     vanished: tuple[str, ...] = ()
+    bent: float | None = None
 
     def objections(self, settings: Settings = DEFAULT) -> list[str]:
         """Why it must not be named whatever its probability; empty where nothing speaks against
@@ -80,7 +82,15 @@ class Weighed:
         # evidence is taken with, can make of it: a delay is none
         if self.here < settings.port_negligible and self.removes.low < settings.port_overruled:
             found.append("next to nothing of the gap enters at its port")
+        if is_ordinary_bend(self.bent, settings):
+            found.append("it bends what passes its port by no more than ordinary machines do")
         return found
+
+
+def is_ordinary_bend(bent: float | None, settings: Settings) -> bool:
+    """Is this (`pamid.diagnosis.bends.bend`) no more than the characteristic of a machine on which
+    nothing is missing departs from a straight line?"""
+    return bent is not None and bent <= settings.ordinary_bend
 
 
 @dataclass(frozen=True)
@@ -228,9 +238,12 @@ def decide(
         known = min(1.0, sum(w.probability for w in several))
     elif gap_real:
         # probable enough, and lost to the width of an interval alone: more data would tell
-        unsure = [w for w in weighed if w.probability >= yes and w.removes.low <= 0.0]
-        verdict = "cannot-tell" if unsure else "unknown-effect"
-        why = "few" if unsure else ""
+        probable = [w for w in weighed if w.probability >= yes]
+        unsure = [w for w in probable if w.removes.low <= 0.0]
+        # what is there is known, and no more than a machine may have on which nothing is missing
+        bent = [w for w in probable if is_ordinary_bend(w.bent, settings)]
+        verdict = "cannot-tell" if unsure or bent else "unknown-effect"
+        why = "few" if unsure else "bent" if bent else ""
     elif gap > settings.open_gap and _above_floor(before, settings):
         # not sure enough to call it real, and less sure that there is none
         verdict, why = "cannot-tell", "open"

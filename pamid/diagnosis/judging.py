@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pamid.diagnosis.bends import bend
 from pamid.diagnosis.candidate_model import CandidateModel, replayed
 from pamid.diagnosis.cross_fitting import Crossed, crossed, reported
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide, gap_share
@@ -34,8 +35,9 @@ from pamid.simulation.data_split import DataSplit
 @dataclass(frozen=True, eq=False)
 class Member:
     """An effect of a model: what speaks for it beside the others, how probable it is, what it
-    removes of the gap, the families that would do as well in its place, and the groups of ports at
-    which its own would."""
+    removes of the gap, the families that would do as well in its place, the groups of ports at
+    which its own would, and by what share of what passes it bends a characteristic, where it does
+    nothing else."""
 
     effect: Attachment
     signature: Signature
@@ -43,6 +45,7 @@ class Member:
     removes: Share
     instead: tuple[str, ...] = ()
     or_at: tuple[str, ...] = ()
+    bent: float | None = None
 
 
 Tied = tuple[CandidateModel, Member]
@@ -313,7 +316,8 @@ def _member(
     left = reported(halves, model)
     removes = gap_share(search.budget, without.absolutes, left, search.seed)
     most = 1.0 if halves is None or halves.steady else search.settings.unbacked_probability
-    return Member(a, own, min(cause_probability(own), most), removes)
+    bent = bend(model, a.label, search.settings)
+    return Member(a, own, min(cause_probability(own), most), removes, bent=bent)
 
 
 def _placed(
@@ -354,6 +358,7 @@ def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> 
         # shares are worked out for the leading ports alone: evidence tells of the others
         max(m.signature.at_port, sum(shares[group] for group in together)),
         vanished(model, m.effect.label),
+        m.bent,
     )
 
 

@@ -56,6 +56,13 @@ class Settings:
     unbacked_probability: float = setting(
         0.5, "probability", "most of a cause where the other half of the windows chooses another"
     )
+    ordinary_bend: float = setting(
+        0.02,
+        "share of what passes",
+        "an effect that only bends a characteristic by less is not told from a machine's own",
+        "the tolerance that data/rigs/README.md gives a map; benchmarks/strangers/run.py",
+    )
+    bend_slope: float = setting(0.3, "share of the slope", "by which such curves are steeper")
     plain_missing: float = setting(
         300.0,
         "nats per sample",
@@ -65,9 +72,7 @@ class Settings:
     plain_beside: float = setting(
         2.0, "nats per sample", "the same beside a background", "there 17 machines left 0.5 at most"
     )
-    ambiguous_families: int = setting(
-        3, "families", "of which one may be said to be there, at most"
-    )
+    ambiguous_families: int = setting(3, "families", "of which one is said to be there, at most")
     ambiguous_share: float = setting(
         0.25, "share of the largest probability", "tied families with less are not named beside it"
     )
@@ -168,9 +173,7 @@ class Settings:
         "more of a refit that had used up its steps, before nothing known is said to explain a gap",
         COST,
     )
-    refit_tolerance: float = setting(
-        2e-2, "share of the cost", "a step that gains less ends a refit", COST
-    )
+    refit_tolerance: float = setting(2e-2, "share of the cost", "less gained ends a refit", COST)
     widenings: int = setting(
         2,
         "count",
@@ -217,9 +220,7 @@ class Settings:
         "drawn together, for neighbours are alike: the moving-block bootstrap of Kuensch (1989)",
         "a block should hold about three correlation times of the residual: two windows do",
     )
-    worth: float = setting(
-        0.05, "share of the gap", "what an effect has to remove to count in a comparison"
-    )
+    worth: float = setting(0.05, "share of the gap", "what an effect has to remove to count")
     simpler_gain: float = setting(
         0.1,
         "log squared error per channel",
@@ -242,9 +243,7 @@ class Settings:
     simpler_loss: float = setting(
         4.0, "worth", "most that an unsure gain may cost for the simpler effect to be preferred"
     )
-    tie_errors: float = setting(
-        1.0, "standard errors", "an effect worse by less is tied with the first"
-    )
+    tie_errors: float = setting(1.0, "standard errors", "what is worse by less ties with the first")
     tie_share: float = setting(0.1, "share of the gap", "... unless it leaves this much more")
     compared: int = setting(8, "models", "leading ones among which look-alikes are sought", COST)
     alike_share: float = setting(
@@ -253,9 +252,7 @@ class Settings:
         "two models are alike where their predictions differ by less than this share of what "
         "either changes against the baseline",
     )
-    alike_noise: float = setting(
-        0.5, "standard deviations of the noise", "... or by less than this"
-    )
+    alike_noise: float = setting(0.5, "standard deviations of the noise", "... or less than this")
 
     # ---- further effects (forward_selection)
     effects_most: int = setting(

@@ -46,7 +46,7 @@ def gather_hints(
 ) -> GapHints:
     """From the windows of a model's fit, its held-out replays, and what was recorded."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
-    periods = _periods(base, evidence.noise, settings)
+    periods = _periods(evidence, base, settings)
     plateaus = _plateaus(evidence.channels, base)
     return GapHints(peaks, _reach(base), periods, evidence.timescale_s, plateaus)
 
@@ -126,7 +126,7 @@ def spectrum_peaks(
 
 
 def _periods(
-    base: CandidateModel, noise: Array, settings: Settings
+    evidence: DataSplit, base: CandidateModel, settings: Settings
 ) -> dict[str, tuple[float, ...]]:
     """Spatial periods of what the fit leaves, by general motion port that offers a position."""
     assembly, fit = base.assembly, base.fit
@@ -138,17 +138,37 @@ def _periods(
     if not wanted:
         return {}
     program = assembly.program_with({f"{k}.position": x for k, (_, x) in wanted.items()})
+    recorded = [_recorded(evidence.channels, base, x) for _, x in wanted.values()]
     parts: list[tuple[Array, Array]] = []  # of every window: positions and weighted residual
     for t, starts, left in zip(fit.problem.tracks, fit.starts, fit.residuals, strict=True):
         windows = fit.problem.windows(t)
         y = run_windows(program, assembly, fit.p, t, windows, starts, fit.stepping)
+        x = y[:, len(program.outputs) - len(wanted) :]
+        for k, channel in enumerate(recorded):
+            if channel is not None:
+                x[:, k] = np.where(np.isfinite(t.y[:, channel]), t.y[:, channel], x[:, k])
         for w in windows:
-            r = np.nan_to_num(left[w.start : w.stop] / noise)
-            parts.append((y[w.start : w.stop, len(program.outputs) - len(wanted) :], r))
+            r = np.nan_to_num(left[w.start : w.stop] / evidence.noise)
+            parts.append((x[w.start : w.stop], r))
     return {
         port: spatial_periods([(x[:, k], r) for x, r in parts], settings)
         for k, (port, _) in enumerate(wanted.values())
     }
+
+
+def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -> int | None:
+    """The channel that reads this position as it is, if one does.
+
+    What is missing acted where the machine was, not where a model without it has run to: a model
+    that strays by a part of a period smears every line.
+    """
+    traced = base.assembly.traced
+    read = {q.result: q.value for q in traced.passages}
+    for k, name in enumerate(channels):
+        shown = traced.outputs[name]
+        if position in (shown, read.get(shown)):
+            return k
+    return None
 
 
 def spatial_periods(

@@ -110,6 +110,7 @@ def _judgement(d: Diagnosis) -> dict[str, Any]:
                 port=m.effect.group(rig),
                 probability=_believed(d, m.probability),
                 removes=_share(m.removes),
+                bent=m.bent,
                 signature=grounds.SignatureFigures(**vars(m.signature)),
             )
             for m in j.members

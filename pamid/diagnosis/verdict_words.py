@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
+from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT
 from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pamid.diagnosis.tournament import Diagnosis
 
 RECORD_MORE = "Record for longer, or with larger motion."
+MEASURE_MAP = "Measure what comes out there for what goes in, slowly, over the whole range."
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
         families = free_families(found, spelling)
         return (
             "Something material is missing from the model, and no effect of the catalogue "
-            f"explains it.{at}{f' It is {families}.' if families else ''}"
+            f"explains it.{at}{f' It is {families}.' if families else ''}{_as_a_rough_map(found)}"
         )
     if found.verdict == "cannot-tell":
         return _unsure(found, spelling)
@@ -83,6 +85,18 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if not rest.real:
         return f"{said}; {left_beside(rest)}."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
+
+
+def _as_a_rough_map(found: DiagnosisFile) -> str:
+    """Where what is missing is no more than a map leaves that is rough, and the rig states by how
+    much none of its maps may be: that; begins with a space."""
+    rest = found.remainder
+    if rest is None or found.background or rest.missing_rms is None or not rest.passing_rms:
+        return ""
+    share = rest.missing_rms / rest.passing_rms
+    if share > DEFAULT.rough_share:
+        return ""
+    return f" A map that is rough by {percent_text(share)} there would look alike."
 
 
 def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
@@ -183,6 +197,12 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
     """A probable cause that the held-out windows do not confirm, or a gap that may be none."""
     m = max(found.members, key=lambda m: m.probability or 0.0, default=None)
     rest = found.remainder
+    if m is not None and m.removes is not None and m.bent is not None and _only_bent(m):
+        return (
+            f"{_with_chance(m, spelling)} would remove {percent_text(m.removes.share)} of the gap, "
+            f"but it bends what passes there by {percent_text(m.bent)} only: machines on which "
+            f"nothing is missing are as far from straight. {MEASURE_MAP}"
+        )
     if rest is not None and not rest.real and rest.probability is not None:
         text = (
             "These recordings leave open whether anything is missing "
@@ -204,6 +224,13 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
         f"confirm it: it removes {percent_text(m.removes.share)} of the gap (95 % interval "
         f"{percents_text(m.removes.low, m.removes.high)}). {RECORD_MORE}"
     )
+
+
+def _only_bent(m: BestMember) -> bool:
+    """Is it probable, and held back for being no more than an ordinary machine's characteristic?"""
+    probable = (m.probability or 0.0) >= calibration().lines["cause"].yes
+    backed = m.removes is not None and m.removes.low > 0.0
+    return probable and backed and m.bent is not None and m.bent <= DEFAULT.ordinary_bend
 
 
 def _with_chance(c: Cause | BestMember, spelling: Spelling) -> str:

@@ -153,6 +153,11 @@ class BestMember(Model):
     port: Text = Field("", description="group of ports that it acts on")
     probability: Number | None = Field(None, description="that it is there, 0 to 1")
     removes: GapShare | None = Field(None, description="share of the gap, beside the others")
+    bent: Number | None = Field(
+        None,
+        description="share of what passes its port (root mean square) by which it bends a "
+        "characteristic, where that is all that it does",
+    )
     signature: SignatureFigures | None = Field(
         None, description="what speaks for it, beside the others"
     )

@@ -12,6 +12,7 @@ import pamid
 from pamid import Gain
 from pamid.base.errors import FileError
 from pamid.base.units import known_symbols, split_column, to_si
+from pamid.checks.conformance import rig_findings
 from pamid.checks.recording_quality import examine
 from pamid.checks.scale_slips import ScaleSlip
 from pamid.diagnosis.notes import _signs as notes_of
@@ -225,3 +226,38 @@ def test_a_coil_comes_before_the_load_that_it_presses() -> None:
 
     assert Friction.offered_as("level", {"load", "current", "velocity"}) == "current"
     assert Friction.offered_as("level", {"load", "position"}) == "load"
+
+
+FAST = '''
+from pamid import Parameter, Port, Rig, State
+
+
+class Filter(Rig):
+    """A filter of some kHz."""
+
+    inputs = {"drive_v": "V"}
+    outputs = {"output_v": "V"}
+    ports = {"scope": Port("reading", "V")}
+    states = (State("shown", "V"), State("slope", "V/s"))
+    parameters = (Parameter("corner", 3e4, low=1e4, high=1e5, unit="1/s", source="parts"),)
+
+    def rates(self, x, u, p, port):
+        pull = p.corner * p.corner * (u.drive_v - x.shown)
+        return {"shown": x.slope, "slope": pull - 0.6 * p.corner * x.slope}
+
+    def measure(self, x, u, p, port):
+        return {"output_v": port("scope", x.shown)}
+'''
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_machine_that_is_faster_than_its_clock_is_told_of_it(
+    tmp_path: Path, stated: bool
+) -> None:
+    """Without a period a rig is tried at 3 ms, at which it may run away for that alone."""
+    period = "    period_s = 2e-5\n" if stated else ""
+    (tmp_path / "filter.py").write_text(FAST.replace("    states =", f"{period}    states ="))
+    found = rig_findings(rig_named(str(tmp_path / "filter.py")))
+    bad = [f.detail for f in found if f.check == "finite" and not f.ok]
+    assert bool(bad) == (not stated)
+    assert any("states no period_s" in one for one in bad) == (not stated)

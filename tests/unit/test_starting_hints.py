@@ -116,3 +116,15 @@ def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path: Path) -> None
     assert hints.at("sensor").plateaus == pytest.approx((step,), rel=0.01)
     found = effects()["quantisation"]().starts(hints.at("sensor"))
     assert found == [{"quantum": hints.at("sensor").plateaus[0]}]
+
+
+def test_a_pattern_is_looked_for_where_the_machine_was(tmp_path: Path) -> None:
+    """A cart that snaps from magnet to magnet: the model without them strays by a period, and over
+    its own way other lines are stronger."""
+    recording = record_cart(tmp_path, planted=("cogging:sine_force_n=4,period_m=0.1",))
+    evidence = cart_evidence(recording)
+    model = fit_model(evidence)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    strays = float(np.abs(np.concatenate(base.fit.residuals)).max())
+    assert strays > 0.1
+    assert gather_hints(evidence, base).at("force").periods[0] == pytest.approx(0.1, rel=0.02)

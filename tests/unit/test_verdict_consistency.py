@@ -21,7 +21,7 @@ from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.verdict_grounds import LeftOver
-from pamid.diagnosis.verdict_words import RECORD_MORE, sentence
+from pamid.diagnosis.verdict_words import MEASURE_MAP, RECORD_MORE, sentence
 from pamid.report import captions
 from pamid.report.answers import how_far_answer, left_answer, where_answer, which_answer
 from pamid.report.channel_errors import errors_of
@@ -78,6 +78,7 @@ def weighed_effects(draw: st.DrawFn, most: int = 3) -> list[Weighed]:
             draw(shares()),
             draw(st.sampled_from([(), (), (), ("size",)])),
             draw(st.floats(0.0, 1.0)),
+            bent=draw(st.sampled_from([None, None, 0.01, 0.2])),
         )
         for effect, family in chosen
     ]
@@ -195,6 +196,7 @@ def file_of(
                 "port": ports[w.effect],
                 "probability": w.probability,
                 "removes": vars(w.removes),
+                "bent": w.bent,
                 "signature": signature | {"bounds": float(len(w.at_bound))},
             }
             for w in weighed
@@ -289,7 +291,8 @@ def test_terminal_page_and_file_say_the_same(found: DiagnosisFile) -> None:
         assert cause.effect in found.sentence and cause.effect in terminal
         assert captions.effect_label(cause.effect).lower() in headline.lower()
     if found.verdict == "cannot-tell" and not found.remark:
-        assert RECORD_MORE in found.sentence and RECORD_MORE in headline
+        advice = MEASURE_MAP if MEASURE_MAP in found.sentence else RECORD_MORE
+        assert advice in found.sentence and advice in headline
     rest = found.remainder
     if found.causes and rest is not None and rest.share is not None:
         share = plainly(captions.percent(rest.share))

@@ -79,3 +79,22 @@ def test_what_is_missing_is_said_in_the_ports_unit(
     made = diagnosis_json("unknown-effect")["remainder"]
     rest = {"missing_rms": missing, "passing_rms": passing, "unit": unit}
     assert amount_of(read(Remainder, made | rest)) == words
+
+
+@pytest.mark.parametrize(
+    ("missing", "background", "words"),
+    [
+        (0.2, {}, "A map that is rough by 2 % there would look alike."),
+        (0.9, {}, ""),
+        (None, {}, ""),
+        (0.2, {"force_map_1": {"pull": 0.8, "share_of_gap": 0.04}}, ""),
+    ],
+)
+def test_what_a_rough_map_would_leave_is_not_called_material_alone(
+    missing: float | None, background: dict[str, Any], words: str
+) -> None:
+    made = diagnosis_json("unknown-effect")
+    rest = made["remainder"] | {"missing_rms": missing, "passing_rms": 10.0, "unit": "N m"}
+    found = read(DiagnosisFile, made | {"remainder": rest, "background": background})
+    assert ("would look alike" in sentence(found)) == bool(words)
+    assert sentence(found).endswith(words)
