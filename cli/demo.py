@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .hints import unused
+from .job import parameter_values
 from .options import jobs_option, run_output_option, seed_option
 from .terminal import aside, progress_line, quoted
 
@@ -93,10 +94,7 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
         f"Named     {found['sentence']}",
     ]
     for cause in found["causes"]:
-        values = ", ".join(
-            f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
-            for k, v in cause["parameters"].items()
-        )
+        values = parameter_values(cause["parameters"])
         lines.append(f"          {cause['effect']} ({cause['family']}): {values}")
     lines += [
         judged,

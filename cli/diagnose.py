@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .job import cluster_option, failed_text, said_of
+from .job import cluster_option, failed_text, parameter_values, said_of
 from .options import (
     figure_option,
     jobs_option,
@@ -152,10 +152,7 @@ def _which(causes: list[dict[str, Any]]) -> list[str]:
     """Every cause with its parameters and what it removes, beside the others."""
     lines = []
     for i, c in enumerate(causes):
-        values = ", ".join(
-            f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
-            for k, v in c["parameters"].items()
-        )
+        values = parameter_values(c["parameters"])
         lines.append(
             ("Which     " if i == 0 else "          ")
             + f"{c['effect']} ({c['family']}), {_removed(c['removes'])}: {values}"

@@ -40,3 +40,12 @@ def said_of(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[
 def failed_text(found: dict[str, Any]) -> list[str]:
     """A line per job that failed."""
     return [f"Failed    {f['job']}: {f['why']}" for f in found.get("failed_jobs", ())]
+
+
+def parameter_values(parameters: dict[str, Any]) -> str:
+    """A cause's parameters, each with its interval, or with how it is known without one."""
+    return ", ".join(
+        f"{k} {v['value']:.4g} "
+        + (f"({v['low']:.4g} .. {v['high']:.4g})" if v["low"] < v["high"] else f"({v['word']})")
+        for k, v in parameters.items()
+    )

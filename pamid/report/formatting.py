@@ -125,7 +125,10 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
 def with_interval(
     value: float | None, low: float | None, high: float | None, unit_text: str, digits: int = 3
 ) -> str:
-    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit."""
+    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit; without an interval where it
+    has no width, as of what was read off."""
+    if low is not None and low == high:
+        low = high = None
     known = [one for one in (value, low, high) if one is not None]
     if not known or not unit_text:
         return short(value, digits) + interval_tail(span(low, high, "", digits))
