@@ -45,11 +45,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.simulator import SLOPE_ROUNDING
+
 Array = NDArray[np.float64]
 
 STILL_HOLDS = 0.1  # of what a step does: a change that leaves slopes as they were
 FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
-SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
 FORETOLD = 1e-3  # of a level: what a step may be off that is not made
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept
 

@@ -10,10 +10,11 @@ what goes into it; at the start of every exchange, of length h,
 States of the simulator and readings are states of the equations whose rate is zero, set anew after
 every exchange: so the driver of compiled equations (`pamid.engine.integrator`) serves the equations
 unchanged, sensitivities included. Those of the whole follow by the chain rule from the slopes of
-the step, finite differences over copies of the simulator, and are those of the recursion as it was
-computed. What is held over h makes it a method of order 1 in h for what acts from outside; coupled
-explicitly, a damping c on a mass m wants h below 2 m/c (Kuebler and Schiehlen 2000, Mathematical
-and Computer Modelling of Dynamical Systems 6(2), 93-113).
+the step, finite differences over copies of the simulator that lie across no jump
+(`pamid.engine.simulator.slopes_of`), and are those of the recursion as it was computed. What is
+held over h makes it a method of order 1 in h for what acts from outside; coupled explicitly, a
+damping c on a mass m wants h below 2 m/c (Kuebler and Schiehlen 2000, Mathematical and Computer
+Modelling of Dynamical Systems 6(2), 93-113).
 """
 
 from __future__ import annotations
@@ -25,9 +26,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
-from pamid.engine.known_slopes import FAR, SLOPE_ROUNDING, STILL_HOLDS, KnownSlopes
+from pamid.engine.known_slopes import FAR, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Memory, Program, Stepping
-from pamid.engine.simulator import DIFFERENCE, Simulator, Slopes, slopes_of
+from pamid.engine.simulator import (
+    DIFFERENCE,
+    SIDES_AGREE,
+    SLOPE_ROUNDING,
+    THIN,
+    Simulator,
+    Slopes,
+    slopes_of,
+)
 from pamid.engine.step_driver import StepDriver
 
 if TYPE_CHECKING:  # numba is loaded when a model is run, not with the package
@@ -362,10 +371,13 @@ class _Course:
         """The whole run in one compiled loop, as `SteppedProgram.run` makes it; the first sample at
         which it blew up, or -1. None where the simulator is no function of a library."""
         time_s, period_s, stepping = times
-        p = np.tile(self.own, (1 + len(self.chosen), 1))
-        tiny = np.abs(self.own[self.chosen])
+        n, tiny = len(self.chosen), np.abs(self.own[self.chosen])
         by = DIFFERENCE * (tiny + (tiny == 0.0))
-        p[1 + np.arange(len(by)), self.chosen] += by
+        p = np.tile(self.own, (2 + 2 * n if n else 1 + (self.columns is not None), 1))
+        if n:
+            p[1 + np.arange(n), self.chosen] += by
+            p[1 + n, self.chosen] -= by
+            p[2 + n + np.arange(n), self.chosen] -= THIN * by
         with self.simulator.in_c(p, period_s / stepping.substeps) as c:
             if c is None:
                 return None
@@ -398,6 +410,9 @@ class _Course:
                     by,
                     np.asarray(self.places, np.int64),
                     DIFFERENCE,
+                    THIN,
+                    SIDES_AGREE,
+                    SLOPE_ROUNDING,
                 ),
                 self._known_in_c(),
                 Y,

@@ -24,7 +24,8 @@ class SteppedInC(NamedTuple):
 
     step            function (model, data) that moves data on by a step of the model's own
     data            what it moves
-    models          (1 + moved parameters,): plain, then each with one parameter moved
+    models          (2 + 2 moved parameters,): plain, each with one parameter moved up, all of them
+                    moved down, each with one moved down by `thin` of that
     steps           of the model's own per exchange
     state_at, force_at
                     (states,), (forces,): where these numbers stand in data
@@ -34,6 +35,8 @@ class SteppedInC(NamedTuple):
     moved_by, place
                     (moved parameters,): by how much (float64), sensitivity column
     difference      of a value's size, float64: by how much states and forces are moved
+    thin            of that, float64: by how much they are moved where slopes disagree
+    same, rounded   by what slopes of both sides agree, float64
     """
 
     step: int
@@ -48,6 +51,9 @@ class SteppedInC(NamedTuple):
     moved_by: Any
     place: Any
     difference: float
+    thin: float
+    same: float
+    rounded: float
 
 
 class KnownInC(NamedTuple):
@@ -230,28 +236,66 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _slopes(c, x, f, by, plain, every, found):  # type: ignore[no-untyped-def]
-    """Fill `found` (states, states + forces + moved parameters) by differences: of the forces by
-    every one, or by those that what is sought moves."""
+def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-def]
+    """Fill `found` (states, states + forces + moved parameters) by differences over these steps;
+    models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
     moved = np.empty(nx)
-    for i in range(nx + nf):
-        at, k = (x, i) if i < nx else (f, i - nx)
-        if i >= nx and not every and not by[k].any():
+    for i in range(steps.shape[0]):
+        if steps[i] == 0.0:
             found[:, i] = 0.0
-            continue
-        size = c.state_size[k] if i < nx else c.force_size[k]
-        value = at[k]
-        step = c.difference * max(abs(value), size)
-        at[k] = value + step
-        _advance(c, c.models[0], x, f, moved)
-        at[k] = value
-        for j in range(nx):
-            found[j, i] = (moved[j] - plain[j]) / step
-    for k in range(c.place.shape[0]):
-        _advance(c, c.models[1 + k], x, f, moved)
-        for j in range(nx):
-            found[j, nx + nf + k] = (moved[j] - plain[j]) / c.moved_by[k]
+        elif i < nx + nf:
+            at, k = (x, i) if i < nx else (f, i - nx)
+            value = at[k]
+            at[k] = value + steps[i]
+            _advance(c, c.models[0], x, f, moved)
+            at[k] = value
+            found[:, i] = (moved - plain) / steps[i]
+        else:
+            _advance(c, models[i - nx - nf], x, f, moved)
+            found[:, i] = (moved - plain) / steps[i]
+
+
+@njit(cache=True)
+def _agree(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
+    """Do slopes foretell the step with everything moved to the other side?"""
+    nx, at = x.shape[0], x.shape[0] + f.shape[0]
+    moved = np.empty(nx)
+    back = c.models[1 + c.place.shape[0]]
+    _advance(c, back, x - steps[:nx], f - steps[nx:at], moved)
+    for j in range(nx):
+        told, differently = plain[j], 0.0
+        for i in range(steps.shape[0]):
+            told -= found[j, i] * steps[i]
+            differently += abs((found[j, i] - 1.0 if i == j else found[j, i]) * steps[i])
+        # neither is so of what is no number
+        if not abs(moved[j] - told) <= c.same * differently + c.rounded * abs(plain[j]):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _slopes(c, x, f, by, plain, every, found):  # type: ignore[no-untyped-def]
+    """Fill `found` as `pamid.engine.simulator.slopes_of` does: of the forces by every one, or by
+    those that what is sought moves."""
+    nx, nf, n = x.shape[0], f.shape[0], c.place.shape[0]
+    steps = np.zeros(nx + nf + n)
+    for i in range(nx):
+        steps[i] = c.difference * max(abs(x[i]), c.state_size[i])
+    for k in range(nf):
+        if every or by[k].any():
+            steps[nx + k] = c.difference * max(abs(f[k]), c.force_size[k])
+    steps[nx + nf :] = c.moved_by
+    _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, found)
+    if _agree(c, x, f, steps, plain, found):
+        return
+    other = np.empty_like(found)
+    _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
+    for j in range(nx):
+        for i in range(found.shape[1]):
+            own = 1.0 if i == j else 0.0
+            if abs(other[j, i] - own) < abs(found[j, i] - own):
+                found[j, i] = other[j, i]
 
 
 @njit(cache=True)

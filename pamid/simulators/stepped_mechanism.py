@@ -33,7 +33,7 @@ from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
 
 Array = NDArray[np.float64]
 
-MOST_MODELS = 64  # copies of the model kept, each with parameters of its own
+MOST_MODELS = 128  # copies of the model kept, each with parameters of its own
 # of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
 SOLVER_TOLERANCE = 1e-13
 
@@ -280,7 +280,7 @@ class _Stepper:
     def with_values(self, row: Array, timestep_s: float) -> Any:
         """A model with these parameters."""
         key = row.tobytes()
-        model = self.known.get(key)
+        model = self.known.pop(key, None)  # put back as the last: the first is written anew
         if model is None:
             if len(self.known) < MOST_MODELS:
                 model = self.mujoco.MjModel.__copy__(self.model)
@@ -291,6 +291,6 @@ class _Stepper:
                 at = (write.row,) if write.column < 0 else (write.row, write.column)
                 array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
             self.mujoco.mj_setConst(model, self.data)
-            self.known[key] = model
+        self.known[key] = model
         model.opt.timestep = timestep_s
         return model
