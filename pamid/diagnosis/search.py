@@ -267,9 +267,11 @@ def opposite_signs(
 
 def _start(s: Screened, base: CandidateModel) -> RefitStart:
     """Where a screened candidate is refitted from: what the model below it has found, or the data
-    sheet."""
+    sheet; of a rig that is stepped always the former, which may have taken more than a fit from
+    the data sheet to find."""
     assert s.assembly is not None
-    p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
+    found = base.attached or s.assembly.program.keeps_slopes
+    p = transferred(s.assembly, (base.assembly, base.fit.p)) if found else None
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 

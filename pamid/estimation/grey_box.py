@@ -14,7 +14,12 @@ from pamid.estimation.multiple_shooting import ITERATIONS
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.posterior import EarlierPosterior
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.restart import escape_local_minimum, fit_from_draws, is_failed
+from pamid.estimation.restart import (
+    escape_local_minimum,
+    fit_from_draws,
+    fit_from_shorter_windows,
+    is_failed,
+)
 from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_robustly
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -80,11 +85,16 @@ def fit_model(
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
+    # a rig that is stepped may touch things, after which its motion is another one
+    touching = assembly.program.keeps_slopes
     progress("fitting")
     fitted = escape_local_minimum(
         fit_robustly(problem, progress=_counting(progress)),
         evidence.noise,
     )
+    if touching:
+        progress("fitting from shorter windows")
+        fitted = fit_from_shorter_windows(fitted)
     if is_failed(fitted):
         progress("fitting from other starts")
         fitted = fit_from_draws(fitted, evidence.noise, seed)
@@ -94,7 +104,10 @@ def fit_model(
             break
         progress("refining the integration step")
         fitted = escape_local_minimum(
-            fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise
+            fit_robustly(
+                problem, p=fitted.p if touching else None, stepping=fitted.stepping.doubled()
+            ),
+            evidence.noise,
         )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     progress("noise floor")
