@@ -16,10 +16,16 @@ from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, null_error
 from pamid.engine.program import Stepping
 from pamid.engine.stepped import SteppedProgram
+from pamid.estimation.grey_box import model_with
+from pamid.estimation.observed_sizes import observed_sizes
+from pamid.estimation.problem import Problem, free_parameters
+from pamid.estimation.restart import fit_from_shorter_windows
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 
@@ -208,10 +214,10 @@ def test_an_effect_at_a_joint_acts_as_a_torque_there(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.slow
-def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: Path) -> None:
-    """The file lacks a friction of the hip, and its masses are off."""
-    model = mujoco.MjModel.from_xml_path(str(_written(tmp_path, thigh=1.15, damping=0.12)))
+def _recorded(folder: Path) -> pamid.Recording:
+    """Of a leg with a friction of 0.8 N m at the hip that the file lacks; its thigh weighs 1.15 kg,
+    not 1."""
+    model = mujoco.MjModel.from_xml_path(str(_written(folder, thigh=1.15, damping=0.12)))
     model.dof_frictionloss[0] += 0.8
     data, samples, random = mujoco.MjData(model), 3000, np.random.default_rng(0)
     seconds = samples * PERIOD
@@ -231,12 +237,33 @@ def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: 
     columns = {"time_s": PERIOD * np.arange(samples), "push_command": sent[:, 0]}
     columns |= {"servo_command_rad": sent[:, 1]}
     columns |= {name: read[:, i] for i, name in enumerate(NAMES[:2])}
+    return pamid.Recording.from_pandas(pd.DataFrame(columns))
+
+
+def test_a_fit_that_impacts_trap_begins_with_shorter_windows(tmp_path: Path) -> None:
+    evidence = split_recordings(rig_named(str(_written(tmp_path))), [_recorded(tmp_path)], [])
+    assembly = model_with(evidence, (), observed_sizes(evidence))
+    tracks = evidence.tracks(assembly)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    trapped = fit_robustly(problem)
+    found = fit_from_shorter_windows(trapped)
+    thigh = assembly.index_of("thigh_mass_kg")
+    assert abs(trapped.p[thigh] - 1.15) > 0.1
+    assert abs(found.p[thigh] - 1.15) < 0.05
+    left = [np.sqrt((f.residuals[0] ** 2).mean(axis=0)) for f in (trapped, found)]
+    assert (left[1] < 0.5 * left[0]).all()
+    assert fit_from_shorter_windows(found) is found  # nothing is gained by doing it again
+
+
+@pytest.mark.slow
+def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: Path) -> None:
+    """The file lacks a friction of the hip, and its masses are off."""
+    recording = _recorded(tmp_path)
     (tmp_path / "given").mkdir()
-    given = _written(tmp_path / "given")
     tried = ("coulomb-friction", "viscous-friction", "cubic-stiffness", "gain-error", "dead-time")
     found = pamid.diagnose(
-        pamid.Recording.from_pandas(pd.DataFrame(columns)),
-        given,
+        recording,
+        _written(tmp_path / "given"),
         without=[name for name in effects() if name not in tried],
         jobs=1,
     )
