@@ -80,7 +80,7 @@ def test_a_disturbance_does_not_grow_by_contacts_that_open_and_close(assembly: A
 
 def test_a_mass_is_found_on_the_floor(assembly: Assembly) -> None:
     """By slopes across jumps a fit ends where it begins, 17 % off. In which order of impacts it
-    settles, and so the last percent, rests on the last bits of a machine: 1.19 to 1.23 were seen."""
+    settles, and so the last percent, rests on a machine's last bits: 1.19 to 1.23 were seen."""
     program, truth = assembly.program, assembly.values({"sled_mass_kg": MASS})
     memory = program.memory(assembly.start(truth), period_s=PERIOD)
     y, _, bad = program.run(memory, COMMANDS, truth, period_s=PERIOD, stepping=Stepping(1))
