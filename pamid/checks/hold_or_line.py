@@ -307,7 +307,7 @@ def _trial_of(recording: Recording, rig: Rig) -> _TriedOn | None:
     if not names:
         return None
     assembly = Assembly(rig, outputs=names)
-    track = track_of(assembly, recording, names)
+    track = track_of(assembly, recording, names, timescale_s=rig.timescale_s or 1.0)
     windows = _windows(track)
     if len(windows) < FEWEST_WINDOWS:
         return None

@@ -143,11 +143,9 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     order = sorted(range(len(fit)), key=lambda i: place[id(fit[i].recording)])
     by_content = sorted(everything, key=lambda r: place[id(r)])
     stated = stated_noise(rig, channels)
-    noise = np.sqrt(
-        seen_mean(
-            np.stack([noise_of((track_of(plain, r, channels),), stated) ** 2 for r in by_content])
-        )
-    )
+    # no time scale is asked of these tracks: it is found from them
+    whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
+    noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
     jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
     return DataSplit(
         rig,
@@ -156,7 +154,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         channels,
         noise,
         jump,
-        rig.timescale_s or _timescale_s(plain, by_content, channels, noise, (fit, held)),
+        rig.timescale_s or _timescale_s(whole, noise, (fit, held)),
     )
 
 
@@ -174,19 +172,10 @@ def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
     return round(total, ALIKE_DIGITS), recording.sha256
 
 
-def _timescale_s(
-    plain: Assembly,
-    recordings: list[Recording],
-    channels: tuple[str, ...],
-    noise: Array,
-    parts: tuple[list[Span], list[Span]],
-) -> float:
+def _timescale_s(whole: list[Track], noise: Array, parts: tuple[list[Span], list[Span]]) -> float:
     """Correlation time of the recordings, at most what leaves enough windows to fit; as far as it
     is that of the envelope, of either part."""
-    tables = [
-        (track_of(plain, r, channels, timescale_s=1.0).y, noise, r.sampling_period_s)
-        for r in recordings
-    ]
+    tables = [(t.y, noise, t.period_s) for t in whole]
     fitted, held = (
         sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
     )
