@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pamid.ingest.guessed_mapping import GuessedMapping
     from pamid.ingest.ingesting import IngestResult, guess_mapping, ingest
     from pamid.model.assembly import Assembly
-    from pamid.model.background import Gain, SmoothGain, SplitGain
+    from pamid.model.background import Gain, RoughMap, SmoothGain, SplitGain
     from pamid.model.effect import Effect, State
     from pamid.model.parameter import Parameter
     from pamid.model.rig import Loop, Port, Rig
@@ -82,6 +82,7 @@ _HOME = {
     "PowerResult": "pamid.api.planning",
     "Recording": "pamid.recording.recording",
     "Rig": "pamid.model.rig",
+    "RoughMap": "pamid.model.background",
     "ScoreResult": "pamid.api.run_scores",
     "SmoothGain": "pamid.model.background",
     "SplitGain": "pamid.model.background",
@@ -126,6 +127,7 @@ __all__ = [
     "PowerResult",
     "Recording",
     "Rig",
+    "RoughMap",
     "ScoreResult",
     "SmoothGain",
     "SplitGain",

@@ -34,7 +34,7 @@ from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
-_FACE = ("Loop", "Parameter", "Port", "Rig", "State")
+_FACE = ("Loop", "Parameter", "Port", "Rig", "RoughMap", "State")
 GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
 SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

@@ -228,6 +228,9 @@ def decide(
     why = doubt
     if doubt:
         verdict, named = "cannot-tell", []
+    elif not _above_floor(before, settings):
+        # whatever takes a part of so little off, no cause is needed for it
+        verdict, named = "no-structural-gap", []
     elif len({w.family for w in one_of}) > 1 and together >= yes:
         verdict, named, known = "ambiguous", one_of, together
     elif named:

@@ -9,15 +9,18 @@ effect of the catalogue counts only beyond what they explain.
 
 from __future__ import annotations
 
+from math import pi
 from typing import Any
 
 from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip, where
+from pamid.symbolic.vocabulary import Expr, Number, clip, cos, where
 
 LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
 HALF_WARM = 0.3  # of the longest recording: where nobody says how long the machine warms up
 FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
+ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of what is reached
+BEYOND_SIZE = 1.25  # of the size of a signal (95th percentile): where a rough curve ends
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
 
 
@@ -118,6 +121,61 @@ def _chebyshev(at: Any, over: tuple[str, float, float], weights: list[Expr]) -> 
         total = total + weight * here
         before, here = here, 2.0 * s * here - before
     return total
+
+
+class RoughMap(Background):
+    """value + of * (a rough curve over a signal): no machine follows the formula of its map
+    everywhere.
+
+    The curve is a half-range cosine series over the range of the signal (s = 0 .. 1),
+
+        sum over i = 1 .. waves of c_i cos(i pi s)
+
+    with one prior for all c_i, so that its root mean square is the tolerance: a smooth random
+    function by the first terms of its trigonometric series (Wahba 1990, Spline Models for
+    Observational Data, chapter 2).
+
+    over      "value", what passes, or a signal of the port, as far as the recordings reach
+    of        "value", or a signal in the same unit of which the curve is a share: where what passes
+              is a balance of forces or flows, one of these
+    positive  the signal is never below zero
+    waves     terms: two make a whole period over the range
+    """
+
+    def __init__(
+        self,
+        name: str,
+        over: str = "value",
+        *,
+        tolerance: float,
+        of: str = "value",
+        positive: bool = False,
+        waves: int = ROUGH_WAVES,
+    ) -> None:
+        self.over, self.of, self.positive = over, of, positive
+        each = tolerance * (2.0 / waves) ** 0.5
+        super().__init__(name, {f"wave_{i}": each for i in range(1, waves + 1)})
+        self.waves = tuple(p.name for p in self.parameters)
+        reach = Parameter(
+            "reach",
+            BEYOND_SIZE,
+            size=over,
+            fitted=False,
+            source="read off: what the recordings reach",
+        )
+        self.parameters = (*self.parameters, reach)  # type: ignore[misc]
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        x = value if self.over == "value" else getattr(at, self.over)
+        s = x / p.reach if self.positive else 0.5 * (x / p.reach + 1.0)
+        first = cos(pi * clip(s, 0.0, 1.0))
+        before: Number = 1.0
+        here: Number = first
+        total: Number = 0.0
+        for wave in self.waves:  # cos((i + 1) a) = 2 cos(a) cos(i a) - cos((i - 1) a)
+            total = total + getattr(p, wave) * here
+            before, here = here, 2.0 * first * here - before
+        return value + (value if self.of == "value" else getattr(at, self.of)) * total
 
 
 class SplitGain(Background):

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -50,6 +51,13 @@ class CascadedTanks(Rig):
         "lower": Port("rate", "m/s", {"stored": "m", "inflow": "m/s", "upstream": "m"}),
         "gauge": Port("reading", "m", {"rate": "m/s"}),
         "upper_gauge": Port("reading", "m", {"rate": "m/s"}),
+    }
+    background = {
+        "pump": RoughMap("pump_curve", positive=True, tolerance=0.02, waves=4),
+        "pipe": RoughMap("upper_outlet", "level", positive=True, tolerance=0.02, waves=4),
+        "lower": RoughMap(
+            "lower_outlet", "stored", of="inflow", positive=True, tolerance=0.02, waves=4
+        ),
     }
     states = (State("upper", "m", 0.05), State("lower", "m", 0.05))
     parameters = (

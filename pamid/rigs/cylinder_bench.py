@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.symbolic.vocabulary import Number, rate_of
@@ -44,6 +45,12 @@ class CylinderBench(Rig):
             "motion", "N", {"position": "m", "velocity": "m/s", "pressure": "Pa", "load": "N"}
         ),
         "load_cell": Port("reading", "N"),
+    }
+    background = {
+        "piston": (
+            RoughMap("bore", "position", of="load", tolerance=0.02),
+            RoughMap("seal_area", "pressure", of="load", positive=True, tolerance=0.02),
+        )
     }
     parameters = (
         Parameter(

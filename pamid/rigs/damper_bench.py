@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.symbolic.vocabulary import Number, rate_of
@@ -43,6 +44,12 @@ class DamperBench(Rig):
             "motion", "N", {"position": "m", "velocity": "m/s", "load": "N", "current": "A"}
         ),
         "load_cell": Port("reading", "N"),
+    }
+    background = {
+        "rod": (
+            RoughMap("stroke", "position", of="load", tolerance=0.02),
+            RoughMap("valving", "velocity", of="load", tolerance=0.02),
+        )
     }
     parameters = (
         Parameter(

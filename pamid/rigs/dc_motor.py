@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig
@@ -50,6 +51,7 @@ class DcMotor(Rig):
         "encoder": Port("reading", "rad", {"rate": "rad/s"}),
         "ammeter": Port("reading", "A"),
     }
+    background = {"shaft": RoughMap("torque_constant", "position", of="load", tolerance=0.02)}
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
         Parameter(

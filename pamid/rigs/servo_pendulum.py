@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig
@@ -37,13 +38,14 @@ class ServoPendulum(Rig):
     inputs = {"voltage_v": "V"}
     outputs = {"angle_deg": "rad"}
     ports = {
-        "driver": Port("command", "V"),
+        "driver": Port("command", "V", {"position": "rad"}),
         "gear": Port("motion", "N m", {"position": "rad", "velocity": "rad/s", "load": "N m"}),
         "horn": Port(
             "transmission", "N m", {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"}
         ),
         "encoder": Port("reading", "rad", {"rate": "rad/s"}),
     }
+    background = {"driver": RoughMap("torque_constant", "position", tolerance=0.02)}
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
         Parameter("mass", 0.3, 0.0, 50.0, "kg", fitted=False, source="kitchen scale"),
@@ -93,7 +95,7 @@ class ServoPendulum(Rig):
     excited = {"reference_deg": 60.0, "voltage_v": 6.0}
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        drive = p.gain * port("driver", u.voltage_v)
+        drive = p.gain * port("driver", u.voltage_v, position=x.angle)
         weight = -p.mass * GRAVITY * p.length * sin(x.angle)
         inertia = p.mass * p.length * p.length + p.rotor
         torque = drive + weight - p.damping * x.velocity

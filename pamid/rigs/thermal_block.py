@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -37,8 +38,14 @@ class ThermalBlock(Rig):
     outputs = {"temperature_degc": "K"}
     ports = {
         "heater": Port("command", "W"),
-        "block": Port("rate", "K/s", {"stored": "K", "temperature": "K"}),
+        "block": Port("rate", "K/s", {"stored": "K", "temperature": "K", "loss": "K/s"}),
         "sensor": Port("reading", "K", {"rate": "K/s"}),
+    }
+    background = {
+        "heater": RoughMap("heater_curve", positive=True, tolerance=0.02, waves=4),
+        "block": RoughMap(
+            "loss_curve", "stored", of="loss", positive=True, tolerance=0.02, waves=4
+        ),
     }
     states = (State("temperature", "K", ROOM_K),)
     parameters = (
@@ -73,11 +80,13 @@ class ThermalBlock(Rig):
         """Rate of the block's temperature, K/s."""
         power = port("heater", u.power_w)
         excess = x.temperature - u.ambient_degc
+        loss = p.loss * excess / p.capacity
         return port(  # type: ignore[no-any-return]
             "block",
-            (power - p.loss * excess) / p.capacity,
+            power / p.capacity - loss,
             stored=excess,
             temperature=x.temperature,
+            loss=loss,
         )
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -44,6 +45,11 @@ class TwoMasses(Rig):
         "carriage_2": Port("motion", "N", CARRIAGE, kin="carriage"),
         "ruler_1": Port("reading", "m", {"rate": "m/s"}),
         "ruler_2": Port("reading", "m", {"rate": "m/s"}),
+    }
+    background = {
+        "spring": RoughMap("spring_curve", "position", tolerance=0.02),
+        "carriage_1": RoughMap("rail_1", "position", of="load", tolerance=0.02),
+        "carriage_2": RoughMap("rail_2", "position", of="load", tolerance=0.02),
     }
     states = (
         State("position_1", "m"),
