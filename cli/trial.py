@@ -75,6 +75,11 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     help="Of the cases drawn only this stratum.",
 )
 @click.option(
+    "--bare",
+    is_flag=True,
+    help="Take away what the rig states of its machine's tolerances (background).",
+)
+@click.option(
     "--calibrate",
     type=click.Path(dir_okay=False, path_type=Path),
     default=None,
@@ -100,6 +105,7 @@ def command(
     resume: bool,
     overwrite: bool,
     only: str | None,
+    bare: bool,
     calibrate: Path | None,
     also: tuple[Path, ...],
 ) -> frame.Result:
@@ -142,7 +148,7 @@ def command(
         _require_calibration(part)
     _require_one_way(resume, overwrite, index)
     tried = _tried(rig, excitation)
-    fixed = {"part": part, "seed": seed}
+    fixed: dict[str, Any] = {"part": part, "seed": seed, **({"bare": True} if bare else {})}
     if not isinstance(tried, str):
         fixed = {"rig": rig, "machine": tried.sha256, **fixed}
     elif rig != "one-dof":
@@ -163,7 +169,7 @@ def command(
             with progress_line("trial", cases) as progress:
                 found = run_trial(
                     output,
-                    CaseSelection(part, cases, seed, tried, only or ""),
+                    CaseSelection(part, cases, seed, tried, only or "", bare),
                     pool,
                     done=lambda i, n: progress.update(i, "cases", n),
                 )
@@ -234,6 +240,7 @@ def _share(
         fixed["seed"],
         tried,
         options["only"] or "",
+        fixed.get("bare", False),
     ).draw()
     cases = every_case[number - 1 :: count]
     with progress_line("trial", len(cases)) as progress:
@@ -253,7 +260,7 @@ def _share(
 def _scoring(output: Path, options: dict[str, Any]) -> str:
     """The line that scores what the shares have worked through: the same trial without --index."""
     asked = [
-        f"--{name} {quoted(str(value))}"
+        f"--{name}" if value is True else f"--{name} {quoted(str(value))}"
         for name, value in options.items()
         if value is not None and name != "machine"
     ]

@@ -24,8 +24,9 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.port_guide import driving_words, ports_of
+from pamid.model.port_guide import driving_words, ports_of, tolerance_words
 from pamid.model.rig import Rig, check_rig
+from pamid.model.step_rig import StepRig
 from pamid.recording.file_checks import (
     check_header,
     check_stamps,
@@ -435,7 +436,11 @@ def _rig(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
         ], []
-    return _built(rig, effects)
+    found, ports = _built(rig, effects)
+    if ports and not isinstance(rig, StepRig):
+        words = tolerance_words(rig)
+        found += _named(rig.name, [CheckOutcome("tolerances", False, w, True) for w in words])
+    return found, ports
 
 
 def _built(

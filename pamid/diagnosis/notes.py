@@ -13,7 +13,7 @@ from pamid.estimation.intervals import background_pull, estimates
 from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
-from pamid.model.port_guide import driving_words
+from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.schemas.diagnosis_file import Remainder
 
 
@@ -200,8 +200,8 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
         return []
     return [
         f"What is missing at port {rest.port} is {percent_text(share)} of what passes there, and a "
-        f"map that is rough by as much would look alike. If yours may be, state it: background = "
-        f'{{"{rest.port}": SmoothGain(...)}} in the rig, and diagnose again.'
+        f"map that is rough by as much would look alike. If yours may be, state it in the rig, "
+        f"{stated_roughness(rig, rest.port)}, and diagnose again."
     ]
 
 

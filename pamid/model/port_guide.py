@@ -98,6 +98,36 @@ IMPOSED = (
 )
 
 
+#: kinds of port that a formula of the machine gives its value, and signals over which that is off
+MAPPED = ("actuator-force", "flow", "motion", "rate")
+ALONG = ("position", "stored", "level")
+ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
+
+
+def stated_roughness(rig: Rig, *names: str) -> str:
+    """The line of a rig file that states an ordinary roughness of what passes these ports."""
+    return f"background = {{{', '.join(_rough_map(rig.ports[name], name) for name in names)}}}"
+
+
+def _rough_map(port: Port, name: str) -> str:
+    over = next((f', "{s}"' for s in ALONG if s in port.signals), "")
+    same = "load" in port.signals and port.unit_of("load") == port.unit
+    of = ', of="load"' if same else ""
+    return f'"{name}": RoughMap("{name}_map"{over}{of}, tolerance={ORDINARY_ROUGHNESS})'
+
+
+def tolerance_words(rig: Rig) -> list[str]:
+    """What to say of a rig that states no tolerances, with the line that would."""
+    mapped = [name for name, port in rig.ports.items() if port.kind in MAPPED]
+    if rig.background or not mapped:
+        return []
+    return [
+        "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
+        "passes for a missing effect, or hides one; if yours may be: "
+        f"{stated_roughness(rig, *mapped)}"
+    ]
+
+
 def reachable(
     port: Port, effects: Iterable[type[Effect]], *, any_unit: bool = False
 ) -> dict[tuple[str, ...], list[str]]:

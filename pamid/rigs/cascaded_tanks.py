@@ -53,11 +53,9 @@ class CascadedTanks(Rig):
         "upper_gauge": Port("reading", "m", {"rate": "m/s"}),
     }
     background = {
-        "pump": RoughMap("pump_curve", positive=True, tolerance=0.02, waves=4),
-        "pipe": RoughMap("upper_outlet", "level", positive=True, tolerance=0.02, waves=4),
-        "lower": RoughMap(
-            "lower_outlet", "stored", of="inflow", positive=True, tolerance=0.02, waves=4
-        ),
+        "pump": RoughMap("pump_curve", positive=True, tolerance=0.02),
+        "pipe": RoughMap("upper_outlet", "level", positive=True, tolerance=0.02),
+        "lower": RoughMap("lower_outlet", "stored", of="inflow", positive=True, tolerance=0.02),
     }
     states = (State("upper", "m", 0.05), State("lower", "m", 0.05))
     parameters = (

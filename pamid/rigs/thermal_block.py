@@ -42,10 +42,8 @@ class ThermalBlock(Rig):
         "sensor": Port("reading", "K", {"rate": "K/s"}),
     }
     background = {
-        "heater": RoughMap("heater_curve", positive=True, tolerance=0.02, waves=4),
-        "block": RoughMap(
-            "loss_curve", "stored", of="loss", positive=True, tolerance=0.02, waves=4
-        ),
+        "heater": RoughMap("heater_curve", positive=True, tolerance=0.02),
+        "block": RoughMap("loss_curve", "stored", of="loss", positive=True, tolerance=0.02),
     }
     states = (State("temperature", "K", ROOM_K),)
     parameters = (

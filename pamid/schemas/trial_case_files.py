@@ -83,6 +83,9 @@ class CaseLabel(Model):
     rig: Text | None = Field(description=RIG)
     sha256: Text = Field(description=SHA256)
     truth: ListOf[PlantedTruth]
+    bare: Sometimes[bool] = Field(
+        default=None, description="is the tool not told of the machine's tolerances?"
+    )
 
 
 class TrialLabelsFile(Model):
@@ -96,6 +99,9 @@ class TrialLabelsFile(Model):
     seed: Count | None = Field(description=SEED)
     cases_sha256: Text = Field(description="digest of all cases")
     cases: ListOf[CaseLabel]
+    bare: Sometimes[bool] = Field(
+        default=None, description="is the tool not told of the machine's tolerances?"
+    )
 
 
 class TrialShare(Model):

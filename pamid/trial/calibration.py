@@ -66,12 +66,14 @@ class Example:
 
 @dataclass(frozen=True)
 class Lesson:
-    """The finished calibration cases of a machine, marked."""
+    """The finished calibration cases of a machine, marked; bare: the tool was not told of its
+    tolerances."""
 
     machine: str
     seed: int
     digest: str
     cases: tuple[Marked, ...]
+    bare: bool = False
 
 
 def lesson_of(folder: Path) -> Lesson:
@@ -85,6 +87,7 @@ def lesson_of(folder: Path) -> Lesson:
         machine=str(labels.get("rig", ONE_DOF)),
         seed=int(labels["seed"]),
         digest=str(labels["cases_sha256"]),
+        bare=bool(labels.get("bare")),
     )
 
 
@@ -95,6 +98,7 @@ def lesson(
     machine: str,
     seed: int,
     digest: str,
+    bare: bool = False,
 ) -> Lesson:
     """The same from labels and results."""
     if any(label["part"] != "calibration" for label in labels):
@@ -110,6 +114,7 @@ def lesson(
         tuple(
             Marked(known[r["case"]], r) for r in results if r["case"] in known and not r["failed"]
         ),
+        bare,
     )
 
 
@@ -134,6 +139,7 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
             "used": sum(len(k.cases) for k in lessons),
             "machines": [
                 {"rig": k.machine, "seed": k.seed, "sha256": k.digest, "used": len(k.cases)}
+                | ({"bare": True} if k.bare else {})
                 for k in lessons
             ],
         },

@@ -29,7 +29,7 @@ from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.grey_box import fit_model
 from pamid.model.effect import Effect
-from pamid.model.registry import catalogue_rig, effects
+from pamid.model.registry import effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
@@ -60,20 +60,22 @@ Done = Callable[[int, int], None]
 @dataclass(frozen=True)
 class CaseSelection:
     """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
-    of one stratum, where one is named. rig: its name, or a machine that is made of it."""
+    of one stratum, where one is named. rig: its name, or a machine that is made of it; bare:
+    without the tolerances that the rig states."""
 
     part: str
     count: int
     seed: int
     rig: str | OwnMachine = ONE_DOF
     only: str = ""
+    bare: bool = False
 
     @property
     def rig_name(self) -> str:
         return self.rig if isinstance(self.rig, str) else self.rig.name
 
     def draw(self) -> list[Case]:
-        drawn = draw_cases(self.part, self.count, self.seed, self.rig)
+        drawn = draw_cases(self.part, self.count, self.seed, self.rig, bare=self.bare)
         return [c for c in drawn if self.only in ("", c.stratum)]
 
 
@@ -99,6 +101,8 @@ def run_trial(
         cases_sha256=digest,
         cases=tuple(CaseLabel(**label) for label in labels),
     )
+    if selection.bare:
+        about = about.model_copy(update={"bare": True})
     write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
     found = score_cases(
@@ -193,8 +197,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    rig = case.own.rig if case.own else catalogue_rig(case.rig)
-    d, verdict = diagnosed(split_recordings(rig, [recorded], []), catalogue)
+    d, verdict = diagnosed(split_recordings(case.tools_rig, [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = (
         _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None

@@ -18,7 +18,8 @@ import numpy as np
 from pamid.base.errors import UsageError
 from pamid.base.json_file import json_text
 from pamid.model.effect import Effect
-from pamid.model.registry import effects
+from pamid.model.registry import catalogue_rig, effects
+from pamid.model.rig import Rig
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
 from pamid.trial.machine import ONE_DOF, TWO_LINK, Machine, machine_named
@@ -38,7 +39,8 @@ DRAWN_DIGITS = 9
 class Case:
     """One case with its label. planted: fault, or fault@place, -> sizes; removed: effects taken out
     of the tool's catalogue; conditions: as the machine draws them; own: the machine, where there is
-    none of the name of the rig to be found."""
+    none of the name of the rig to be found; bare: what the rig states of its tolerances is taken
+    away from the tool."""
 
     number: int
     part: str
@@ -49,6 +51,7 @@ class Case:
     conditions: Conditions
     rig: str = ONE_DOF
     own: OwnMachine | None = field(default=None, compare=False, repr=False)
+    bare: bool = False
 
     @property
     def machine(self) -> Machine:
@@ -59,7 +62,17 @@ class Case:
         """The case as plain data."""
         fields = asdict(replace(self, own=None))
         del fields["own"]
+        if not self.bare:
+            del fields["bare"]
         return fields
+
+    @property
+    def tools_rig(self) -> Rig:
+        """What the tool is given of the machine."""
+        rig = self.own.rig if self.own else catalogue_rig(self.rig)
+        if self.bare:
+            rig.background = {}  # type: ignore[misc]
+        return rig
 
     @property
     def sha256(self) -> str:
@@ -77,13 +90,13 @@ class Case:
 
 
 def draw_cases(
-    part: str, count: int, seed: int, rig: str | OwnMachine = ONE_DOF
+    part: str, count: int, seed: int, rig: str | OwnMachine = ONE_DOF, *, bare: bool = False
 ) -> tuple[Case, ...]:
     """The first `count` cases of a part. UsageError for an unknown part or rig."""
     machine = machine_named(rig) if isinstance(rig, str) else rig
     if part not in TRIAL_PARTS:
         raise UsageError(f"unknown part {part!r}", f"parts: {', '.join(TRIAL_PARTS)}")
-    cases = tuple(_draw(machine, part, number, seed) for number in range(count))
+    cases = tuple(replace(_draw(machine, part, number, seed), bare=bare) for number in range(count))
     for other in TRIAL_PARTS:
         if other != part:
             assert not {c.seed for c in cases} & {_seed(other, n, seed) for n in range(count)}, (

@@ -9,6 +9,7 @@ import pytest
 
 from pamid.diagnosis.notes import _between, roughness
 from pamid.diagnosis.settings import DEFAULT
+from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Remainder
 
 
@@ -61,14 +62,20 @@ LEFT = Remainder(
 
 
 def of_roughness(background: dict[str, Any], **changes: Any) -> list[str]:
-    rig = SimpleNamespace(background=background, group_of=lambda port: port.rstrip("12"))
+    rig = SimpleNamespace(
+        background=background,
+        group_of=lambda port: port.rstrip("12"),
+        ports={"shaft": Port("motion", "N m", ("position",))},
+    )
     d: Any = SimpleNamespace(evidence=SimpleNamespace(rig=rig), settings=DEFAULT)
     return roughness(d, LEFT.model_copy(update=changes))
 
 
 def test_what_a_rough_map_would_leave_as_well_is_said() -> None:
     (said,) = of_roughness({"motor": object()})
-    assert "3 % of what passes" in said and 'background = {"shaft": SmoothGain(...)}' in said
+    assert (
+        "3 % of what passes" in said and 'RoughMap("shaft_map", "position", tolerance=0.02)' in said
+    )
 
 
 @pytest.mark.parametrize(
