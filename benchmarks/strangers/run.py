@@ -1,6 +1,6 @@
 """What a stranger gets: virtual machines with equations of their own, rigs written from the docs.
 
-    python benchmarks/strangers/run.py --output FOLDER [--only NAME ...] [--whole] [--resume]
+    python benchmarks/strangers/run.py --output FOLDER [--only NAME ...] [--whole] [--stated]
 
 Every machine (`machines.py`) has equations of its own, in plain numpy, as measured machines have:
 sensors with noise, steps and a zero that walks, maps that are rough by 1 to 3 %, inputs that are
@@ -9,7 +9,8 @@ README, CONTRIBUTING, docs/tutorials/own-rig.md, data/rigs/README.md and what `p
 with parameters 10 to 30 % off, and without `background` or `size`. `pamid diagnose` is given the
 first recording, the second as `--held-out`, and the rig, in a folder whose name says nothing, one
 machine after the other. With `--whole` nothing is missing in any of them, and zeros are not off:
-what is left is their ordinary roughness. `--resume` keeps what has been diagnosed, `--table` only
+what is left is their ordinary roughness. With `--stated` every rig states the tolerances that
+`pamid check` proposes for it. `--resume` keeps what has been diagnosed, `--table` only
 prints.
 
 How an answer is counted:
@@ -41,6 +42,9 @@ import numpy as np
 from machines import STRANGERS
 from virtual import NOTHING, Columns, Stranger
 
+from pamid.model.port_guide import MAPPED, stated_roughness
+from pamid.model.registry import rig_named
+
 HERE = Path(__file__).resolve().parent
 PAMID = Path(sys.executable).with_name("pamid")
 NAMED = ("explained", "partly-explained")
@@ -70,6 +74,7 @@ def main() -> int:
     parser.add_argument("--resume", action="store_true", help="keep what has been diagnosed")
     parser.add_argument("--table", action="store_true", help="only print what is there")
     parser.add_argument("--whole", action="store_true", help="machines that lack nothing")
+    parser.add_argument("--stated", action="store_true", help="rigs state their tolerances")
     options = parser.parse_args()
     answers = []
     for number, planned in enumerate(STRANGERS, 1):
@@ -81,6 +86,8 @@ def main() -> int:
         if not options.table and not (options.resume and (folder / "cost.txt").exists()):
             shutil.rmtree(folder, ignore_errors=True)
             write_machine(folder, stranger)
+            if options.stated:
+                state_tolerances(folder / stranger.rig)
             diagnose_machine(folder, stranger)
         if (folder / "cost.txt").exists():
             answers.append(read_answer(folder, stranger))
@@ -105,6 +112,15 @@ def write_machine(folder: Path, stranger: Stranger) -> None:
     shutil.copy(HERE / "rigs" / stranger.rig, folder / stranger.rig)
     for number, columns in enumerate(stranger.records(1.0), 1):
         write_recording(folder / f"rec-{number}.csv", columns)
+
+
+def state_tolerances(path: Path) -> None:
+    """Add to a rig file the tolerances that `pamid check` proposes for it."""
+    rig = rig_named(str(path))
+    mapped = [name for name, port in rig.ports.items() if port.kind in MAPPED]
+    if mapped:
+        line = f"{type(rig).__name__}.{stated_roughness(rig, *mapped)}"
+        path.write_text(f"{path.read_text()}\n\nfrom pamid import RoughMap\n\n{line}\n")
 
 
 def write_recording(path: Path, columns: Columns) -> None:

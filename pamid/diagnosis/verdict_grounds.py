@@ -40,6 +40,7 @@ class LeftOver:
             "next_sure": within(self.next_sure, 0.0, 20.0) / 10.0,
             "next_removes": within(self.next_removes, -0.2, 1.0),
             "network": within(self.network, -1.0, 1.0),
+            "stated": float(self.beside_tolerances),
         }
 
 

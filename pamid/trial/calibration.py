@@ -44,7 +44,7 @@ RIDGE = {"missing": 4.0, "cause": 4.0, "further": 4.0}
 #: against the right cause on three of three measured sets. What an effect takes of what the others
 #: leave counts, not of the whole gap, of which the weaker of two takes little (alone: the same)
 LOOKS_AT = {
-    "missing": ("floors", "of_signal", "missing", "next_sure", "network"),
+    "missing": ("floors", "of_signal", "missing", "next_sure", "network", "stated"),
     "cause": ("of_left", "sure", "steady", "lead_sure", "wins", "evidence", "bounds"),
     "further": ("sure", "margin"),
 }

@@ -301,6 +301,7 @@ def test_features_stay_within_what_the_trial_has_seen() -> None:
         "next_sure": 2.0,
         "next_removes": -0.2,
         "network": 1.0,
+        "stated": 0.0,
     }
     lines = calibration().lines
     assert set(lines) == set(QUESTIONS) and set(lines["missing"].weights) <= set(x)
