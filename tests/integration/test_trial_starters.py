@@ -214,3 +214,13 @@ def test_the_questions_are_the_same_everywhere(name: str) -> None:
     """But for `removed`, which follows the catalogue."""
     asked = [replace(c, removed=()) for c in draw_cases("test", 30, 0, name)]
     assert cases_sha256(asked).startswith(DIGESTS[name])
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_a_bare_case_is_the_same_machine_and_a_tool_that_knows_no_tolerances(name: str) -> None:
+    (told,), (bare,) = (draw_cases("calibration", 1, 3, name, bare=b) for b in (False, True))
+    assert (bare.planted, bare.conditions, bare.seed) == (told.planted, told.conditions, told.seed)
+    assert bare.sha256 != told.sha256
+    assert bare.label()["bare"] is True and "bare" not in told.label()
+    assert bare.tools_rig.background == {} != told.tools_rig.background
+    assert catalogue_rig(name).background, "the catalogue's own keeps them"

@@ -10,7 +10,9 @@ import pytest
 from pamid.model.assembly import Assembly
 from pamid.model.background import BEYOND_SIZE, HALF_WARM, RoughMap, SmoothGain
 from pamid.model.parameter import Parameter
-from pamid.model.rig import Port, Rig
+from pamid.model.port_guide import tolerance_words
+from pamid.model.registry import catalogue_rig, rigs
+from pamid.model.rig import Port, Rig, check_rig
 from pamid.simulation.free_runs import free_run
 from pamid.symbolic.vocabulary import Number
 
@@ -99,3 +101,22 @@ def test_a_rough_map_over_what_is_never_negative_begins_at_zero() -> None:
     way = np.array([-0.01, 0.0, 0.5 * 0.01 * BEYOND_SIZE, 0.01 * BEYOND_SIZE])[:, None]
     y = free_run(assembly, way, p, 0.01).outputs[:, 0]
     assert y == pytest.approx([40.4, 40.4, 40.0, 39.6])
+
+
+@pytest.mark.parametrize("name", [n for n in rigs() if rigs()[n].background])
+def test_what_check_proposes_for_a_rig_without_tolerances_can_be_pasted(name: str) -> None:
+    """The line that is printed is Python, and the rig with it is sound; one that states some is
+    told nothing."""
+    assert tolerance_words(catalogue_rig(name)) == []
+
+    class Bare(rigs()[name]):  # type: ignore[misc]
+        background: Any = {}
+
+    (said,) = tolerance_words(Bare())
+    line = said[said.index("background = ") :]
+    stated: dict[str, Any] = {}
+    exec(line, {"RoughMap": RoughMap}, stated)
+    Bare.background = stated["background"]
+    check_rig(Bare(), "bare.py")
+    plain, rough = Assembly(Bare()), Assembly(Bare(), background=True)
+    assert len(rough.parameters) >= len(plain.parameters) + 10 * len(stated["background"])

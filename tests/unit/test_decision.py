@@ -154,6 +154,14 @@ def test_the_words_follow_from_causes_and_remainder() -> None:
     assert decide(SILENT, SILENT, []).verdict == "no-structural-gap"
 
 
+@pytest.mark.usefixtures("plain")
+def test_no_cause_is_named_where_hardly_more_than_the_floor_is_left() -> None:
+    """However probable: some effect always takes a part of next to nothing off."""
+    for before, word in ((1.09, "no-structural-gap"), (1.11, "explained")):
+        found = decide(replace(GAP, floors=before), SILENT, [FRICTION], [FRICTION], [FRICTION])
+        assert (found.verdict, bool(found.named)) == (word, word == "explained")
+
+
 def test_a_gap_between_none_and_real_stays_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """More probable than not, and less than what is called real: neither is said."""
     surer = replace(PLAIN.lines["missing"], yes=0.95)
