@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig
@@ -46,6 +47,7 @@ class LinearAxis(Rig):
         "ruler": Port("reading", "m", {"rate": "m/s"}),
         "tachometer": Port("reading", "m/s"),
     }
+    background = {"guide": RoughMap("guide", "position", of="load", tolerance=0.02)}
     states = (State("position", "m"), State("velocity", "m/s"))
     parameters = (
         Parameter(

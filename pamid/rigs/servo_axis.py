@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig
@@ -42,6 +43,7 @@ class ServoAxis(Rig):
         "encoder": Port("reading", "rad", {"rate": "rad/s"}),
         "tachometer": Port("reading", "rad/s"),
     }
+    background = {"shaft": RoughMap("torque_constant", "position", of="load", tolerance=0.02)}
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
         Parameter(
