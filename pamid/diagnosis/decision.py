@@ -170,7 +170,8 @@ def _above_floor(left: LeftOver, settings: Settings) -> bool:
 def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     """Is what a model leaves more than noise and tolerances? Nothing at the noise floor is; above
     it the line decides, which may not overrule plain evidence."""
-    probable = probability >= calibration().lines["missing"].yes
+    c = calibration()
+    probable = probability >= (c.stated_yes if left.beside_tolerances else c.lines["missing"].yes)
     plain = settings.plain_beside if left.beside_tolerances else settings.plain_missing
     return _above_floor(left, settings) and (probable or left.missing >= plain)
 

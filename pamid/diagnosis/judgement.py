@@ -64,7 +64,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Calibration:
-    """lines: one per question; silent: probabilities, sorted, that `missing` gives to models of
+    """lines: one per question; stated_yes: from where on `missing` counts beside tolerances that
+    the rig states, which take up most of what passes for a gap without them; silent: probabilities, sorted, that `missing` gives to models of
     cases in which nothing was missing; spread: of the logarithm of the error ratio from recording
     to recording, per root of the shrinkage; cases: where from."""
 
@@ -72,6 +73,7 @@ class Calibration:
     silent: tuple[float, ...]
     spread: float
     cases: dict[str, Any]
+    stated_yes: float
 
     def p_value(self, probability: float) -> float:
         """How often `missing` gives as much or more to what leaves nothing but noise and
@@ -90,6 +92,7 @@ def calibration() -> Calibration:
         tuple(found["silent"]),
         float(found["spread"]),
         found["cases"],
+        float(found["stated_yes"]),
     )
 
 

@@ -37,7 +37,7 @@ Features = dict[str, float]
 CALIBRATION_SCHEMA = "pamid.calibration/1"
 #: question -> prior precision of every weight, features in their standard deviations; these and the
 #: features below left the smallest log loss on machines that were left out (1 to 16, six sets)
-RIDGE = {"missing": 4.0, "cause": 4.0, "further": 4.0}
+RIDGE = {"missing": 1.0, "cause": 16.0, "further": 4.0}
 #: question -> features it looks at; more of them fit the machines at hand and mislead on others.
 #: What a network takes beyond an effect is left out of `cause`: on virtual machines it helps (log
 #: loss 0.259 for 0.272), but a network learns more from a real machine's recordings, where it spoke
@@ -125,8 +125,10 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
     silent = [lines["missing"].probability(e.features) for e in examples["missing"] if not e.yes]
     # a refitted model at the noise floor was not even asked
     silent += [0.0] * sum(not m.truth and not _grounds(m) for k in lessons for m in k.cases)
+    told = [e for e in examples["missing"] if e.features["stated"]]
+    bare = [e for e in examples["missing"] if not e.features["stated"]]
     yes = {
-        "missing": _balanced(examples["missing"], lines["missing"]),
+        "missing": _balanced(bare or told, lines["missing"]),
         "cause": EVEN_ODDS,
         "further": _most_right(examples["further"], lines["further"]),
     }
@@ -144,6 +146,7 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
             ],
         },
         "lines": {q: asdict(replace(line, yes=yes[q])) for q, line in lines.items()},
+        "stated_yes": _balanced(told or bare, lines["missing"]),
         "silent": sorted(silent),
         "spread": _spread([m for k in lessons for m in k.cases]),
     }
@@ -271,6 +274,8 @@ def _balanced(examples: Sequence[Example], line: Line) -> float:
     """Where false alarms and misses, each against what is allowed, are equally rare."""
     p = np.array([line.probability(e.features) for e in examples])
     real = np.array([e.yes for e in examples])
+    if real.all() or not real.any():
+        return EVEN_ODDS
     grid = np.linspace(0.05, 0.95, 91)
     worst = [
         max((p[~real] >= t).mean() / FALSE_ALARMS, (p[real] < t).mean() / MISSES) for t in grid

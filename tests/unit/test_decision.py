@@ -44,6 +44,7 @@ PLAIN = Calibration(
     silent=(0.01, 0.02, 0.02, 0.1, 0.4),
     spread=0.3,
     cases={},
+    stated_yes=0.5,
 )
 #: a gap, and what nothing but noise and tolerances leaves
 GAP = LeftOver(
