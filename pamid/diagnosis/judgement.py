@@ -65,9 +65,10 @@ class Line:
 @dataclass(frozen=True)
 class Calibration:
     """lines: one per question; stated_yes: from where on `missing` counts beside tolerances that
-    the rig states, which take up most of what passes for a gap without them; silent: probabilities, sorted, that `missing` gives to models of
-    cases in which nothing was missing; spread: of the logarithm of the error ratio from recording
-    to recording, per root of the shrinkage; cases: where from."""
+    the rig states, which take up most of what passes for a gap without them; silent: probabilities,
+    sorted, that `missing` gives to models of cases in which nothing was missing; spread: of the
+    logarithm of the error ratio from recording to recording, per root of the shrinkage; cases:
+    where from."""
 
     lines: dict[str, Line]
     silent: tuple[float, ...]

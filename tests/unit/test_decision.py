@@ -454,12 +454,16 @@ def test_plain_evidence_is_not_overruled_and_nothing_at_the_floor_is_real() -> N
     assert not is_real(1.0, replace(plain, floors=1.05), DEFAULT)
 
 
-def test_the_line_does_not_overrule_what_leaves_nothing_but_noise() -> None:
+def test_the_line_does_not_overrule_what_leaves_nothing_but_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A slight effect beside a strong one: little of the gap, all of what was left, and nothing
-    else would have taken it."""
-    yes = calibration().lines["cause"].yes
+    else would have taken it; a line that finds it improbable."""
+    yes = 0.5
+    wary = replace(PLAIN, lines={**PLAIN.lines, "cause": Line(-5.0, {"sure": 1.0}, yes)})
+    monkeypatch.setattr("pamid.diagnosis.signature.calibration", lambda: wary)
     slight = replace(SPEAKING, removed=0.05, of_left=1.0, evidence=-20.0, steady=0.6, remaining=1.0)
-    assert calibration().lines["cause"].probability(slight.features()) < yes
+    assert wary.lines["cause"].probability(slight.features()) < yes
     assert cause_probability(slight) == yes
     for doubt in ({"remaining": 1.5}, {"sure": 4.0}, {"lead_sure": 4.0}):
         assert cause_probability(replace(slight, **doubt)) < yes
