@@ -13,8 +13,6 @@ from pamid.estimation.weights import Weights, residual_weights
 Array = NDArray[np.float64]
 
 ROUNDS, FIRST_STEPS = 3, 15
-MORE_ROUNDS = 8  # at most, while what is left still falls
-SETTLED = 1.2  # factor by which some channel's weight has to grow for another round
 
 
 def fit_robustly(
@@ -64,24 +62,6 @@ def fit_robustly(
             stepping=fitted.stepping,
             known=fitted.known,
             exact=last == 0,
-            progress=progress,
-            tolerance=1e-3,
-        )
-    for _ in range(MORE_ROUNDS if rounds > 1 else 0):
-        if not fitted.residuals:
-            break
-        # beside many terms with narrow priors the first weights leave these the word; as the misfit
-        # falls, the recordings get it
-        weights = residual_weights(fitted.residuals, noise, problem.window)
-        if (weights.root < SETTLED * fitted.weights.root).all():
-            break
-        fitted = fit(
-            problem,
-            p=fitted.p,
-            starts=fitted.starts,
-            weights=weights,
-            stepping=fitted.stepping,
-            known=fitted.known,
             progress=progress,
             tolerance=1e-3,
         )
