@@ -191,13 +191,16 @@ def more_probable_than_not(
     rivals: Sequence[Weighed], settings: Settings = DEFAULT
 ) -> list[Weighed]:
     """The fewest families, two at least, of which one is there more probably than not: a single
-    cause has one family, so that their probabilities add up. Empty where that takes too many."""
+    cause has one family, so that their probabilities add up. Empty where that takes too many, or
+    some that are next to improbable beside the first."""
     ordered = sorted(rivals, key=lambda w: w.probability, reverse=True)
     of: dict[str, Weighed] = {}
     for w in ordered:
         if not w.objections(settings):
             of.setdefault(w.family, w)
-    fit = list(of.values())[: settings.ambiguous_families]
+    most = max((w.probability for w in of.values()), default=0.0)
+    fit = [w for w in of.values() if w.probability >= settings.ambiguous_share * most]
+    fit = fit[: settings.ambiguous_families]
     sums = np.cumsum([w.probability for w in fit])
     enough = np.flatnonzero(sums >= calibration().lines["cause"].yes)
     return fit[: max(int(enough[0]) + 1, 2)] if enough.size and len(fit) > 1 else []

@@ -163,6 +163,15 @@ def test_no_cause_is_named_where_hardly_more_than_the_floor_is_left() -> None:
         assert (found.verdict, bool(found.named)) == (word, word == "explained")
 
 
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(("second", "verdict"), [(0.2, "ambiguous"), (0.1, "unknown-effect")])
+def test_what_is_improbable_beside_the_first_does_not_make_the_two_probable(
+    second: float, verdict: str
+) -> None:
+    first, other = replace(FRICTION, probability=0.45), replace(LEAK, probability=second)
+    assert decide(GAP, GAP, [first], [], [first, other]).verdict == verdict
+
+
 def test_a_gap_between_none_and_real_stays_open(monkeypatch: pytest.MonkeyPatch) -> None:
     """More probable than not, and less than what is called real: neither is said."""
     surer = replace(PLAIN.lines["missing"], yes=0.95)
