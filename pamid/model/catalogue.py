@@ -24,6 +24,7 @@ SIGN = (
     "the force, the reading is the opposite of what passes. `pamid check RIG.py` says it for "
     "every port."
 )
+MANY_TERMS = 6  # of a background: more are told by the first and the last
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
 
@@ -135,12 +136,17 @@ def _port(rig: Rig, name: str, fit: list[Attachment]) -> result.RigPort:
     )
 
 
+def _few(terms: Sequence[str]) -> str:
+    """The terms of a background, many of a kind by the first and the last."""
+    return ", ".join(terms) if len(terms) <= MANY_TERMS else f"{terms[0]} .. {terms[-1]}"
+
+
 def _background(rig: Rig) -> tuple[result.BackgroundRow, ...]:
     return tuple(
         result.BackgroundRow(
             name=term.name,
             port=port,
-            terms=tuple(p.name for p in term.parameters),
+            terms=tuple(p.name for p in term.parameters if p.fitted),
             tolerance=term.parameters[0].spread,
         )
         for port, listed in rig.background.items()
@@ -328,7 +334,7 @@ def rig_text(said: result.RigStory) -> str:
     if said.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
         lines += [
-            f"    {b.name} at {b.port}: {', '.join(b.terms)}, sd {b.tolerance:g}"
+            f"    {b.name} at {b.port}: {_few(b.terms)}, sd {b.tolerance:g}"
             for b in said.background
         ]
     for part, title in (
