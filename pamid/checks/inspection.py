@@ -24,7 +24,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
-from pamid.model.port_guide import driving_words, ports_of, tolerance_words
+from pamid.model.port_guide import TOLERANCES, driving_words, ports_of, tolerance_words
 from pamid.model.rig import Rig, check_rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.file_checks import (
@@ -439,7 +439,7 @@ def _rig(
     found, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):
         words = tolerance_words(rig)
-        found += _named(rig.name, [CheckOutcome("tolerances", False, w, True) for w in words])
+        found += _named(rig.name, [CheckOutcome(TOLERANCES, False, w, True) for w in words])
     return found, ports
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.base.units import NONE
-from pamid.model.port_guide import folded, ports_text
+from pamid.model.port_guide import TOLERANCES, folded, ports_text
 
 FEW_PLACES = 4  # of one check that are told one by one
 
@@ -31,7 +31,7 @@ def inspection_text(said: dict[str, Any]) -> str:
         ("wrong  ", lambda f: not f["ok"] and not f["advice"]),
         ("note   ", lambda f: not f["ok"] and f["advice"]),
     ):
-        lines += [f"{title}{f['check']}: {f['detail']}" for f in said["findings"] if chosen(f)]
+        lines += [_told(title, f) for f in said["findings"] if chosen(f)]
     lines += ports_text(said.get("ports", []))
     fine: dict[str, list[str]] = {}
     for f in said["findings"]:
@@ -52,6 +52,12 @@ def inspection_text(said: dict[str, Any]) -> str:
         )
     )
     return "\n".join(lines)
+
+
+def _told(title: str, f: dict[str, Any]) -> str:
+    """A finding; folded where nothing in it is a command to copy, which has to stay on a line."""
+    told = f"{title}{f['check']}: {f['detail']}"
+    return folded(told) if f["check"] == TOLERANCES else told
 
 
 def _texture(channel: dict[str, float]) -> str:

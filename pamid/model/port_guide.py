@@ -101,6 +101,7 @@ IMPOSED = (
 #: kinds of port that a formula of the machine gives its value, and signals over which that is off
 MAPPED = ("actuator-force", "flow", "motion", "rate")
 ALONG = ("position", "stored", "level")
+TOLERANCES = "tolerances"  # the finding of a rig that states none
 ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
 
 
