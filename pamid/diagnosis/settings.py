@@ -70,7 +70,7 @@ class Settings:
         "machines with tolerances alone left 229 at most (`pamid trial --part calibration`)",
     )
     plain_beside: float = setting(
-        100.0, "nats per sample", "the same beside a background", "there 67 at most in 45 machines"
+        2.0, "nats per sample", "the same beside a background", "there 2 of 45 machines left more"
     )
     ambiguous_families: int = setting(3, "families", "of which one is said to be there, at most")
     ambiguous_share: float = setting(
