@@ -99,21 +99,24 @@ class SmoothGain(Background):
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         total: Number = p.level if self.level else 0.0
-        total = total + _chebyshev(
-            at, self.over, [getattr(p, f"bend_{i}") for i in range(1, self.degree + 1)]
-        )
+        bends = [getattr(p, f"bend_{i}") for i in range(1, self.degree + 1)]
+        total = total + _chebyshev(_scaled(at, self.over), bends)
         if self.along:
-            total = total + _chebyshev(at, self.along, [p.along_1, p.along_2])
+            total = total + _chebyshev(_scaled(at, self.along), [p.along_1, p.along_2])
         if self.drift:
             half = p.warming if self.warming_s is None else self.warming_s
             total = total + p.drift * (at.time / (at.time + half))
         return value * (1.0 + total)
 
 
-def _chebyshev(at: Any, over: tuple[str, float, float], weights: list[Expr]) -> Number:
-    """Weighted Chebyshev polynomials of degree 1, 2, ... in a signal scaled to a range."""
+def _scaled(at: Any, over: tuple[str, float, float]) -> Expr:
+    """A signal on -1 .. 1 for a range of it, and a little beyond."""
     signal, low, high = over
-    s = clip((getattr(at, signal) - low) * (2.0 / (high - low)) - 1.0, -1.2, 1.2)
+    return clip((getattr(at, signal) - low) * (2.0 / (high - low)) - 1.0, -1.2, 1.2)
+
+
+def _chebyshev(s: Expr, weights: list[Expr]) -> Number:
+    """Weighted Chebyshev polynomials of degree 1, 2, ... in s."""
     before: Number = 1.0
     here: Number = s
     total: Number = 0.0
@@ -168,13 +171,9 @@ class RoughMap(Background):
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         x = value if self.over == "value" else getattr(at, self.over)
         s = x / p.reach if self.positive else 0.5 * (x / p.reach + 1.0)
-        first = cos(pi * clip(s, 0.0, 1.0))
-        before: Number = 1.0
-        here: Number = first
-        total: Number = 0.0
-        for wave in self.waves:  # cos((i + 1) a) = 2 cos(a) cos(i a) - cos((i - 1) a)
-            total = total + getattr(p, wave) * here
-            before, here = here, 2.0 * first * here - before
+        # cos(i a) is the Chebyshev polynomial of degree i in cos a
+        weights = [getattr(p, wave) for wave in self.waves]
+        total = _chebyshev(cos(pi * clip(s, 0.0, 1.0)), weights)
         return value + (value if self.of == "value" else getattr(at, self.of)) * total
 
 
