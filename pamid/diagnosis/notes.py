@@ -198,10 +198,11 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
     stated = {rig.group_of(port) for port in rig.background}
     if share > most or rest.port in stated:
         return []
+    ports = [name for name in rig.ports if rig.group_of(name) == rest.port]
     return [
         f"What is missing at port {rest.port} is {percent_text(share)} of what passes there, and a "
         f"map that is rough by as much would look alike. If yours may be, state it in the rig, "
-        f"{stated_roughness(rig, rest.port)}, and diagnose again."
+        f"{stated_roughness(rig, *ports)}, and diagnose again."
     ]
 
 

@@ -65,7 +65,11 @@ def of_roughness(background: dict[str, Any], **changes: Any) -> list[str]:
     rig = SimpleNamespace(
         background=background,
         group_of=lambda port: port.rstrip("12"),
-        ports={"shaft": Port("motion", "N m", ("position",))},
+        ports={
+            "shaft1": Port("motion", "N m", ("position",)),
+            "shaft2": Port("motion", "N m", ("position",)),
+            "motor": Port("command", "V"),
+        },
     )
     d: Any = SimpleNamespace(evidence=SimpleNamespace(rig=rig), settings=DEFAULT)
     return roughness(d, LEFT.model_copy(update=changes))
@@ -73,9 +77,8 @@ def of_roughness(background: dict[str, Any], **changes: Any) -> list[str]:
 
 def test_what_a_rough_map_would_leave_as_well_is_said() -> None:
     (said,) = of_roughness({"motor": object()})
-    assert (
-        "3 % of what passes" in said and 'RoughMap("shaft_map", "position", tolerance=0.02)' in said
-    )
+    assert "3 % of what passes" in said
+    assert '"shaft2": RoughMap("shaft2_map", "position", tolerance=0.02)}' in said
 
 
 @pytest.mark.parametrize(
