@@ -42,7 +42,7 @@ import numpy as np
 from machines import STRANGERS
 from virtual import NOTHING, Columns, Stranger
 
-from pamid.model.port_guide import MAPPED, stated_roughness
+from pamid.model.port_guide import mapped_ports, stated_roughness
 from pamid.model.registry import rig_named
 
 HERE = Path(__file__).resolve().parent
@@ -117,7 +117,7 @@ def write_machine(folder: Path, stranger: Stranger) -> None:
 def state_tolerances(path: Path) -> None:
     """Add to a rig file the tolerances that `pamid check` proposes for it."""
     rig = rig_named(str(path))
-    mapped = [name for name, port in rig.ports.items() if port.kind in MAPPED]
+    mapped = mapped_ports(rig)
     if mapped:
         line = f"{type(rig).__name__}.{stated_roughness(rig, *mapped)}"
         path.write_text(f"{path.read_text()}\n\nfrom pamid import RoughMap\n\n{line}\n")

@@ -117,9 +117,14 @@ def _rough_map(port: Port, name: str) -> str:
     return f'"{name}": RoughMap("{name}_map"{over}{of}, tolerance={ORDINARY_ROUGHNESS})'
 
 
+def mapped_ports(rig: Rig) -> list[str]:
+    """Ports whose value comes of a formula of the machine."""
+    return [name for name, port in rig.ports.items() if port.kind in MAPPED]
+
+
 def tolerance_words(rig: Rig) -> list[str]:
     """What to say of a rig that states no tolerances, with the line that would."""
-    mapped = [name for name, port in rig.ports.items() if port.kind in MAPPED]
+    mapped = mapped_ports(rig)
     if rig.background or not mapped:
         return []
     return [
