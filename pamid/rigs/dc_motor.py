@@ -39,7 +39,7 @@ class DcMotor(Rig):
     optional = {"external_torque_nm": 0.0}
     outputs = {"angle_deg": "rad", "current_a": "A"}
     ports = {
-        "amplifier": Port("command", "V"),
+        "amplifier": Port("command", "V", {"counter_voltage": "V", "position": "rad"}),
         "shaft": Port(
             "motion",
             "N m",
@@ -51,7 +51,11 @@ class DcMotor(Rig):
         "encoder": Port("reading", "rad", {"rate": "rad/s"}),
         "ammeter": Port("reading", "A"),
     }
-    background = {"shaft": RoughMap("torque_constant", "position", of="load", tolerance=0.02)}
+    # one constant along the turn: it makes the torque, and the voltage against the amplifier's
+    background = {
+        "shaft": RoughMap("torque_constant", "position", of="load", tolerance=0.02),
+        "amplifier": RoughMap("voltage_constant", "position", of="counter_voltage", tolerance=0.02),
+    }
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
         Parameter(
@@ -88,8 +92,9 @@ class DcMotor(Rig):
 
     def currents(self, x: Any, u: Any, p: Any, port: Any) -> Expr:
         """Current of the motor, A."""
-        voltage = port("amplifier", u.voltage_v)
-        return (voltage - p.constant * p.ratio * x.velocity) / p.resistance  # type: ignore[no-any-return]
+        counter = p.constant * p.ratio * x.velocity
+        voltage = port("amplifier", u.voltage_v, counter_voltage=counter, position=x.angle)
+        return (voltage - counter) / p.resistance  # type: ignore[no-any-return]
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         current = self.currents(x, u, p, port)
