@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -71,6 +72,7 @@ class Case:
         """What the tool is given of the machine."""
         rig = self.own.rig if self.own else catalogue_rig(self.rig)
         if self.bare:
+            rig = copy(rig)  # a machine made of the rig keeps its own
             rig.background = {}  # type: ignore[misc]
         return rig
 
