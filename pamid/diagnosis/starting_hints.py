@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
-from pamid.recording.noise import plateau_spacing
+from pamid.recording.noise import plateaus
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
+from pamid.symbolic.expression import const, substitute
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
+
+ON_A_LINE = 1e-9  # of the largest of three points: by so much the middle one may be off a line
 
 
 @dataclass(frozen=True)
@@ -27,13 +30,13 @@ class GapHints:
     """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
     periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
     correlation time of the recordings; plateaus: by reading, the spacing of those on which what it
-    returns rests (SI)."""
+    returns rests, and one of them (SI)."""
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
     periods: dict[str, tuple[float, ...]] = field(default_factory=dict)
     timescale_s: float = math.nan
-    plateaus: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    plateaus: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
     def at(self, port: str) -> Hints:
         reach, periods = self.reach.get(port, {}), self.periods.get(port, ())
@@ -47,24 +50,39 @@ def gather_hints(
     """From the windows of a model's fit, its held-out replays, and what was recorded."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
     periods = _periods(evidence, base, settings)
-    plateaus = _plateaus(evidence.channels, base)
-    return GapHints(peaks, _reach(base), periods, evidence.timescale_s, plateaus)
+    rests = _plateaus(evidence.channels, base)
+    return GapHints(peaks, _reach(base), periods, evidence.timescale_s, rests)
 
 
-def _plateaus(channels: tuple[str, ...], base: CandidateModel) -> dict[str, tuple[float, ...]]:
-    """Spacings of the plateaus of what is recorded, by the reading that returns it."""
-    found: dict[str, set[float]] = {}
+def _plateaus(
+    channels: tuple[str, ...], base: CandidateModel
+) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Plateaus of what is recorded, by the reading that returns it."""
+    found: dict[str, set[tuple[float, float]]] = {}
     for track in base.fit.problem.tracks:
-        spacings = {
-            name: plateau_spacing(y)
-            for name, y, seen in zip(channels, track.y.T, track.seen, strict=True)
-            if seen
-        }
+        seen = dict(zip(channels, track.seen, strict=True))
+        rests = {n: plateaus(y) for n, y in zip(channels, track.y.T, strict=True) if seen[n]}
         for q in base.assembly.traced.passages:
-            for name, value in base.assembly.traced.outputs.items():
-                if value is q.result and spacings.get(name, 0.0) > 0.0:
-                    found.setdefault(q.port, set()).add(spacings[name])
-    return {port: tuple(sorted(spacings)) for port, spacings in found.items()}
+            for name, output in base.assembly.traced.outputs.items():
+                spacing, level = rests.get(name, (0.0, 0.0))
+                scale = _scale(output, q.result) if spacing > 0.0 else None
+                if scale:
+                    zero, slope = scale
+                    there = (spacing / abs(slope), (level - zero) / slope)
+                    found.setdefault(q.port, set()).add(there)
+    return {port: tuple(sorted(rests)) for port, rests in found.items()}
+
+
+def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
+    """Zero and slope of an output that is a straight line over a reading, in figures: what a sensor
+    counts above the room's temperature is told in kelvin. None where it is not."""
+    at = [substitute([output], {reading: const(x)})[0] for x in (0.0, 1.0, 2.0)]
+    if any(value.op != "const" for value in at):
+        return None
+    zero, one, two = (value.value for value in at)
+    slope = one - zero
+    straight = abs(two - one - slope) <= ON_A_LINE * max(abs(zero), abs(one), abs(two))
+    return (zero, slope) if straight and slope != 0.0 else None
 
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:

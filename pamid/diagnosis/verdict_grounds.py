@@ -32,14 +32,18 @@ class LeftOver:
     beside_tolerances: bool = False  # has the model a background, which takes these up?
 
     def features(self) -> dict[str, float]:
-        """As the logistic function takes them: ratios in decades, within the range of the trial."""
+        """As the logistic function takes them: ratios in decades, within the range of the trial.
+        What the network takes counts as a share of the error, too: near the floor the gap is next
+        to nothing, and a share of it mostly chance."""
+        floors, network = within(self.floors, 1.0, 100.0), within(self.network, -1.0, 1.0)
         return {
-            "floors": decades(self.floors, 1.0, 100.0),
+            "floors": float(np.log10(floors)),
             "of_signal": decades(self.of_signal, 1e-3, 1.0),
             "missing": decades(self.missing, 1e-2, 1e3),
             "next_sure": within(self.next_sure, 0.0, 20.0) / 10.0,
             "next_removes": within(self.next_removes, -0.2, 1.0),
-            "network": within(self.network, -1.0, 1.0),
+            "network": network,
+            "network_of_error": network * (1.0 - 1.0 / floors),
             "stated": float(self.beside_tolerances),
         }
 

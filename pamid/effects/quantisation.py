@@ -12,9 +12,10 @@ Looks like it
     Sensor noise (no needles in the histogram); a dead zone (one flat only, about zero); dry
     friction, if the plateaus are where the motion reverses.
 Equation
-    value := quantum * round(value / quantum)
-    At a reading the quantum is taken from the plateaus on which the recorded values rest; at a
-    command it is fitted.
+    value := level + quantum * round((value - level) / quantum)
+    At a reading the quantum, and where one of the levels is, are taken from the plateaus on which
+    the recorded values rest (in kelvin no whole number of steps from zero); at a command zero is a
+    level, and the quantum is fitted.
 References
     Widrow, Kollar (2008), Quantization Noise: Roundoff Error in Digital Computation, Signal
     Processing, Control, and Communications, Cambridge University Press.
@@ -53,6 +54,15 @@ class Quantisation(Effect):
             scan=SCANNED_STEPS,
             source="estimate: 8 bits over the range are 0.8 % of its half",
         ),
+        Parameter(
+            "level",
+            0.0,
+            low=-2.0,
+            high=2.0,
+            size="value",
+            fitted=False,
+            source="read off: a plateau on which the recorded values rest",
+        ),
     )
     look_alikes = ("dead-zone",)
     mean_slope_at = ("reading",)
@@ -62,14 +72,14 @@ class Quantisation(Effect):
         """Of a reading the quantum is read off, not fitted: where the levels lie tells it to a
         fraction of their number, and how far readings are from a model says nothing of it."""
         found, fitted = super().parameters_at(kind, offered), kind not in cls.mean_slope_at
-        return tuple(replace(p, fitted=fitted) for p in found)
+        return tuple(replace(p, fitted=fitted and p.fitted) for p in found)
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """A rounded reading tells its step by the plateaus on which it rests."""
-        return [{"quantum": spacing} for spacing in hints.plateaus]
+        """A rounded reading tells its steps by the plateaus on which it rests."""
+        return [{"quantum": spacing, "level": level} for spacing, level in hints.plateaus]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        steps = value / maximum(p.quantum, 1e-12)
+        steps = (value - p.level) / maximum(p.quantum, 1e-12)
         whole = floor(steps)
         part = clip((steps - whole - 0.5) * (1.0 / RAMP) + 0.5, 0.0, 1.0)
         error = p.quantum * (whole + part - steps)

@@ -160,14 +160,15 @@ class Hints:
     port where the model's states are those of the recording (SI); periods: of the gap's spectrum
     over the position at the port, strongest first (unit of the position); timescale_s: correlation
     time of the recordings, of which parameters in time are multiples (nan: not known); plateaus:
-    spacing of those on which the recorded values of a reading rest, where they do (SI).
+    spacing of those on which the recorded values of a reading rest, where they do, and one of them
+    (SI).
     """
 
     peaks_hz: tuple[float, ...] = ()
     reach: Mapping[str, float] = field(default_factory=dict)
     periods: tuple[float, ...] = ()
     timescale_s: float = math.nan
-    plateaus: tuple[float, ...] = ()
+    plateaus: tuple[tuple[float, float], ...] = ()
 
 
 RIG_SECTIONS = ("What it is", "Equations", "Typically missing", "References")

@@ -98,16 +98,23 @@ def _lattice(levels: Array, step: float) -> float:
 
 def plateau_spacing(values: Array) -> float:
     """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer;
-    0 where there are none.
+    0 where there are none."""
+    return plateaus(values)[0]
+
+
+def plateaus(values: Array) -> tuple[float, float]:
+    """Their spacing, and the one of them that is nearest to the middle of what was recorded: the
+    zero of a scale, in kelvin or gauge pressure, need not be one. Both 0 where there are none.
 
     Something on the way to the recorder rounds, and something after it adds noise: no recorder's
     step, whose readings are exact. The levels are lines of the characteristic function
     |mean exp(2 pi i f x)|: 1 at f = 1/spacing where every sample lies on a level, and
-    exp(-2 (pi w f)^2) where plateaus have the width w (standard deviation).
+    exp(-2 (pi w f)^2) where plateaus have the width w (standard deviation); its phase tells where
+    the levels are.
     """
     low, span, own = float(values.min()), float(np.ptp(values)), quantisation_step(values)
     if not span > 0.0:
-        return 0.0
+        return 0.0, 0.0
     counts = np.histogram(values, HISTOGRAM_BINS, (low, low + span))[0]
     # padded: a line between two cycles is seen, too
     lines = (
@@ -119,16 +126,21 @@ def plateau_spacing(values: Array) -> float:
     best = far + int(np.argmax(np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]))
     # a channel that mostly rests is strong everywhere
     if lines[best] < ON_PLATEAUS or lines[far] > ON_PLATEAUS:
-        return 0.0
+        return 0.0, 0.0
     for harmonic in (2, 3):
         below = round(best / harmonic) + np.arange(-1, 2)
         if below[0] >= far and lines[below].max() > ON_PLATEAUS:
             best = int(below[np.argmax(lines[below])])
     spacing = _refined(values, span / cycles[best], span)
-    phase = np.angle(np.mean(np.exp(2j * np.pi * values / spacing))) / (2.0 * np.pi)
-    off = values / spacing - phase
+    # from the middle: what the spacing is off by adds up over the levels to a far zero
+    middle = float(np.median(values))
+    off = (values - middle) / spacing
+    phase = float(np.angle(np.mean(np.exp(2j * np.pi * off)))) / (2.0 * np.pi)
+    off -= phase
     width = float(np.median(np.abs(off - np.round(off)))) / MEDIAN
-    return spacing if PLATEAUS_APART * width < 1.0 else 0.0
+    if PLATEAUS_APART * width >= 1.0:
+        return 0.0, 0.0
+    return spacing, middle + phase * spacing
 
 
 def _refined(values: Array, spacing: float, span: float) -> float:

@@ -44,7 +44,15 @@ RIDGE = {"missing": 1.0, "cause": 16.0, "further": 4.0}
 #: against the right cause on three of three measured sets. What an effect takes of what the others
 #: leave counts, not of the whole gap, of which the weaker of two takes little (alone: the same)
 LOOKS_AT = {
-    "missing": ("floors", "of_signal", "missing", "next_sure", "network", "stated"),
+    "missing": (
+        "floors",
+        "of_signal",
+        "missing",
+        "next_sure",
+        "network",
+        "network_of_error",
+        "stated",
+    ),
     "cause": ("of_left", "sure", "steady", "lead_sure", "wins", "evidence", "bounds"),
     "further": ("sure", "margin"),
 }

@@ -319,6 +319,7 @@ def test_features_stay_within_what_the_trial_has_seen() -> None:
         "next_sure": 2.0,
         "next_removes": -0.2,
         "network": 1.0,
+        "network_of_error": 0.99,
         "stated": 0.0,
     }
     lines = calibration().lines
@@ -332,6 +333,13 @@ def test_features_stay_within_what_the_trial_has_seen() -> None:
     odd = replace(ADDED, removed=-3.0, gain=1e3, sure=1e4, margin=-1.0, unexplained=1e9).features()
     assert set(lines["further"].weights) <= set(odd)
     assert (odd["removed"], odd["gain"], odd["sure"], odd["margin"]) == (-3.0, 2.0, 2.0, 0.0)
+
+
+def test_what_a_network_takes_of_next_to_nothing_counts_for_little() -> None:
+    near, far = (replace(GAP, floors=f, network=0.7).features() for f in (1.1, 10.0))
+    assert near["network"] == far["network"] == 0.7
+    assert near["network_of_error"] == pytest.approx(0.7 * 0.1 / 1.1)
+    assert far["network_of_error"] == pytest.approx(0.63)
 
 
 def test_forecasts_are_wider_than_the_windows_alone() -> None:

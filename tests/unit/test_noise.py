@@ -14,6 +14,7 @@ from pamid.model.registry import rig_named
 from pamid.recording.noise import (
     noise_level,
     plateau_spacing,
+    plateaus,
     quantisation_step,
     sensor_noise,
 )
@@ -187,6 +188,17 @@ def test_plateaus_are_seen_through_the_noise_behind_them(
     y = step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
     y = recorded * np.round(y / recorded) if recorded else y
     assert plateau_spacing(unit * y) == pytest.approx(unit * step, rel=3e-3)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_plateaus_tell_where_one_of_them_is(motion: str) -> None:
+    """On a scale whose zero is none, as of steps of a temperature that is told in kelvin."""
+    step, zero, noise = 4.0, 1.3, np.random.default_rng(5).normal(size=SAMPLES)
+    y = zero + step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
+    spacing, level = plateaus(y)
+    assert spacing == plateau_spacing(y) == pytest.approx(step, rel=3e-3)
+    assert (level - zero) / step == pytest.approx(round((level - zero) / step), abs=0.02)
+    assert y.min() <= level <= y.max()
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

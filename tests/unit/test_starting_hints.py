@@ -14,13 +14,14 @@ from virtual_joint import record
 from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.screening import ScreeningBaseline, screen, starting_points
 from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.starting_hints import gather_hints, spectrum_peaks
+from pamid.diagnosis.starting_hints import _scale, gather_hints, spectrum_peaks
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
+from pamid.symbolic.expression import symbol
 
 
 @pytest.fixture(scope="module")
@@ -113,9 +114,21 @@ def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path: Path) -> None
     base = candidate_from(model.assembly, model.fit, model.held_out)
     hints = gather_hints(evidence, base)
     assert not hints.at("force").plateaus
-    assert hints.at("sensor").plateaus == pytest.approx((step,), rel=0.01)
+    ((spacing, level),) = hints.at("sensor").plateaus
+    assert spacing == pytest.approx(step, rel=0.01)
+    assert abs(level / step - round(level / step)) < 0.05, "zero is one of its levels"
     found = effects()["quantisation"]().starts(hints.at("sensor"))
-    assert found == [{"quantum": hints.at("sensor").plateaus[0]}]
+    assert found == [{"quantum": spacing, "level": level}]
+
+
+def test_an_output_tells_the_zero_and_the_slope_of_its_reading() -> None:
+    """Kelvin above the room's temperature, of which the rig adds the latter."""
+    reading, other = symbol("state", "above"), symbol("input", "room")
+    assert _scale(293.15 + 2.0 * reading, reading) == pytest.approx((293.15, 2.0))
+    assert _scale(reading, reading) == (0.0, 1.0)
+    assert _scale(reading + other, reading) is None
+    assert _scale(reading * reading, reading) is None
+    assert _scale(3.0 + 0.0 * reading, reading) is None
 
 
 def test_a_pattern_is_looked_for_where_the_machine_was(tmp_path: Path) -> None:
