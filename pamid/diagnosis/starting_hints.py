@@ -22,8 +22,6 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
-ON_A_LINE = 1e-9  # of the largest of three points: by so much the middle one may be off a line
-
 
 @dataclass(frozen=True)
 class GapHints:
@@ -81,7 +79,7 @@ def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
         return None
     zero, one, two = (value.value for value in at)
     slope = one - zero
-    straight = abs(two - one - slope) <= ON_A_LINE * max(abs(zero), abs(one), abs(two))
+    straight = math.isclose(zero + two, 2.0 * one)
     return (zero, slope) if straight and slope != 0.0 else None
 
 
