@@ -18,7 +18,7 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
 from pamid.symbolic.expression import const, substitute
-from pamid.symbolic.vocabulary import Expr
+from pamid.symbolic.vocabulary import EquationError, Expr
 
 Array = NDArray[np.float64]
 
@@ -58,8 +58,11 @@ def _plateaus(
     """Plateaus of what is recorded, by the reading that returns it."""
     found: dict[str, set[tuple[float, float]]] = {}
     for track in base.fit.problem.tracks:
-        seen = dict(zip(channels, track.seen, strict=True))
-        rests = {n: plateaus(y) for n, y in zip(channels, track.y.T, strict=True) if seen[n]}
+        rests = {
+            name: plateaus(y)
+            for name, y, seen in zip(channels, track.y.T, track.seen, strict=True)
+            if seen
+        }
         for q in base.assembly.traced.passages:
             for name, output in base.assembly.traced.outputs.items():
                 spacing, level = rests.get(name, (0.0, 0.0))
@@ -74,7 +77,10 @@ def _plateaus(
 def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
     """Zero and slope of an output that is a straight line over a reading, in figures: what a sensor
     counts above the room's temperature is told in kelvin. None where it is not."""
-    at = [substitute([output], {reading: const(x)})[0] for x in (0.0, 1.0, 2.0)]
+    try:
+        at = [substitute([output], {reading: const(x)})[0] for x in (0.0, 1.0, 2.0)]
+    except EquationError:  # not defined there, as a reciprocal is not at zero: no straight line
+        return None
     if any(value.op != "const" for value in at):
         return None
     zero, one, two = (value.value for value in at)

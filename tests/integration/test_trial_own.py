@@ -82,6 +82,13 @@ def planted_case(machine: OwnMachine) -> Case:
 # ---- how machines are drawn --------------------
 
 
+def test_a_bare_case_leaves_the_rig_that_its_machine_is_made_of(machine: OwnMachine) -> None:
+    stated = dict(machine.rig.background)
+    (bare,) = draw_cases("test", 1, 0, machine, bare=True)
+    assert bare.tools_rig is not machine.rig and bare.tools_rig.background == {}
+    assert machine.rig.background == stated
+
+
 def test_a_case_does_not_depend_on_how_many_are_drawn(machine: OwnMachine) -> None:
     few, many = draw_cases("test", 3, 5, machine), draw_cases("test", 40, 5, machine)
     assert [c.sha256 for c in few] == [c.sha256 for c in many[:3]]

@@ -22,6 +22,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.symbolic.expression import symbol
+from pamid.symbolic.vocabulary import log
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +130,8 @@ def test_an_output_tells_the_zero_and_the_slope_of_its_reading() -> None:
     assert _scale(reading + other, reading) is None
     assert _scale(reading * reading, reading) is None
     assert _scale(3.0 + 0.0 * reading, reading) is None
+    assert _scale(1.0 / reading, reading) is None, "not defined at zero"
+    assert _scale(log(reading), reading) is None
 
 
 def test_a_pattern_is_looked_for_where_the_machine_was(tmp_path: Path) -> None:
