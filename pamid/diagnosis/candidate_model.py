@@ -17,7 +17,7 @@ from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.estimation.weights import Weights, residual_weights
+from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
@@ -286,20 +286,38 @@ def bootstrap_losses(
     return out
 
 
-def log_evidence(fitted: Fit, weights: Weights) -> float:
+def log_evidence(fitted: Fit, correlated: Array, noise: Array) -> float:
     """Laplace's approximation (MacKay 1992, Neural Computation 4:415), up to a constant:
 
-        log Z = -1/2 sum r^2 / (sigma^2 tau) - 1/2 |s|^2 + 1/2 log det C
+        log Z = -1/2 sum_c n_c / tau_c (log sigma_c^2 + S_c / sigma_c^2)
+                - 1/2 |s|^2 + 1/2 log det C
 
-    with the residuals r, the parameters s in prior spreads around the data sheet, their covariance
-    C. weights: sigma and tau, the same for all models that are compared.
+    with n_c residuals of mean square S_c in channel c, the parameters s in prior spreads around the
+    data sheet, their covariance C. sigma_c^2 is S_c, or the noise where that is more: a model that
+    leaves little is judged by what it leaves, not by what another one left. correlated: tau,
+    samples per independent one, the same for all models that are compared; noise: per channel (SI).
+    0 where it cannot be told.
     """
+    if not fitted.residuals:
+        return 0.0
     free = list(fitted.problem.free)
     s = fitted.problem.scale.inside(fitted.p[free])
-    misfit = sum(float(np.nansum((r * weights.root) ** 2)) for r in fitted.residuals)
+    residuals = np.concatenate(fitted.residuals)
+    squares = seen_mean(residuals**2)
+    counted = np.isfinite(residuals).sum(axis=0) / correlated
+    variance = np.maximum(squares, noise**2)
+    misfit = float(np.nansum(counted * (np.log(variance) + squares / variance)))
     sign, volume = np.linalg.slogdet(fitted.covariance) if free else (1.0, 0.0)
     found = -0.5 * (misfit + float(s @ s)) + (0.5 * float(volume) if sign > 0 else 0.0)
     return found if np.isfinite(found) else 0.0
+
+
+def correlation_decades(fitted: Fit, noise: Array) -> float:
+    """Decimal logarithm of the samples per independent residual, mean over the channels."""
+    if not fitted.residuals:
+        return 0.0
+    own = residual_weights(fitted.residuals, noise, fitted.problem.window).correlated
+    return float(np.log10(own).mean())
 
 
 def in_errors(draws: Array) -> float:

@@ -38,16 +38,20 @@ def inconsistencies(found: DiagnosisFile, settings: Settings = DEFAULT) -> list[
 def unnamed(
     found: DiagnosisFile, settings: Settings = DEFAULT
 ) -> list[tuple[BestMember, list[str]]]:
-    """Probable effects of the best model that the verdict does not name, and what speaks against
-    each."""
+    """Probable effects of the best model, and found beside it, that the verdict does not name, and
+    what speaks against each."""
     if found.remark or found.verdict in ("ambiguous", "no-structural-gap"):
         return []
     named, yes = {c.effect for c in found.causes}, calibration().lines["cause"].yes
     return [
         (m, list(_cause(found, m, settings)))
-        for m in found.members
+        for m in _weighed(found)
         if m.effect not in named and m.probability is not None and m.probability >= yes
     ]
+
+
+def _weighed(found: DiagnosisFile) -> tuple[BestMember, ...]:
+    return (*found.members, *found.dropped)
 
 
 def _verdict(found: DiagnosisFile) -> Iterator[str]:
@@ -82,12 +86,12 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
         yield "the interval of what it removes goes through zero"
     elif cause.removes.share < settings.least_shrinkage:
         yield "it removes next to nothing"
-    own = [m.signature for m in found.members if m.effect == cause.effect] or [
+    own = [m.signature for m in _weighed(found) if m.effect == cause.effect] or [
         c.signature for c in found.ranking if c.effect == cause.effect
     ]
     if any(one is not None and (one.bounds or 0.0) > 0.0 for one in own):
         yield "a parameter ended at a bound that physics did not set"
-    bent = [m.bent for m in found.members if m.effect == cause.effect]
+    bent = [m.bent for m in _weighed(found) if m.effect == cause.effect]
     if any(is_ordinary_bend(one, settings) for one in bent):
         yield "it bends what passes its port by no more than ordinary machines do"
     where = found.where

@@ -32,7 +32,7 @@ from pamid.diagnosis.effect_subsets import (
     best_subsets,
     responses_of,
 )
-from pamid.diagnosis.judgement import calibration, decades, within
+from pamid.diagnosis.judgement import calibration, decades, signed_decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import as_wide, is_plain_inside
 from pamid.diagnosis.screening import by_gain
@@ -59,10 +59,11 @@ class ForwardStep:
 
     removed, of_left: what it removes, in shares of the gap and of what the others leave; gain: log
     squared error per channel, sure: in standard errors; margin: standard errors by which it beats
-    the next of another family; at_port: latent evidence at its port over the largest one;
-    unexplained: that one, nats per sample; probability of being real; taken: is it added
-    to the model? tried: families of every combination that was refitted, the best first; closed:
-    families not tried on top of those found, since little is missing where they act.
+    the next of another family; evidence: gained on the fitted data, nats; at_port: latent evidence
+    at its port over the largest one; unexplained: that one, nats per sample; probability of being
+    real; taken: is it added to the model? tried: families of every combination that was refitted,
+    the best first; closed: families not tried on top of those found, since little is missing where
+    they act.
     """
 
     effect: str
@@ -74,6 +75,7 @@ class ForwardStep:
     margin: float
     at_port: float
     unexplained: float
+    evidence: float = 0.0
     probability: float = 0.0
     taken: bool = False
     tried: tuple[tuple[str, ...], ...] = ()
@@ -87,6 +89,7 @@ class ForwardStep:
             "gain": within(self.gain, -0.2, 2.0),
             "sure": within(self.sure, 0.0, 20.0) / 10.0,
             "margin": within(self.margin, 0.0, 10.0) / 10.0,
+            "evidence": signed_decades(self.evidence),
             "at_port": self.at_port,
             "unexplained": decades(self.unexplained, 1e-2, 1e2),
         }
@@ -278,6 +281,7 @@ def _weighed(
         in_errors(margin),
         here / after.most,
         after.most / best.samples,
+        search.nats(newest) - search.nats(best),
         tried=tuple(dict.fromkeys(_families(search, c) for c in larger)),
         closed=closed,
     )

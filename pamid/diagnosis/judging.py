@@ -55,7 +55,8 @@ Tied = tuple[CandidateModel, Member]
 class Judged:
     """What is said of models that were refitted. ranking: each with one effect, best first, with
     what speaks for it and its probability; best: the best model, with as many effects as it takes,
-    and its members; after: where something is missing beside it; tied: the first of the ranking and
+    and its members; dropped: effects that were found beside these, and may not be named; after:
+    where something is missing beside it; tied: the first of the ranking and
     the models that these recordings cannot tell from it."""
 
     decision: Decision
@@ -65,6 +66,7 @@ class Judged:
     probability: tuple[float, ...]
     best: CandidateModel
     members: tuple[Member, ...]
+    dropped: tuple[Member, ...]
     after: PortEvidence
     tied: tuple[Tied, ...]
     halves: Crossed | None  # what either half of the held-out windows would have chosen
@@ -121,13 +123,15 @@ def judge(
         groups,
         doubt,
     )
-    weighed = _weighed_up(search, compared, best, after)
+    weighed = everything = _weighed_up(search, compared, best, after)
     instead = _instead(search, compared, weighed)
     if instead is not None:
         leaders = [k[0] for k in located.classes]
         beside = locate(search.evidence, instead, search.pool, leaders, settings=settings)
         again = _weighed_up(search, compared, instead, beside)
         weighed = again if again.decision.named else weighed
+    kept = {m.effect.label for m in weighed.members}
+    together = everything.members if len(everything.members) > 1 else ()
     if weighed.best in ranking:
         own = dict(zip(ranking, signatures, strict=True))
         ranking = _with_best(ranking, weighed.best)
@@ -140,6 +144,7 @@ def judge(
         tuple(cause_probability(s) for s in signatures),
         weighed.best,
         weighed.members,
+        tuple(m for m in together if m.effect.label not in kept),
         weighed.after,
         weighed.tied,
         weighed.halves,
@@ -258,7 +263,7 @@ def _members(
         others = tuple(k for k in best.attached if k is not a)
         without = _alone_or_refitted(search, c.ranking, others, best)
         field = _InItsPlace.of(search, a, best, without, c.tried)
-        own = signature(search, a, best, without, field.rival, field.wins, c.located)
+        own = signature(search, a, best, without, field.rival, field.wins, field.opposed, c.located)
         member = _member(search, a, best, without, own, halves)
         found.append(replace(member, instead=field.as_good))
     return tuple(found)
@@ -268,10 +273,12 @@ def _members(
 class _InItsPlace:
     """What stands against an effect beside others. rival: the best of the models that do without
     its family, with as many effects or only the others; wins: share of resamples that all of these
-    lose; as_good: families that do as well beside the same others, within one standard error."""
+    lose; opposed: the most evidence of any of them, nats; as_good: families that do as well beside
+    the same others, within one standard error."""
 
     rival: CandidateModel
     wins: float
+    opposed: float
     as_good: tuple[str, ...]
 
     @classmethod
@@ -299,6 +306,7 @@ class _InItsPlace:
         return cls(
             rivals[order[0]],
             float((behind > 0.0).all(axis=0).mean()),
+            max(map(search.nats, rivals)),
             tuple(dict.fromkeys(as_good)),
         )
 

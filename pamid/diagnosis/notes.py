@@ -22,6 +22,7 @@ def notes(d: Diagnosis) -> list[str]:
     kinds = (
         _signs,
         _company,
+        _dropped,
         _between,
         _halves,
         _windows,
@@ -76,6 +77,21 @@ def _company(d: Diagnosis) -> list[str]:
     return [
         f"The model with the cause holds {lost}, too, which is not named; all of them together "
         f"remove {size}.{''.join(instead)}"
+    ]
+
+
+def _dropped(d: Diagnosis) -> list[str]:
+    """Effects that were found beside those that are named, and are less probable than not."""
+    j = d.judged
+    if j is None or not j.named:
+        return []
+    others = " and ".join(m.effect.label for m in j.members)
+    return [
+        f"Beside {others} there may be {m.effect.label} (P {chance_figure(m.probability)}): it "
+        f"would remove {percent_text(m.removes.share)} of the gap (95 % interval "
+        f"{percents_text(m.removes.low, m.removes.high)})."
+        for m in j.dropped
+        if m.removes.low > 0.0
     ]
 
 

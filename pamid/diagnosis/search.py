@@ -67,9 +67,10 @@ class Search:
         return self.budget.excess(c.absolutes, self.asked)
 
     def nats(self, c: CandidateModel) -> float:
-        """Log evidence of what was fitted, with the baseline's weights; to be compared among the
-        models of this search."""
-        return log_evidence(c.fit, self.budget.baseline.fit.weights)
+        """Log evidence of what was fitted, as many residuals independent as the baseline leaves; to
+        be compared among the models of this search."""
+        correlated = self.budget.baseline.fit.weights.correlated
+        return log_evidence(c.fit, correlated, self.evidence.noise)
 
     def losses(self, models: list[CandidateModel]) -> Array:
         return bootstrap_losses(models, self.asked, self.seed, self.settings)

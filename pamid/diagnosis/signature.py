@@ -12,7 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamid.base.metrics import seen_mean
-from pamid.diagnosis.candidate_model import CandidateModel, in_errors
+from pamid.diagnosis.candidate_model import (
+    CandidateModel,
+    correlation_decades,
+    in_errors,
+)
 from pamid.diagnosis.judgement import calibration, decades, signed_decades, within
 from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.ranges import at_bounds
@@ -34,6 +38,8 @@ class Signature:
     wins: float  # share of resamples won by its family
     at_port: float  # latent evidence at its port over the largest one
     evidence: float  # log evidence that it gains on the fitted data, priors counted, nats
+    evidence_lead: float  # ... over the most evident model without its family
+    whiter: float  # decades by which residuals of the fit are less correlated with it
     eased: float  # squared strains and pulls that it takes off the rig and the background
     left: float  # share of the gap that remains with it
     remaining: float  # error with it over the floor, worst channel
@@ -54,6 +60,8 @@ class Signature:
             "wins": self.wins,
             "at_port": self.at_port,
             "evidence": signed_decades(self.evidence),
+            "evidence_lead": signed_decades(self.evidence_lead),
+            "whiter": within(self.whiter, -0.5, 1.0),
             "eased": signed_decades(self.eased),
             "left": within(self.left, 0.0, 1.2),
             "remaining": decades(self.remaining, 1.0, 100.0),
@@ -70,14 +78,16 @@ def signature(
     without: CandidateModel,
     rival: CandidateModel,
     wins: float,
+    opposed: float,
     located: PortEvidence,
 ) -> Signature:
     """Of an effect of `model`; without: the model less it; rival: the best of another
-    family, or the model without; located: latent evidence before any effect."""
+    family, or the model without; opposed: the most evidence of any model without its family, nats;
+    located: latent evidence before any effect."""
     gap = max(search.excess(search.budget.baseline), 1e-9)
     before, after = search.excess(without), search.excess(model)
     losses = search.losses([without, model, rival])
-    rows = search.asked
+    rows, noise = search.asked, search.evidence.noise
     smaller = (
         search.budget.channel_losses(model.absolutes)[rows]
         < search.budget.channel_losses(without.absolutes)[rows]
@@ -93,6 +103,8 @@ def signature(
         wins=wins,
         at_port=max(located.gains[p] for p in effect.ports) / most if most > 0.0 else 1.0,
         evidence=search.nats(model) - search.nats(without),
+        evidence_lead=search.nats(model) - opposed,
+        whiter=correlation_decades(without.fit, noise) - correlation_decades(model.fit, noise),
         eased=_strain(without) - _strain(model),
         left=after / gap,
         remaining=float(
@@ -114,11 +126,15 @@ def alone(
     losses = search.losses(list(ranking))
     order = losses.mean(axis=1).argsort()
     winner = [ranking[i].family for i in losses.argmin(axis=0)]
+    nats = [(c.family, search.nats(c)) for c in ranking]
+    none = search.nats(base)
 
     def of(c: CandidateModel) -> Signature:
         rival = next((ranking[i] for i in order if ranking[i].family != c.family), base)
         wins = winner.count(c.family) / len(winner)
-        return signature(search, c.attached[-1], c, base, rival, wins, located)
+        opposed = max((v for family, v in nats if family != c.family), default=none)
+        opposed = max(opposed, none)
+        return signature(search, c.attached[-1], c, base, rival, wins, opposed, located)
 
     return tuple(of(c) for c in ranking)
 

@@ -100,21 +100,25 @@ def _judgement(d: Diagnosis) -> dict[str, Any]:
     """What candidates were judged by; nothing where there was no gap to judge them on."""
     rig, j = d.evidence.rig, d.judged
     if j is None:
-        nothing: dict[str, Any] = dict.fromkeys(("members", "look_alikes", "further"), ())
+        nothing: dict[str, Any] = dict.fromkeys(
+            ("members", "dropped", "look_alikes", "further"), ()
+        )
         return nothing | dict.fromkeys(("units", "grounds", "confidence"))
+
+    def told(m: Member) -> result.BestMember:
+        return result.BestMember(
+            effect=m.effect.label,
+            family=m.effect.family(rig),
+            port=m.effect.group(rig),
+            probability=_believed(d, m.probability),
+            removes=_share(m.removes),
+            bent=m.bent,
+            signature=grounds.SignatureFigures(**vars(m.signature)),
+        )
+
     return {
-        "members": tuple(
-            result.BestMember(
-                effect=m.effect.label,
-                family=m.effect.family(rig),
-                port=m.effect.group(rig),
-                probability=_believed(d, m.probability),
-                removes=_share(m.removes),
-                bent=m.bent,
-                signature=grounds.SignatureFigures(**vars(m.signature)),
-            )
-            for m in j.members
-        ),
+        "members": tuple(map(told, j.members)),
+        "dropped": tuple(map(told, j.dropped)),
         "look_alikes": j.classes,
         "units": result.UnitsInDoubt(**j.units) if j.units else None,
         "further": tuple(grounds.Further(**vars(n)) for n in j.forward_steps),

@@ -399,6 +399,9 @@ class DiagnosisFile(Model):
     members: ListOf[BestMember] = Field(
         (), description="effects of the best model, whether or not the verdict names them"
     )
+    dropped: ListOf[BestMember] = Field(
+        (), description="effects found beside these that are too improbable to be named"
+    )
     where: Written[Where] = Field(None, description="where the gap enters")
     how_far: MapOf[Reach] = Field({}, description="by channel")
     transfer: ListOf[Transfer] = Field((), description="does the cause hold elsewhere?")

@@ -20,6 +20,10 @@ class Further(Model):
     margin: Number = Field(
         description="standard errors by which it beats the next of another family"
     )
+    evidence: Number = Field(
+        default=0.0,
+        description="log evidence that it gains on the fitted data, priors counted, nats",
+    )
     at_port: Number = Field(description="evidence at its port over the largest at any")
     unexplained: Number = Field(description="the largest evidence, nats per sample")
     probability: Number = Field(description="of being real, 0 to 1")
@@ -54,6 +58,12 @@ class SignatureFigures(NumbersByKey):
     )
     evidence: Written[Number] = Field(
         None, description="log evidence that it gains on the fitted data, priors counted, nats"
+    )
+    evidence_lead: Written[Number] = Field(
+        None, description="the same over the most evident model without its family, nats"
+    )
+    whiter: Written[Number] = Field(
+        None, description="decades by which residuals of the fit are less correlated with it"
     )
     eased: Written[Number] = Field(
         None, description="squared strains and pulls that it takes off the rig and the background"

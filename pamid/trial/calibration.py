@@ -262,8 +262,7 @@ def _causes_in(m: Marked) -> list[tuple[Features, bool]]:
     for one in m.ranking:
         leading.setdefault(str(one["family"]), one)
     weighed = [*list(leading.values())[:FAMILIES]]
-    if len(m.members) > 1:
-        weighed += m.members
+    weighed += m.beside_others
     return [
         (Signature(**one["signature"]).features(), m.is_right(one))
         for one in weighed

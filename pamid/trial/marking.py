@@ -84,6 +84,13 @@ class Marked:
         """Effects of the best model, whether or not the verdict names them."""
         return list(self.found.get("members") or ())
 
+    @property
+    def beside_others(self) -> list[dict[str, Any]]:
+        """Those of them that stand beside others, and effects that were found beside some and are
+        not in the best model."""
+        several = self.members if len(self.members) > 1 else []
+        return [*several, *(self.found.get("dropped") or ())]
+
     def is_right(self, one: dict[str, Any]) -> bool:
         """Is an effect (with its family and port) planted, or one of the same family at the same
         port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
