@@ -15,7 +15,7 @@ from small_cart import FEW, cart_evidence, record_cart
 from pamid.diagnosis import forward_selection
 from pamid.diagnosis.forward_selection import ForwardStep, _is_taken
 from pamid.diagnosis.judging import _InItsPlace
-from pamid.diagnosis.notes import _company
+from pamid.diagnosis.notes import _company, _dropped
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_file, diagnosis_json
@@ -202,6 +202,11 @@ def test_an_effect_that_needs_a_nameless_one_beside_it_is_told_with_it(tmp_path:
         (said,) = _company(replace(d, judged=judged))
         assert late.effect.label in said and "sensor-timing would do as well" in said
         assert ("The nearest is" in said) == (not kept)
+    # one that is not in the model, since it is less probable than not
+    left = replace(d.judged, members=(rubbing,), dropped=(replace(late, probability=0.3),))
+    (said,) = _dropped(replace(d, judged=left))
+    assert f"Beside {rubbing.effect.label} there may be {late.effect.label} (P 0.30)" in said
+    assert _dropped(d) == []
     # one that stands alone, too, and is not probable enough to be named
     nobody = replace(d.judged.decision, named=())
     (said,) = _company(replace(d, judged=replace(d.judged, decision=nobody, members=(rubbing,))))

@@ -381,6 +381,11 @@ def test_what_is_probable_and_not_named_has_something_against_it() -> None:
     )
     assert inconsistencies(pressed) == []
     assert unnamed(changed("explained")) == []
+    # found beside what is named, and not in the model: the same is asked of it
+    beside = changed("explained", dropped=[likely[0] | {"effect": "leak"}])
+    assert any("leak is probable (P 0.97) and nothing" in one for one in inconsistencies(beside))
+    doubtful = changed("explained", dropped=[likely[0] | {"effect": "leak", "probability": 0.4}])
+    assert inconsistencies(doubtful) == []
 
 
 def test_a_port_that_the_sensors_cannot_tell_carries_the_share_of_both() -> None:
