@@ -118,6 +118,7 @@ def weighed(
         family=lambda a: a.family(None),
         losses=lambda models: np.array([of[m.label] for m in models]),
         excess=lambda m: m.absolutes,
+        nats=lambda m: -100.0 * m.absolutes,
         budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
         evidence=SimpleNamespace(rig=None),
     )
@@ -135,6 +136,7 @@ def test_five_standard_errors_overrule_the_line(monkeypatch: pytest.MonkeyPatch)
     sure = weighed(monkeypatch, gain=1.19)
     assert sure.probability == 0.2 and sure.taken
     assert sure.sure == pytest.approx(11.9) and sure.of_left == pytest.approx(0.4)
+    assert sure.evidence == pytest.approx(16.0)
     assert not weighed(monkeypatch, gain=0.4).taken, "four are left to the line"
     assert weighed(monkeypatch, gain=0.4, settings=Settings(further_sure=3.0)).taken
 
@@ -167,11 +169,16 @@ def test_what_does_as_well_in_its_place_takes_the_lead_from_an_effect() -> None:
     def losses(models: list[Any]) -> Any:
         return np.array([level[m.label] + noise * (m.label == "rub + late") for m in models])
 
-    search: Any = SimpleNamespace(settings=DEFAULT, family=lambda a: a.family, losses=losses)
+    def nats(m: Any) -> float:
+        return -10.0 * level[m.label]
+
+    search: Any = SimpleNamespace(
+        settings=DEFAULT, family=lambda a: a.family, losses=losses, nats=nats
+    )
     tried = [of("rub + gap"), of("rub + late"), of("gap + late")]
     second = _InItsPlace.of(search, attached["gap"], tried[0], of("rub"), tried)  # type: ignore[arg-type]
     assert second.rival is tried[1] and second.as_good == ("lag",)
-    assert second.wins == 0.5
+    assert second.wins == 0.5 and second.opposed == pytest.approx(-0.2)
     first = _InItsPlace.of(search, attached["rub"], tried[0], of("gap"), tried)  # type: ignore[arg-type]
     assert first.rival.label == "gap" and first.as_good == () and first.wins == 1.0
 
@@ -230,6 +237,7 @@ def test_the_newest_is_dropped_where_it_only_led_out_of_a_minimum(
     search: Any = SimpleNamespace(
         settings=DEFAULT,
         excess=lambda m: m.absolutes,
+        nats=lambda m: -100.0 * m.absolutes,
         budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
     )
     assert forward_selection._backward_check(search, both).label == "first"  # type: ignore[arg-type]
@@ -261,6 +269,7 @@ def test_a_gap_of_no_width_gives_way_to_a_spring(
         settings=DEFAULT,
         family=lambda a: a.family(None),
         excess=lambda m: m.absolutes,
+        nats=lambda m: -100.0 * m.absolutes,
         budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
     )
     best: Any = both
