@@ -312,14 +312,6 @@ def log_evidence(fitted: Fit, correlated: Array, noise: Array) -> float:
     return found if np.isfinite(found) else 0.0
 
 
-def correlation_decades(fitted: Fit, noise: Array) -> float:
-    """Decimal logarithm of the samples per independent residual, mean over the channels."""
-    if not fitted.residuals:
-        return 0.0
-    own = residual_weights(fitted.residuals, noise, fitted.problem.window).correlated
-    return float(np.log10(own).mean())
-
-
 def in_errors(draws: Array) -> float:
     """Mean of bootstrap draws in their standard deviations."""
     return float(draws.mean() / max(draws.std(), 1e-6))

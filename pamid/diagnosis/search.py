@@ -337,14 +337,13 @@ def _is_evident(search: Search, one: CandidateModel, other: CandidateModel) -> b
 
 
 def _most_evident(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
-    """The first, or one of its family for which the fitted data speak very strongly, the windows
-    asked not being sure of the first."""
+    """The first, or one for which the fitted data speak very strongly, the windows asked not being
+    sure of the first."""
     best = ranking[0]
     plain = (
         c
         for c in ranking[1:]
-        if c.family == best.family
-        and is_plain_inside(c, search.settings)
+        if is_plain_inside(c, search.settings)
         and _is_evident(search, c, best)
         and _gained(search, best, c).unsure
     )

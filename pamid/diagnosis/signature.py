@@ -12,11 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamid.base.metrics import seen_mean
-from pamid.diagnosis.candidate_model import (
-    CandidateModel,
-    correlation_decades,
-    in_errors,
-)
+from pamid.diagnosis.candidate_model import CandidateModel, in_errors
 from pamid.diagnosis.judgement import calibration, decades, signed_decades, within
 from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.ranges import at_bounds
@@ -39,7 +35,6 @@ class Signature:
     at_port: float  # latent evidence at its port over the largest one
     evidence: float  # log evidence that it gains on the fitted data, priors counted, nats
     evidence_lead: float  # ... over the most evident model without its family
-    whiter: float  # decades by which residuals of the fit are less correlated with it
     eased: float  # squared strains and pulls that it takes off the rig and the background
     left: float  # share of the gap that remains with it
     remaining: float  # error with it over the floor, worst channel
@@ -61,7 +56,6 @@ class Signature:
             "at_port": self.at_port,
             "evidence": signed_decades(self.evidence),
             "evidence_lead": signed_decades(self.evidence_lead),
-            "whiter": within(self.whiter, -0.5, 1.0),
             "eased": signed_decades(self.eased),
             "left": within(self.left, 0.0, 1.2),
             "remaining": decades(self.remaining, 1.0, 100.0),
@@ -87,7 +81,7 @@ def signature(
     gap = max(search.excess(search.budget.baseline), 1e-9)
     before, after = search.excess(without), search.excess(model)
     losses = search.losses([without, model, rival])
-    rows, noise = search.asked, search.evidence.noise
+    rows = search.asked
     smaller = (
         search.budget.channel_losses(model.absolutes)[rows]
         < search.budget.channel_losses(without.absolutes)[rows]
@@ -104,7 +98,6 @@ def signature(
         at_port=max(located.gains[p] for p in effect.ports) / most if most > 0.0 else 1.0,
         evidence=search.nats(model) - search.nats(without),
         evidence_lead=search.nats(model) - opposed,
-        whiter=correlation_decades(without.fit, noise) - correlation_decades(model.fit, noise),
         eased=_strain(without) - _strain(model),
         left=after / gap,
         remaining=float(
@@ -141,11 +134,11 @@ def alone(
 
 def cause_probability(s: Signature, settings: Settings = DEFAULT) -> float:
     """That an effect of this family is really there. The line may not overrule plain evidence: at
-    least even odds where the model with it leaves the noise floor and nothing else, and the model
-    less it, or with any other family in its place, is worse by five standard errors."""
+    least even odds where the model less it, or with any other family in its place, is worse by five
+    standard errors on what was held out, and very strongly so on what was fitted."""
     line = calibration().lines["cause"]
-    at_floor = s.remaining < 1.0 + settings.gap_margin
-    plain = at_floor and min(s.sure, s.lead_sure) >= settings.further_sure
+    evident = s.evidence_lead > settings.simpler_evidence
+    plain = evident and min(s.sure, s.lead_sure) >= settings.further_sure
     return max(line.probability(s.features()), line.yes if plain else 0.0)
 
 

@@ -62,9 +62,6 @@ class SignatureFigures(NumbersByKey):
     evidence_lead: Written[Number] = Field(
         None, description="the same over the most evident model without its family, nats"
     )
-    whiter: Written[Number] = Field(
-        None, description="decades by which residuals of the fit are less correlated with it"
-    )
     eased: Written[Number] = Field(
         None, description="squared strains and pulls that it takes off the rig and the background"
     )

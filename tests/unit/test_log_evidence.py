@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.diagnosis.candidate_model import correlation_decades, log_evidence
+from pamid.diagnosis.candidate_model import log_evidence
 
 Array = NDArray[np.float64]
 SAMPLES = 400
@@ -20,9 +20,7 @@ CORRELATED = np.array([4.0, 4.0])
 
 def fitted(residuals: Array, moved: float = 0.0, spread: float = 0.1) -> Any:
     """A fit of one parameter, moved by so many prior spreads and told to this share of one."""
-    problem = SimpleNamespace(
-        free=(0,), scale=SimpleNamespace(inside=lambda p: p), window=len(residuals)
-    )
+    problem = SimpleNamespace(free=(0,), scale=SimpleNamespace(inside=lambda p: p))
     return SimpleNamespace(
         problem=problem,
         p=np.array([moved]),
@@ -74,10 +72,3 @@ def test_a_fit_that_failed_has_none() -> None:
     failed = fitted(WHITE)
     failed.residuals = ()
     assert log_evidence(failed, CORRELATED, NOISE) == 0.0
-    assert correlation_decades(failed, NOISE) == 0.0
-
-
-def test_residuals_that_are_alike_for_long_are_told_from_white_ones() -> None:
-    slow = np.cumsum(WHITE, axis=0)
-    assert correlation_decades(fitted(WHITE), NOISE) < 0.3
-    assert correlation_decades(fitted(slow), NOISE) > 0.8
