@@ -43,7 +43,7 @@ RIDGE = {"missing": 1.0, "cause": 4.0, "further": 4.0}
 #: loss 0.259 for 0.272), but a network learns more from a real machine's recordings, where it spoke
 #: against the right cause on three of three measured sets. So is by how much residuals become white
 #: (0.221 for 0.226; three of five right causes of measured sets less probable): on a real machine
-#: something more is always missing. Of the evidence the lead counts (0.226; without any 0.235). What
+#: something more is always missing. Of the evidence the lead counts (0.226; without 0.235). What
 #: an effect takes of what the others leave counts, not of the whole gap, of which the weaker of two
 #: takes little (alone: the same)
 LOOKS_AT = {
