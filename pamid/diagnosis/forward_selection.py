@@ -41,6 +41,7 @@ from pamid.diagnosis.search import (
     Refitting,
     Round,
     Search,
+    most_evident,
     run_round,
     with_finer_steps,
 )
@@ -170,8 +171,9 @@ def _larger(
     after: PortEvidence,
     responses: ScreenedResponses,
 ) -> tuple[list[CandidateModel], tuple[str, ...]]:
-    """Refitted models with one effect more than `best`, the lowest held-out loss first; families
-    that were not tried on top of it because little is missing where they act."""
+    """Refitted models with one effect more than `best`, the lowest held-out loss first, before it
+    one that what was fitted prefers where that is not sure; families that were not tried on top of
+    it because little is missing where they act."""
     least = search.settings.further_ports * after.most
     open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > least}
     others = [a for a in search.candidates if not _is_taken(search, a, best, located)]
@@ -200,7 +202,9 @@ def _larger(
     losses = search.losses(models).mean(axis=1) if models else []
     order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
     closed = {search.family(a) for a in others} - {search.family(a) for a in beside}
-    return [models[i] for i in order], tuple(sorted(closed))
+    ordered = [models[i] for i in order]
+    first = [most_evident(search, ordered)] if ordered else []
+    return [*first, *(c for c in ordered if c not in first)], tuple(sorted(closed))
 
 
 def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:

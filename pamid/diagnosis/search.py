@@ -297,7 +297,7 @@ def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     of its form, any model counts as simpler whose parameters did not: such an end says that the
     form is another."""
     forced = not is_plain_inside(ranking[0], search.settings)
-    best = ranking[0] if forced else _most_evident(search, ranking)
+    best = ranking[0] if forced else most_evident(search, ranking)
     simpler = [
         c
         for c in ranking
@@ -336,7 +336,7 @@ def _is_evident(search: Search, one: CandidateModel, other: CandidateModel) -> b
     return search.nats(one) - search.nats(other) > search.settings.simpler_evidence
 
 
-def _most_evident(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
+def most_evident(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     """The first, or one for which the fitted data speak very strongly, the windows asked not being
     sure of the first."""
     best = ranking[0]
