@@ -74,6 +74,12 @@ class Marked:
         return self.verdict == "unknown-effect"
 
     @property
+    def leaves_nameless(self) -> bool:
+        """Is nothing blamed, and something real said to remain, whatever the verdict is called?"""
+        rest = self.found.get("remainder") or {}
+        return self.abstains or (not self.names and bool(rest.get("real")))
+
+    @property
     def causes(self) -> list[dict[str, Any]]:
         """Effects that the verdict names, the strongest first."""
         found: list[dict[str, Any]] = self.found["causes"]

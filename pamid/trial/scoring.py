@@ -139,6 +139,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
         "false_alarm_clean": _rate(clean, lambda m: m.alarms),
         "false_alarm_background": _rate(rough, lambda m: m.alarms),
         "abstains": _rate(unknown, lambda m: m.abstains),
+        "leaves_nameless": _rate(unknown, lambda m: m.leaves_nameless),
         "abstains_plain": _rate(
             (m for m in unknown if m.visibility >= PLAIN_VISIBILITY), lambda m: m.abstains
         ),

@@ -287,6 +287,22 @@ def test_a_verdict_in_parts_names_what_it_names() -> None:
     assert found.confusion == {"friction": {"(cannot tell)": 1}}
 
 
+def test_what_is_said_to_be_real_and_blamed_on_nothing_counts_as_told() -> None:
+    """An effect outside the catalogue: called unknown; left open, what remains real; left open, and
+    not; a cause blamed, and a real remainder beside it."""
+    labels = [label(i, "nameless", FRICTION) for i in range(4)]
+    results = [
+        answer(0, "unknown-effect", "leak"),
+        answer(1, "cannot-tell", "leak"),
+        answer(2, "cannot-tell", "leak"),
+        answer(3, "partly-explained", "leak"),
+    ]
+    for i, real in ((1, True), (2, False), (3, True)):
+        results[i]["diagnosis"]["remainder"] = {"real": real}
+    found = score_cases(labels, results)
+    assert both(found, "abstains") == (1, 4) and both(found, "leaves_nameless") == (2, 4)
+
+
 def test_calibration_by_hand() -> None:
     """Said 0.95 three times (one right, one of them an alarm where nothing is planted) and 0.42
     twice (none right).
