@@ -135,10 +135,12 @@ def alone(
 def cause_probability(s: Signature, settings: Settings = DEFAULT) -> float:
     """That an effect of this family is really there. The line may not overrule plain evidence: at
     least even odds where the model less it, or with any other family in its place, is worse by five
-    standard errors on what was held out, and very strongly so on what was fitted."""
+    standard errors on what was held out, and very strongly so on what was fitted or nothing but
+    noise is left with it."""
     line = calibration().lines["cause"]
     evident = s.evidence_lead > settings.simpler_evidence
-    plain = evident and min(s.sure, s.lead_sure) >= settings.further_sure
+    at_floor = s.remaining < 1.0 + settings.gap_margin
+    plain = (evident or at_floor) and min(s.sure, s.lead_sure) >= settings.further_sure
     return max(line.probability(s.features()), line.yes if plain else 0.0)
 
 

@@ -486,6 +486,8 @@ def test_the_line_does_not_overrule_what_fitted_and_held_out_data_say(
     assert cause_probability(slight) == yes
     for doubt in ({"evidence_lead": 4.0}, {"sure": 4.0}, {"lead_sure": 4.0}):
         assert cause_probability(replace(slight, **doubt)) < yes
+    # where nothing but noise is left there is nothing else to tell it from
+    assert cause_probability(replace(slight, remaining=1.0, evidence_lead=-4.0)) == yes
 
 
 def test_of_effects_that_cannot_be_told_apart_the_most_probable_comes_first(
