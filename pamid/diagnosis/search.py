@@ -313,21 +313,23 @@ def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
 
 class _Gained(NamedTuple):
     """What the windows asked say of a model beside another: is its gain slight, one standard error
-    added? might they as well have preferred the other one?"""
+    added? might they as well have preferred the other one? are they alike?"""
 
     slight: bool
     unsure: bool
+    tied: bool
 
 
 def _gained(search: Search, best: CandidateModel, other: CandidateModel) -> _Gained:
     losses, s = search.losses([best, other]), search.settings
     gain = losses[1] - losses[0]
     lost = search.excess(other) - search.excess(best)
-    worth = s.worth * search.excess(search.budget.baseline)
-    most = s.simpler_gain * best.squares.shape[1]
+    gap = search.excess(search.budget.baseline)
+    worth, most = s.worth * gap, s.simpler_gain * best.squares.shape[1]
     return _Gained(
         bool(gain.mean() + s.tie_errors * gain.std() < most and lost < worth),
         bool(gain.mean() < s.simpler_errors * gain.std() and lost < s.simpler_loss * worth),
+        bool(gain.mean() < s.tie_errors * gain.std() and lost < s.tie_share * gap),
     )
 
 
@@ -337,15 +339,21 @@ def _is_evident(search: Search, one: CandidateModel, other: CandidateModel) -> b
 
 
 def most_evident(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
-    """The first, or one for which the fitted data speak very strongly, the windows asked not being
-    sure of the first."""
+    """The first, or one for which the fitted data speak very strongly: of the same families where
+    the windows asked are not sure of the first, of others where both are alike there."""
     best = ranking[0]
+
+    def families(c: CandidateModel) -> list[str]:
+        return sorted(map(search.family, c.attached))
+
+    def is_open(c: CandidateModel) -> bool:
+        found = _gained(search, best, c)
+        return found.unsure if families(c) == families(best) else found.tied
+
     plain = (
         c
         for c in ranking[1:]
-        if is_plain_inside(c, search.settings)
-        and _is_evident(search, c, best)
-        and _gained(search, best, c).unsure
+        if is_plain_inside(c, search.settings) and _is_evident(search, c, best) and is_open(c)
     )
     return max(plain, key=search.nats, default=best)
 
