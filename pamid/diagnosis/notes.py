@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from pamid.base.share_words import percent_text, percents_text
+from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
@@ -91,7 +92,7 @@ def _dropped(d: Diagnosis) -> list[str]:
         f"would remove {percent_text(m.removes.share)} of the gap (95 % interval "
         f"{percents_text(m.removes.low, m.removes.high)})."
         for m in j.dropped
-        if m.removes.low > 0.0
+        if m.probability < calibration().lines["cause"].yes and m.removes.low > 0.0
     ]
 
 

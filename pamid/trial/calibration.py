@@ -266,8 +266,7 @@ def _causes_in(m: Marked) -> list[tuple[Features, bool]]:
     leading: dict[str, dict[str, Any]] = {}
     for one in m.ranking:
         leading.setdefault(str(one["family"]), one)
-    weighed = [*list(leading.values())[:FAMILIES]]
-    weighed += m.beside_others
+    weighed = [*list(leading.values())[:FAMILIES], *m.beside_others]
     return [
         (Signature(**one["signature"]).features(), m.is_right(one))
         for one in weighed
