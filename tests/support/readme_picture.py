@@ -20,9 +20,12 @@ COLOURS = 128
 
 
 def main() -> None:
+    shown = Path(sys.argv[1]) / "report.html"
+    if not shown.is_file():
+        sys.exit(f"there is no {shown}: pamid report {sys.argv[1]}")
     with browser() as opened, tempfile.TemporaryDirectory() as folder:
         page = opened.page(width=WIDTH, height=HEIGHT)
-        page.open(Path(sys.argv[1]) / "report.html")
+        page.open(shown)
         page.settle()
         seen = Path(folder) / "seen.png"
         page.screenshot(seen, whole=False)
