@@ -302,11 +302,9 @@ def log_evidence(fitted: Fit, correlated: Array, noise: Array) -> float:
         return 0.0
     free = list(fitted.problem.free)
     s = fitted.problem.scale.inside(fitted.p[free])
-    residuals = np.concatenate(fitted.residuals)
-    squares = seen_mean(residuals**2)
-    counted = np.isfinite(residuals).sum(axis=0) / correlated
+    count, squares = fitted.left
     variance = np.maximum(squares, noise**2)
-    misfit = float(np.nansum(counted * (np.log(variance) + squares / variance)))
+    misfit = float(np.nansum(count / correlated * (np.log(variance) + squares / variance)))
     sign, volume = np.linalg.slogdet(fitted.covariance) if free else (1.0, 0.0)
     found = -0.5 * (misfit + float(s @ s)) + (0.5 * float(volume) if sign > 0 else 0.0)
     return found if np.isfinite(found) else 0.0

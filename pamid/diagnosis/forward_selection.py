@@ -41,6 +41,7 @@ from pamid.diagnosis.search import (
     Refitting,
     Round,
     Search,
+    by_held_out_loss,
     most_evident,
     run_round,
     with_finer_steps,
@@ -199,10 +200,8 @@ def _larger(
     starts = [_joint_start(search, s, best, ranking) for s in subsets if s.labels not in known]
     refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
     models = [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
-    losses = search.losses(models).mean(axis=1) if models else []
-    order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
     closed = {search.family(a) for a in others} - {search.family(a) for a in beside}
-    ordered = [models[i] for i in order]
+    ordered = by_held_out_loss(search, models)
     first = [most_evident(search, ordered)] if ordered else []
     return [*first, *(c for c in ordered if c not in first)], tuple(sorted(closed))
 

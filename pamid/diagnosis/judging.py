@@ -56,8 +56,8 @@ class Judged:
     """What is said of models that were refitted. ranking: each with one effect, best first, with
     what speaks for it and its probability; best: the best model, with as many effects as it takes,
     and its members; dropped: effects that were found beside these, and may not be named; after:
-    where something is missing beside it; tied: the first of the ranking and
-    the models that these recordings cannot tell from it."""
+    where something is missing beside it; tied: the first of the ranking and the models that these
+    recordings cannot tell from it."""
 
     decision: Decision
     grounds: VerdictStatistics

@@ -281,12 +281,16 @@ def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel
     before it where `_simplest` prefers it."""
     if not models:
         return ()
-    losses = search.losses(models).mean(axis=1)
-    ranking = [
-        models[i] for i in sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
-    ]
+    ranking = by_held_out_loss(search, models)
     first = _simplest(search, ranking)
     return (first, *(c for c in ranking if c is not first))
+
+
+def by_held_out_loss(search: Search, models: list[CandidateModel]) -> list[CandidateModel]:
+    """The lowest mean bootstrapped log loss first; among equal ones by name."""
+    losses = search.losses(models).mean(axis=1) if models else []
+    order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
+    return [models[i] for i in order]
 
 
 def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:

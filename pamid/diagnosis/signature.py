@@ -125,8 +125,7 @@ def alone(
     def of(c: CandidateModel) -> Signature:
         rival = next((ranking[i] for i in order if ranking[i].family != c.family), base)
         wins = winner.count(c.family) / len(winner)
-        opposed = max((v for family, v in nats if family != c.family), default=none)
-        opposed = max(opposed, none)
+        opposed = max([none, *(v for family, v in nats if family != c.family)])
         return signature(search, c.attached[-1], c, base, rival, wins, opposed, located)
 
     return tuple(of(c) for c in ranking)

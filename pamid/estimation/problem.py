@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.metrics import seen_mean
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import Prior
@@ -89,6 +90,13 @@ class Fit:
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
     # per track: slopes of what is stepped, for a fit that goes on from here
     known: tuple[KnownSlopes | None, ...] = field(repr=False, compare=False, default=())
+
+    @cached_property
+    def left(self) -> tuple[Array, Array]:
+        """How many residuals were recorded per channel, and their mean square (SI, NaN of none); of
+        a fit that has not failed."""
+        residuals = np.concatenate(self.residuals)
+        return np.isfinite(residuals).sum(axis=0), seen_mean(residuals**2)
 
 
 class Scale:

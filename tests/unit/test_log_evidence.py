@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import log_evidence
+from pamid.engine.program import Stepping
+from pamid.estimation.problem import Fit
+from pamid.estimation.weights import Weights
 
 Array = NDArray[np.float64]
 SAMPLES = 400
@@ -18,14 +22,23 @@ NOISE = np.array([1e-3, 1e-3])
 CORRELATED = np.array([4.0, 4.0])
 
 
-def fitted(residuals: Array, moved: float = 0.0, spread: float = 0.1) -> Any:
+def fitted(residuals: Array, moved: float = 0.0, spread: float = 0.1) -> Fit:
     """A fit of one parameter, moved by so many prior spreads and told to this share of one."""
-    problem = SimpleNamespace(free=(0,), scale=SimpleNamespace(inside=lambda p: p))
-    return SimpleNamespace(
-        problem=problem,
-        p=np.array([moved]),
-        covariance=np.array([[spread**2]]),
-        residuals=(residuals[:150], residuals[150:]),
+    stub: Any = SimpleNamespace(free=(0,), scale=SimpleNamespace(inside=lambda p: p))
+    weights = Weights(np.ones(2), np.ones(2))
+    covariance, parts = np.array([[spread**2]]), (residuals[:150], residuals[150:])
+    return Fit(
+        stub,
+        np.array([moved]),
+        (),
+        weights,
+        0.0,
+        covariance,
+        1,
+        True,
+        "",
+        Stepping(1, False),
+        residuals=parts,
     )
 
 
@@ -69,6 +82,5 @@ def test_what_was_not_recorded_says_nothing() -> None:
 
 
 def test_a_fit_that_failed_has_none() -> None:
-    failed = fitted(WHITE)
-    failed.residuals = ()
+    failed = replace(fitted(WHITE), residuals=())
     assert log_evidence(failed, CORRELATED, NOISE) == 0.0
