@@ -23,7 +23,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
-TRIED = (0.8, 0.9, 0.98)  # of the travel
+TRIED = (0.6, 0.8, 0.9, 0.98)  # of the travel
 
 
 class EndStop(Effect):
@@ -56,11 +56,10 @@ class EndStop(Effect):
             "speed",
             1.0,
             low=0.5,
-            high=5.0,
+            high=20.0,
             spread=2.0,
             log=True,
             size="velocity",
-            fitted=False,
             source="estimate: buffers of 0.5-20 N m s/rad",
         ),
     )

@@ -123,14 +123,14 @@ def plateaus(values: Array) -> tuple[float, float]:
     )
     cycles = np.arange(lines.size) / PADDED
     far = PADDED * LEAST_PLATEAUS
-    best = far + int(np.argmax(np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]))
+    coarser = np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]
+    strong = np.flatnonzero(coarser > ON_PLATEAUS)
     # a channel that mostly rests is strong everywhere
-    if lines[best] < ON_PLATEAUS or lines[far] > ON_PLATEAUS:
+    if not strong.size or strong[0] == 0:
         return 0.0, 0.0
-    for harmonic in (2, 3):
-        below = round(best / harmonic) + np.arange(-1, 2)
-        if below[0] >= far and lines[below].max() > ON_PLATEAUS:
-            best = int(below[np.argmax(lines[below])])
+    # the coarsest: what rests on a few clean levels is strong at many of the finer ones, too
+    near = coarser[strong[0] : strong[0] + PADDED]
+    best = far + int(strong[0]) + int(np.argmax(near))
     spacing = _refined(values, span / cycles[best], span)
     # from the middle: what the spacing is off by adds up over the levels to a far zero
     middle = float(np.median(values))
