@@ -27,10 +27,12 @@ from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
+from pamid.symbolic.expression import walk
 from pamid.symbolic.vocabulary import Expr, held
 
 Array = NDArray[np.float64]
 
+MEMORIES = frozenset({"play", "bristle"})  # operators whose deflection only travel makes forget
 EVEN_DRAWS = 3  # points at which outputs are asked whether they show a sign
 
 
@@ -184,6 +186,14 @@ class Assembly:
     @cached_property
     def program(self) -> Executable:
         return self.program_with({})
+
+    @cached_property
+    def keeps_memories(self) -> bool:
+        """Does an equation hold a play or a bristle? Its deflection is forgotten over travel, not
+        over time: a wide one keeps for good what it was at the beginning."""
+        t = self.traced
+        cells = [e for c in t.cells for e in (c.update, c.joined) if isinstance(e, Expr)]
+        return any(n.op in MEMORIES for n in walk([*t.rates.values(), *t.outputs.values(), *cells]))
 
     @cached_property
     def even_states(self) -> tuple[int, ...]:

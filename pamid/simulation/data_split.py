@@ -32,7 +32,9 @@ from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 Array = NDArray[np.float64]
 FEWEST_SAMPLES = 200  # samples of a recording
 HELD_OUT_SHARE = 0.3
-LEAD = 10.0  # correlation times before a held-out part, to find the state it begins in
+# correlation times before a held-out part, to find the state it begins in; a model with memories
+# that no time makes forget comes from the beginning of the recording
+LEAD = 10.0
 # correlation times of the windows that a fit is cut into, and of the shortest that are replayed
 FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
 FEW_WINDOWS, LEAST_WINDOWS = 12, 6  # wanted where the envelope counts, and to fit in any case
@@ -74,12 +76,16 @@ class DataSplit:
         spans = self.held_out if held_out else self.fit
         return tuple(
             track_of(assembly, s.recording, self.channels, self.jump, self.timescale_s).part(
-                s.start,
-                s.stop,
-                round(LEAD * self.timescale_s / s.recording.sampling_period_s) if held_out else 0,
+                s.start, s.stop, self._lead(assembly, s) if held_out else 0
             )
             for s in spans
         )
+
+    def _lead(self, assembly: Assembly, span: Span) -> int:
+        """Samples before a held-out part through which a model is led."""
+        if assembly.keeps_memories:
+            return span.start
+        return round(LEAD * self.timescale_s / span.recording.sampling_period_s)
 
     def lacking(self, recording: Recording) -> list[str]:
         """Channels that other recordings have and this one has not."""
