@@ -28,18 +28,19 @@ class GapHints:
     """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
     periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
     correlation time of the recordings; plateaus: by reading, the spacing of those on which what it
-    returns rests, and one of them (SI)."""
+    returns rests, and one of them (SI); period_s: sampling period."""
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
     periods: dict[str, tuple[float, ...]] = field(default_factory=dict)
     timescale_s: float = math.nan
     plateaus: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    period_s: float = math.nan
 
     def at(self, port: str) -> Hints:
         reach, periods = self.reach.get(port, {}), self.periods.get(port, ())
         steps = self.plateaus.get(port, ())
-        return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps)
+        return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps, self.period_s)
 
 
 def gather_hints(
@@ -49,7 +50,8 @@ def gather_hints(
     peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
     periods = _periods(evidence, base, settings)
     rests = _plateaus(evidence.channels, base)
-    return GapHints(peaks, _reach(base), periods, evidence.timescale_s, rests)
+    sampled_s = base.assembly.rig.period_s
+    return GapHints(peaks, _reach(base), periods, evidence.timescale_s, rests, sampled_s)
 
 
 def _plateaus(

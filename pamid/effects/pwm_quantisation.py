@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import (
     Expr,
@@ -40,6 +40,7 @@ from pamid.symbolic.vocabulary import (
 )
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
+TRIED_LINES = 2
 RISER = 0.2  # share of a step taken by its riser
 
 
@@ -89,10 +90,9 @@ class PwmQuantisation(Effect):
         Parameter(
             "phase",
             0.0,
-            low=0.0,
-            high=1.0,
+            low=-0.5,
+            high=1.5,
             spread=0.5,
-            fitted=False,
             source="of the first pulse in the recording, in periods; unknown unless logged",
         ),
         Parameter(
@@ -109,12 +109,28 @@ class PwmQuantisation(Effect):
             USUAL_PULSE,
             low=USUAL_PULSE / 3.0,
             high=LONGEST_PULSE,
+            spread=USUAL_PULSE,
+            log=True,
             size="period",
-            fitted=False,
-            source="estimate: ten samples of 3 ms",
+            source="ten samples of 3 ms; lines of the residual's spectrum are tried first",
         ),
     )
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Pulses that show: one start per line of the gap's spectrum that may be theirs, and per
+        half turn, from which the phase finds its way."""
+        period = next(q for q in self.parameters if q.name == "pulse_period")
+        shown = [
+            1.0 / f
+            for f in hints.peaks_hz
+            if period.low * hints.period_s <= 1.0 / f <= period.high * hints.period_s
+        ]
+        return [
+            {"pulse_period": seconds, "ripple": 1.0, "phase": phase}
+            for seconds in shown[:TRIED_LINES]
+            for phase in (0.25, 0.75)
+        ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         step = p.step * p.full

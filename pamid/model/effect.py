@@ -161,7 +161,7 @@ class Hints:
     over the position at the port, strongest first (unit of the position); timescale_s: correlation
     time of the recordings, of which parameters in time are multiples (nan: not known); plateaus:
     spacing of those on which the recorded values of a reading rest, where they do, and one of them
-    (SI).
+    (SI); period_s: sampling period of the recordings (nan: not known).
     """
 
     peaks_hz: tuple[float, ...] = ()
@@ -169,6 +169,7 @@ class Hints:
     periods: tuple[float, ...] = ()
     timescale_s: float = math.nan
     plateaus: tuple[tuple[float, float], ...] = ()
+    period_s: float = math.nan
 
 
 RIG_SECTIONS = ("What it is", "Equations", "Typically missing", "References")
