@@ -13,7 +13,7 @@ Looks like it
     one sensor, which spares the rest.
 Equation
     reading(t) := reading(t - late),   late = start + skew * t
-    early readings: reading - late * rate
+    early readings: reading - late * rate, the rate from sample to sample where the rig offers none
 References
     IEEE 1588-2019, Precision Clock Synchronization Protocol; Mills (1991), Internet time
     synchronization: the network time protocol, IEEE Transactions on Communications 39(10).
@@ -25,7 +25,7 @@ from typing import Any
 
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, delay, maximum, where
+from pamid.symbolic.vocabulary import Expr, Number, delay, maximum, rate_of, where
 
 LONGEST_LATE = 80.0  # sampling periods
 
@@ -65,6 +65,7 @@ class ClockSkew(Effect):
         late = p.start + p.skew_ppm * 1e-6 * at.time
         after = delay(value, maximum(late, 0.0), LONGEST_LATE * at.rig_period_s)
         # the past is remembered, the future is not: a reading that is early is led by its own
-        # slope, where it is known
-        early = value - at.rate * late if at.offers("rate") else value
+        # slope, the one that the rig knows or that from the sample before
+        slope = at.rate if at.offers("rate") else rate_of(value)
+        early = value - slope * late
         return where(late >= 0.0, after, early)
