@@ -9,7 +9,7 @@ What it looks like
 Looks like it
     Dry friction (there the actuator's force still moves while the mechanism sticks); backlash,
     which depends on where the motion came from; quantisation, which repeats the flat at every
-    level.
+    level; a valve that switches late, whose gap lies about zero, too.
 Equation
     value -= min(max(value, -half_width), half_width)
 References
@@ -43,7 +43,13 @@ class DeadZone(Effect):
             source="estimate: overlapped spools 2-10 % of the command",
         ),
     )
-    look_alikes = ("coulomb-friction", "backlash", "valve-dead-band", "quantisation")
+    look_alikes = (
+        "coulomb-friction",
+        "backlash",
+        "valve-dead-band",
+        "valve-switching",
+        "quantisation",
+    )
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - clip(value, -p.half_width, p.half_width)

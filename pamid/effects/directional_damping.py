@@ -8,7 +8,8 @@ What it looks like
     drive; slow motion shows nothing.
 Looks like it
     Viscous friction (the same both ways); dry friction that differs between the directions, which
-    does not grow with speed; a rectified command, which shows in the command and not in the speed.
+    does not grow with speed; a rectified command, which shows in the command and not in the speed;
+    a force reading that is limited on one side, which where the motion is imposed looks the same.
 Equation
     value -= forward max(velocity, 0) + backward min(velocity, 0)
 References
@@ -52,7 +53,12 @@ class DirectionalDamping(Effect):
             source="estimate: shock absorbers resist rebound 2-4 times as much as compression",
         ),
     )
-    look_alikes = ("viscous-friction", "quadratic-drag", "directional-friction")
+    look_alikes = (
+        "viscous-friction",
+        "quadratic-drag",
+        "directional-friction",
+        "asymmetric-saturation",
+    )
     absorbed_by = ("viscous", "damping")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -9,7 +9,7 @@ What it looks like
 Looks like it
     Coulomb friction with a constant offset (the same while the mechanism slides, apart where it
     rests: the offset goes on pushing); damping that differs between the directions, which grows
-    with speed; gravity.
+    with speed; gravity; a force reading that is limited on one side, where the motion is imposed.
 Equation
     value -= (forward max(s, 0) + backward min(s, 0)), s = stop(position, give) / give
 References
@@ -54,7 +54,12 @@ class DirectionalFriction(Effect):
         replace(FORWARD, name="backward", value=0.08, label="backward_{value}"),
         PRESLIDING,
     )
-    look_alikes = ("coulomb-friction", "constant-offset", "directional-damping")
+    look_alikes = (
+        "coulomb-friction",
+        "constant-offset",
+        "directional-damping",
+        "asymmetric-saturation",
+    )
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         bent = stop(at.position, p.give) * (1.0 / p.give)
