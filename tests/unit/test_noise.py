@@ -201,6 +201,19 @@ def test_plateaus_tell_where_one_of_them_is(motion: str) -> None:
     assert y.min() <= level <= y.max()
 
 
+@pytest.mark.parametrize(("levels", "first"), [(10, 7), (12, 0)])
+def test_of_a_few_clean_levels_the_spacing_is_told_and_no_part_of_it(
+    levels: int, first: int
+) -> None:
+    """What rests on a few levels most of the time, with next to no noise, looks regular at many
+    finer steps, too, the more so where they are not quite even."""
+    random, often = np.random.default_rng(0), 0.5 ** np.arange(levels)
+    on = first + np.repeat(random.choice(levels, size=60, p=often / often.sum()), 40)
+    on[:40] = first + levels - 1
+    y = 4.0 * (on + 0.1 * np.sin(2.4 * on)) + 0.016 * random.normal(size=on.size)
+    assert plateau_spacing(y) == pytest.approx(4.0, rel=0.03)
+
+
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_recorders_own_step_is_no_plateau(motion: str, channel: str) -> None:

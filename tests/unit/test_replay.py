@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_cart import RIG, record_cart
 from virtual_joint import SPECIMEN, record
 
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import STATE_JUMP, DataSplit, split_recordings
 from pamid.simulation.free_runs import state_spread
 from pamid.simulation.replay import Replay, noise_floor, replay_track, run_windows
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 ANGLE = ("reference_deg", "command", "angle_deg")
 
@@ -111,3 +115,50 @@ def test_spread_of_the_states(tmp_path: Path) -> None:
     )
     assert np.isinf(state_spread(Assembly(rig_named("one-dof")), still)).any()
     assert STATE_JUMP < 0.1
+
+
+def test_what_travel_alone_makes_forget_is_led_in_from_the_beginning(tmp_path: Path) -> None:
+    """A held-out part begins in the middle of a recording: what a wide play holds there was settled
+    long before, what a lag holds was not."""
+    evidence = split_recordings(rig_named(RIG), [read_recording(record_cart(tmp_path))], [])
+    # far less than the recording: a lead of ten of them is not all of it
+    evidence = replace(evidence, timescale_s=0.02)
+    (span,) = evidence.held_out
+    leads = {}
+    for name in ("play@sensor", "signal-hysteresis@sensor", "first-order-lag@sensor"):
+        assembly = Assembly(evidence.rig, (attach(evidence.rig, name, effects()),))
+        (track,) = evidence.tracks(assembly, held_out=True)
+        assert len(track) - track.lead == span.stop - span.start
+        leads[name] = track.lead
+    assert leads["play@sensor"] == leads["signal-hysteresis@sensor"] == span.start
+    assert leads["first-order-lag@sensor"] < 0.1 * span.start
+    assert not Assembly(evidence.rig).keeps_memories
+
+
+def test_a_wide_hysteresis_foretells_what_it_was_held_out_from(tmp_path: Path) -> None:
+    """With the block's own parameters what is held out is met to the noise, however long ago the
+    widest loops of its sensor began: by where they stand it would be off by degrees, and cool down
+    to another room."""
+    random, time = np.random.default_rng(4), 10.0 * np.arange(1500)
+    sent = {"power_w": np.repeat(random.uniform(0.0, 100.0, 50), 30)}
+    write_recording(tmp_path / "sent.csv", time, sent)
+    given = {"share": 0.15, "reach_k": 60.0}
+    sizes = ",".join(f"{name}={value}" for name, value in given.items())
+    made = simulate_virtual_rig(
+        "thermal-block",
+        read_recording(tmp_path / "sent.csv"),
+        (f"signal-hysteresis@sensor:{sizes}",),
+        {},
+        {},
+        1.0,
+        1,
+    )
+    write_recording(tmp_path / "rec.csv", time, made.columns, made.meta)
+    rig = rig_named("thermal-block")
+    evidence = split_recordings(rig, [read_recording(tmp_path / "rec.csv")], [])
+    hysteresis = attach(evidence.rig, "signal-hysteresis@sensor", effects())
+    assembly = Assembly(evidence.rig, (hysteresis,))
+    p = assembly.values({f"signal-hysteresis@sensor:{k}": v for k, v in given.items()})
+    (track,) = evidence.tracks(assembly, held_out=True)
+    left = replay_track(assembly, p, track, Stepping(2), evidence.noise).losses(2)
+    assert np.sqrt(left.mean()) < 1.5 * evidence.noise[0]

@@ -144,3 +144,15 @@ def test_a_pattern_is_looked_for_where_the_machine_was(tmp_path: Path) -> None:
     strays = float(np.abs(np.concatenate(base.fit.residuals)).max())
     assert strays > 0.1
     assert gather_hints(evidence, base).at("force").periods[0] == pytest.approx(0.1, rel=0.02)
+
+
+def test_pulses_begin_with_the_lines_of_the_gap_that_may_be_theirs() -> None:
+    """Of a heater sampled every 10 s, pulses of 126 s: their line, not that of a day nor one
+    between samples; where the sampling is not known, none."""
+    pulses = effects()["pwm-quantisation"]()
+    lines = (1.0 / 86400.0, 1.0 / 126.0, 1.0 / 21.0)
+    begun = pulses.starts(Hints(lines, period_s=10.0))
+    assert [start["pulse_period"] for start in begun] == pytest.approx([126.0, 126.0])
+    assert {start["phase"] for start in begun} == {0.25, 0.75}
+    assert all(start["ripple"] == 1.0 for start in begun)
+    assert pulses.starts(Hints(lines)) == []
