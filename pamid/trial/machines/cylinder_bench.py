@@ -84,7 +84,7 @@ MACHINE = StarterMachine(
     # is early there is late in the force. A zero and a gain are the preload and the area; the
     # pressure never comes near zero.
     leave_out={
-        # the gauge's reading is what is recorded as the input: it shows its steps by itself, and the
+        # what the gauge reads is recorded as the input: it shows its steps by itself, and the
         # force, which knows nothing of them, none
         "gauge": ("dead-zone", "gain-error", "offset", "quantisation"),
         "piston": ("gravity", "constant-offset"),
