@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pamid.diagnosis.decision import is_ordinary_bend
+from pamid.diagnosis.decision import is_material, is_ordinary_bend
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_words import MEASURE_MAP, RECORD_MORE
@@ -78,17 +78,18 @@ def _verdict(found: DiagnosisFile) -> Iterator[str]:
 
 def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) -> Iterator[str]:
     """What may not be said of a cause (`pamid.diagnosis.decision.Weighed.objections`)."""
+    own = [m.signature for m in _weighed(found) if m.effect == cause.effect] or [
+        c.signature for c in found.ranking if c.effect == cause.effect
+    ]
+    of_left = max((one.of_left or 0.0 for one in own if one is not None), default=0.0)
     if cause.probability is None:
         yield "a cause without a probability"
     if cause.removes is None:
         yield "it is not told what it removes"
     elif cause.removes.low <= 0.0:
         yield "the interval of what it removes goes through zero"
-    elif cause.removes.share < settings.least_shrinkage:
+    elif not is_material(cause.removes.share, of_left, settings):
         yield "it removes next to nothing"
-    own = [m.signature for m in _weighed(found) if m.effect == cause.effect] or [
-        c.signature for c in found.ranking if c.effect == cause.effect
-    ]
     if any(one is not None and (one.bounds or 0.0) > 0.0 for one in own):
         yield "a parameter ended at a bound that physics did not set"
     bent = [m.bent for m in _weighed(found) if m.effect == cause.effect]

@@ -54,7 +54,8 @@ class Weighed:
     at_bound: parameters at a bound that physics did not set; vanished: its amounts, where all of
     them ended at nothing; here: share of the gap that enters at its port or at one that the sensors
     cannot tell from it, or the evidence there over the largest at any port, whichever is more;
-    bent: share of what passes by which it bends a characteristic, where it does nothing else
+    bent: share of what passes by which it bends a characteristic, where it does nothing else;
+    of_left: share that it removes of what the others leave
     """
 
     effect: str
@@ -65,6 +66,7 @@ class Weighed:
     here: float
     vanished: tuple[str, ...] = ()
     bent: float | None = None
+    of_left: float = 0.0
 
     def objections(self, settings: Settings = DEFAULT) -> list[str]:
         """Why it must not be named whatever its probability; empty where nothing speaks against
@@ -72,7 +74,7 @@ class Weighed:
         found = []
         if self.removes.low <= 0.0:
             found.append("the interval of what it removes goes through zero")
-        if self.removes.share < settings.least_shrinkage:
+        if not is_material(self.removes.share, self.of_left, settings):
             found.append("it removes next to nothing")
         if self.vanished:
             found.append(f"{', '.join(self.vanished)} ended at nothing")
@@ -85,6 +87,11 @@ class Weighed:
         if is_ordinary_bend(self.bent, settings):
             found.append("it bends what passes its port by no more than ordinary machines do")
         return found
+
+
+def is_material(removes: float, of_left: float, settings: Settings) -> bool:
+    """Is so much of the gap, or of what other effects leave of it, worth a name?"""
+    return removes >= settings.least_shrinkage or of_left >= settings.further_of_left
 
 
 def is_ordinary_bend(bent: float | None, settings: Settings) -> bool:

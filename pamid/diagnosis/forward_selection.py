@@ -292,16 +292,17 @@ def _weighed(
     probability = line.probability(found.features())
     plain = found.sure >= chosen.further_sure
     backed = probability >= line.yes or plain
-    taken = backed and found.removed >= chosen.further_least
+    material = found.removed >= chosen.further_least or found.of_left >= chosen.further_of_left
+    taken = backed and material
     return replace(found, probability=probability, taken=taken)
 
 
 def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
     """The model less the first effect whose removal costs less than `worth` of the gap; the model
     itself where every one is needed. The newest is asked, too: where the model below it had ended
-    in a local minimum, what it gained may have been the way out alone. What surely removes most of
-    what the others leave is needed however small that is: beside a spring at the shoulder that
-    explains nearly all, the one at the elbow explains the rest."""
+    in a local minimum, what it gained may have been the way out alone. What surely removes a good
+    part of what the others leave is needed however small that is: beside a spring at the shoulder
+    that explains nearly all, the one at the elbow explains the rest."""
     settings = search.settings
     gap = search.excess(search.budget.baseline)
     for a in best.attached:
@@ -310,10 +311,9 @@ def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
         lost = search.excess(smaller) - left
         if not smaller.finite or lost >= settings.worth * gap:
             continue
-        # most of what the others leave: more than is left with it
         if (
-            lost < max(settings.further_least * gap, left)
-            or _surely(search, smaller, best) < settings.further_sure
+            lost < settings.further_of_left * (lost + left)
+            or _surely(search, smaller, best) < settings.simpler_errors
         ):
             return smaller
     return best

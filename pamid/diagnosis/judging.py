@@ -367,6 +367,7 @@ def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> 
         max(m.signature.at_port, sum(shares[group] for group in together)),
         vanished(model, m.effect.label),
         m.bent,
+        m.signature.of_left,
     )
 
 

@@ -51,7 +51,9 @@ class Settings:
         3.0, "standard deviations of the noise", "an error above it is none of the sensor's"
     )
     least_shrinkage: float = setting(
-        0.02, "share of the error", "what a cause has to remove to be named at all"
+        0.02,
+        "share of the error",
+        "what a cause has to remove to be named at all, or further_of_left",
     )
     unbacked_probability: float = setting(
         0.5, "probability", "most of a cause where the other half of the windows chooses another"
@@ -277,10 +279,15 @@ class Settings:
     further_least: float = setting(
         0.02, "share of the gap", "what an effect has to remove to be named beside another"
     )
+    further_of_left: float = setting(
+        0.25,
+        "share of what the others leave",
+        "... or of that: beside an effect that explains nearly all the second is small in the gap",
+    )
     further_sure: float = setting(
         5.0,
         "standard errors",
-        "surer ones that remove further_least need no line",
+        "surer ones that remove as much need no line",
         "the usual five of a discovery: the line alone had lost a right effect at 11.9",
     )
     subsets: int = setting(6, "combinations", "at most, of effects, refitted jointly", COST)

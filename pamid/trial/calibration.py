@@ -62,6 +62,9 @@ LOOKS_AT = {
 # targets of figure_table.py: alarms where only noise and tolerances are left, real gaps missed
 FALSE_ALARMS, MISSES = 0.03, 0.12
 EVEN_ODDS = 0.5  # what is less probable than not is not named
+# a further effect is weighed as a cause, beside the others, once it is added: one that is not
+# probable enough is dropped again. Added at even odds, a third of those that were there never were
+WORTH_ADDING = 0.25
 #: what an effect is judged by; cases that were judged without some of it teach nothing of causes
 FIGURES = frozenset(f.name for f in fields(Signature))
 FAMILIES = 3  # leading families of a ranking from which it is learnt what no cause looks like
@@ -143,7 +146,7 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
     yes = {
         "missing": _balanced(bare or told, lines["missing"]),
         "cause": EVEN_ODDS,
-        "further": _most_right(examples["further"], lines["further"]),
+        "further": WORTH_ADDING,
     }
     digests = "".join(k.digest for k in lessons)
     return {
@@ -297,15 +300,6 @@ def _balanced(examples: Sequence[Example], line: Line) -> float:
     ]
     best = np.flatnonzero(np.array(worst) <= min(worst) + 1e-12)
     return float(grid[best].mean())
-
-
-def _most_right(examples: Sequence[Example], line: Line) -> float:
-    """The probability from which on rights outnumber wrongs by most."""
-    p = np.array([line.probability(e.features) for e in examples])
-    right = np.array([e.yes for e in examples])
-    grid = np.linspace(0.05, 0.95, 91)
-    won = np.array([(np.where(right, 1, -1) * (p >= t)).sum() for t in grid])
-    return float(grid[won == won.max()].mean())
 
 
 def _spread(cases: Sequence[Marked]) -> float:
