@@ -125,12 +125,15 @@ def plateaus(values: Array) -> tuple[float, float]:
     far = PADDED * LEAST_PLATEAUS
     coarser = np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]
     strong = np.flatnonzero(coarser > ON_PLATEAUS)
-    # a channel that mostly rests is strong everywhere
-    if not strong.size or strong[0] == 0:
+    if not strong.size:
         return 0.0, 0.0
-    # the coarsest: what rests on a few clean levels is strong at many of the finer ones, too
-    near = coarser[strong[0] : strong[0] + PADDED]
-    best = far + int(strong[0]) + int(np.argmax(near))
+    # the best of the coarsest, none of them of half another's spacing: what rests on a few clean
+    # levels is strong at many of the finer ones, too
+    first = far + int(strong[0])
+    best = first + int(np.argmax(lines[first : 2 * first - PADDED // 2]))
+    # a channel that mostly rests is strong everywhere
+    if lines[PADDED:best].min() > ON_PLATEAUS:
+        return 0.0, 0.0
     spacing = _refined(values, span / cycles[best], span)
     # from the middle: what the spacing is off by adds up over the levels to a far zero
     middle = float(np.median(values))
