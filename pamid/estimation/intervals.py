@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress, silent
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem
+from pamid.model.background import pull_of
 from pamid.model.bound_parameter import Bound
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -148,11 +149,13 @@ class _Drawing(Work[int, Array]):
 
 
 def background_pull(fitted: Fit) -> dict[str, float]:
-    """Largest fitted / tolerance of every background term, by its name and place (force_map_1)."""
-    a = fitted.problem.assembly
-    pulls: dict[str, float] = {}
-    for i, b in enumerate(a.parameters):
-        if b.nuisance:
-            name = b.owner.removeprefix("background.")
-            pulls[name] = max(pulls.get(name, 0.0), float(abs(fitted.p[i] - b.value) / b.spread))
-    return pulls
+    """How far every background term stands, in tolerances, by its name and place (force_map_1)."""
+    terms = fitted.problem.assembly.background_terms
+    strains: dict[str, list[float]] = {owner: [] for owner in terms}
+    for i, b in enumerate(fitted.problem.assembly.parameters):
+        if b.nuisance and b.fitted:
+            strains[b.owner].append(float((fitted.p[i] - b.value) / b.spread))
+    return {
+        owner.removeprefix("background."): pull_of(terms[owner], found)
+        for owner, found in strains.items()
+    }

@@ -102,6 +102,11 @@ class Assembly:
             for place in self.rig.ports[name].places or ("",)
         ]
 
+    @cached_property
+    def background_terms(self) -> dict[str, Effect]:
+        """By the owner of their parameters."""
+        return {nuisance_owner(term, place): term for _, place, term in self._nuisance()}
+
     def for_fitting(self) -> Assembly:
         """The same with derivatives by fitted parameters only."""
         return replace(self, sensitive=frozenset(b.key for b in self.parameters if b.fitted))

@@ -9,8 +9,11 @@ effect of the catalogue counts only beyond what they explain.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi
 from typing import Any
+
+import numpy as np
 
 from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
@@ -30,20 +33,32 @@ class Background(Effect):
     family = "background"
     kinds = tuple(KINDS)
 
-    def __init__(self, name: str, tolerances: dict[str, float]) -> None:
+    def __init__(self, name: str, tolerances: dict[str, float], reach: float = REACH) -> None:
         self.name = name  # type: ignore[misc]
         self.parameters = tuple(  # type: ignore[misc]
             Parameter(
                 term,
                 0.0,
-                low=-REACH * tolerance,
-                high=REACH * tolerance,
+                low=-reach * tolerance,
+                high=reach * tolerance,
                 spread=tolerance,
                 null=0.0,
                 source=f"tolerance {tolerance:g}",
             )
             for term, tolerance in tolerances.items()
         )
+
+    def pull(self, strains: Sequence[float]) -> float:
+        """How far it stands, in tolerances, its terms being so many of their own off."""
+        return max(map(abs, strains), default=0.0)
+
+
+def pull_of(term: Effect, strains: Sequence[float]) -> float:
+    """How far a term stands, in tolerances; a plain effect in a rig's background by the largest of
+    its parameters."""
+    if isinstance(term, Background):
+        return term.pull(strains)
+    return max(map(abs, strains), default=0.0)
 
 
 class SmoothGain(Background):
@@ -136,7 +151,8 @@ class RoughMap(Background):
 
     with one prior for all c_i, so that its root mean square is the tolerance: a smooth random
     function by the first terms of its trigonometric series (Wahba 1990, Spline Models for
-    Observational Data, chapter 2).
+    Observational Data, chapter 2). One of them may be all of it, as the slots of a motor are one
+    wave: what is within REACH is the root mean square, and the single term may go as far as that.
 
     over      "value", what passes, or a signal of the port, as far as the recordings reach
     of        "value", or a signal in the same unit of which the curve is a share: where what passes
@@ -157,7 +173,8 @@ class RoughMap(Background):
     ) -> None:
         self.over, self.of, self.positive = over, of, positive
         each = tolerance * (2.0 / waves) ** 0.5
-        super().__init__(name, {f"wave_{i}": each for i in range(1, waves + 1)})
+        terms = {f"wave_{i}": each for i in range(1, waves + 1)}
+        super().__init__(name, terms, reach=REACH * waves**0.5)
         self.waves = tuple(p.name for p in self.parameters)
         reach = Parameter(
             "reach",
@@ -167,6 +184,10 @@ class RoughMap(Background):
             source="read off: what the recordings reach",
         )
         self.parameters = (*self.parameters, reach)  # type: ignore[misc]
+
+    def pull(self, strains: Sequence[float]) -> float:
+        """Root mean square of the curve, in tolerances."""
+        return float(np.sqrt(np.mean(np.square(strains))))
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         x = value if self.over == "value" else getattr(at, self.over)
