@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pamid.model.assembly import Assembly
-from pamid.model.background import BEYOND_SIZE, HALF_WARM, RoughMap, SmoothGain
+from pamid.model.background import BEYOND_SIZE, HALF_WARM, RoughMap, SmoothGain, pull_of
 from pamid.model.parameter import Parameter
 from pamid.model.port_guide import tolerance_words
 from pamid.model.registry import catalogue_rig, rigs
@@ -91,6 +91,23 @@ def test_a_rough_map_is_as_rough_as_its_tolerance(options: dict[str, Any], share
         assert np.ptp(y[way[:, 0] > 1.01 * end]) == 0.0
     assert np.sqrt(np.mean(found)) == pytest.approx(0.02 * share, rel=0.05)
     assert free_run(assembly, way, assembly.values(), 0.01).outputs[:, 0] == pytest.approx(40.0)
+
+
+def test_one_wave_may_be_all_of_a_rough_map() -> None:
+    """Three tolerances are those of the curve's root mean square, in whatever terms it lies: the
+    slots of a motor are one wave. How far it stands is told by the curve, too."""
+    rough = mapped().background_terms["background.rail"]
+    waves = [q for q in rough.parameters if q.fitted]
+    way = np.linspace(0.0, 1.0, 2001)
+    for share in (1.0, 2.9):
+        height = share * 0.02 * 2.0**0.5  # of a wave with that root mean square
+        assert np.sqrt(np.mean((height * np.cos(4.0 * np.pi * way)) ** 2)) == pytest.approx(
+            share * 0.02, rel=1e-3
+        )
+        assert all(q.low < -height and height < q.high for q in waves)
+        strains = [height / waves[0].spread, *(len(waves) - 1) * [0.0]]
+        assert pull_of(rough, strains) == pytest.approx(share)
+    assert pull_of(SmoothGain("warmth", ("along", 0.0, 1.0), tolerance=0.1), [0.5, -2.0]) == 2.0
 
 
 def test_a_rough_map_over_what_is_never_negative_begins_at_zero() -> None:
