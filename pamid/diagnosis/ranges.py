@@ -94,15 +94,21 @@ def _guessed(bound: Bound, end: str) -> bool:
 
 def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
     """The amounts of one of the model's effects, by their names outside, where all of them ended at
-    nothing: the model is the one without it. Empty where any did not."""
+    nothing: the model is the one without it. Empty where any did not; those that define it, where
+    they did: the model is that of a plainer effect."""
+    defining = {
+        f"{label}:{name}" for a in model.attached if a.label == label for name in a.effect.defining
+    }
     amounts = [
         (bound, float(value))
         for bound, value in zip(model.assembly.parameters, model.fit.p, strict=True)
         if bound.owner == label and bound.null is not None
     ]
     # a fit puts what is pressed against its bound exactly there
-    gone = all(value == bound.null for bound, value in amounts)
-    return tuple(bound.name for bound, _ in amounts) if gone else ()
+    gone = [bound for bound, value in amounts if value == bound.null]
+    if len(gone) < len(amounts):
+        gone = [bound for bound in gone if bound.key in defining]
+    return tuple(bound.name for bound in gone)
 
 
 def mirrored(model: CandidateModel) -> dict[str, Range]:

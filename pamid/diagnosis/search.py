@@ -21,7 +21,7 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
-from pamid.diagnosis.ranges import is_plain_inside, mirrored, widened
+from pamid.diagnosis.ranges import is_plain_inside, mirrored, vanished, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
@@ -278,10 +278,12 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
 
 def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel, ...]:
     """Contenders by mean bootstrapped log loss; a simpler member of the first one's family goes
-    before it where `_simplest` prefers it."""
+    before it where `_simplest` prefers it, and one that has become a plainer effect than its name
+    says stands behind those that have not."""
     if not models:
         return ()
     ranking = by_held_out_loss(search, models)
+    ranking.sort(key=lambda c: bool(c.attached and vanished(c, c.attached[-1].label)))
     first = _simplest(search, ranking)
     return (first, *(c for c in ranking if c is not first))
 

@@ -33,6 +33,8 @@ PRESLIDING = Parameter(
     spread=3.0,
     log=True,
     size="position",
+    # what gives over more of the stroke than that, before it slips, is called hysteresis
+    hard=True,
     source="presliding of a thousandth of the stroke; 0.5-2 mrad on a joint",
 )
 

@@ -48,10 +48,12 @@ class DahlFriction(Effect):
             "reach",
             0.01,
             low=0.0003,
-            high=0.3,
+            high=0.05,
             spread=4.0,
             log=True,
             size="position",
+            # what bends over later is called hysteresis: Bouc-Wen of shape 1 is the same equation
+            hard=True,
             source="estimate: ball bearings 10-100 um, seals up to a millimetre",
         ),
     )

@@ -73,6 +73,7 @@ class LugreFriction(Effect):
             spread=3.0,
             log=True,
             size="position",
+            hard=True,
             source="bristle stiffness of 150-900 N m/rad: 0.5-2 mrad",
         ),
         Parameter(

@@ -35,6 +35,7 @@ class SignalDependentFriction(Effect):
     family = "friction"
     general_kinds = ("motion",)
     signals = ("position", "level")
+    defining = ("slope",)
     stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {
         "level": ("current", "voltage", "pressure", "temperature", "load")
     }

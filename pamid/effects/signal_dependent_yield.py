@@ -35,6 +35,7 @@ class SignalDependentYield(Effect):
     family = "friction"
     general_kinds = ("motion",)
     signals = ("velocity", "level")
+    defining = SignalDependentFriction.defining
     stand_ins = SignalDependentFriction.stand_ins
     parameters = (*SignalDependentFriction.parameters[:2], SPEED)
     look_alikes = ("signal-dependent-friction", "yielding-friction", "saturation")

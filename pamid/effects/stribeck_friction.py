@@ -76,6 +76,7 @@ class StribeckFriction(Effect):
             spread=3.0,
             log=True,
             size="position",
+            hard=True,
             source="presliding of 0.5-2 mrad",
         ),
     )

@@ -108,6 +108,8 @@ class Effect:
     # it acts at several ports together, with one set of parameters: the signals of each part
     roles: ClassVar[tuple[tuple[str, ...], ...]] = ()
     states: ClassVar[tuple[State, ...]] = ()
+    # amounts without which it is another, plainer effect
+    defining: ClassVar[tuple[str, ...]] = ()
     look_alikes: ClassVar[tuple[str, ...]] = ()
     absorbed_by: ClassVar[tuple[str, ...]] = ()  # parameters of a rig that do the same
 
