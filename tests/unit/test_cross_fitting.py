@@ -24,15 +24,17 @@ HALF = np.arange(WINDOWS) // 2 % 2 == 0
 
 def model(name: str, errors: Array, family: str = "") -> CandidateModel:
     """Fitted as well as any, with these errors per held-out window."""
-    attached = SimpleNamespace(label=name, family=lambda rig: family or name)
+    attached = SimpleNamespace(
+        label=name, family=lambda rig: family or name, effect=SimpleNamespace(defining=())
+    )
     return cast(
         CandidateModel,
         SimpleNamespace(
-            assembly=SimpleNamespace(attachments=(attached,)),
+            assembly=SimpleNamespace(attachments=(attached,), parameters=()),
             attached=(attached,),
             label=name,
             family=family or name,
-            fit=SimpleNamespace(residuals=()),
+            fit=SimpleNamespace(residuals=(), p=()),
             free_count=3,
             squares=errors[:, None] ** 2,
             absolutes=errors[:, None],

@@ -36,7 +36,8 @@ from pamid.parallel.result_store import digest
 ROOM = Path(pamid.diagnosis.__file__).parent
 SOURCES = {p.name: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(ROOM.glob("*.py"))}
 OTHER = Settings(refits=DEFAULT.refits + 1)
-nothing: Any = None
+nothing: Any = Nonefrom pamid.model.background import Gain
+
 
 
 def test_every_setting_says_what_it_is_and_what_speaks_for_it() -> None:
@@ -182,11 +183,21 @@ def pulled(settings: Settings) -> Any:
 
     def model(label: str, *pulls: float) -> Any:
         terms = [
-            SimpleNamespace(nuisance=True, owner=f"background.force_map_{k}", value=1.0, spread=0.1)
+            SimpleNamespace(
+                nuisance=True,
+                fitted=True,
+                owner=f"background.force_map_{k}",
+                value=1.0,
+                spread=0.1,
+            )
             for k in (1, 2)
         ]
+        gain = Gain("force_map", tolerance=0.1)
+        assembly = SimpleNamespace(
+            parameters=terms, background_terms={term.owner: gain for term in terms}
+        )
         fitted = SimpleNamespace(
-            problem=SimpleNamespace(assembly=SimpleNamespace(parameters=terms)),
+            problem=SimpleNamespace(assembly=assembly),
             p=[1.0 - 0.1 * pulls[0], 1.0 + 0.1 * pulls[1]],
         )
         attached = [SimpleNamespace(label=label)] if label else []
@@ -302,18 +313,24 @@ def test_what_a_trajectory_may_jump_by() -> None:
 
 def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing() -> None:
     def given(owner: str, name: str, null: float | None) -> Any:
-        return SimpleNamespace(owner=owner, name=name, null=null)
+        return SimpleNamespace(owner=owner, name=name, null=null, key=f"{owner}:{name}")
 
     parameters = [given("", "mass", None), given("slip", "forth", 0.0), given("slip", "back", 0.0)]
     parameters.append(given("slip", "reach", None))
     assembly = SimpleNamespace(parameters=parameters)
 
-    def gone(*values: float) -> tuple[str, ...]:
-        model: Any = SimpleNamespace(assembly=assembly, fit=SimpleNamespace(p=np.array(values)))
+    def gone(*values: float, defining: tuple[str, ...] = ()) -> tuple[str, ...]:
+        slip = SimpleNamespace(label="slip", effect=SimpleNamespace(defining=defining))
+        model: Any = SimpleNamespace(
+            assembly=assembly, attached=(slip,), fit=SimpleNamespace(p=np.array(values))
+        )
         return ranges.vanished(model, "slip")
 
     assert gone(0.0, 0.0, 0.0, 1.0) == ("forth", "back")
     assert gone(0.0, 1e-9, 0.0, 1.0) == () == gone(1.0, 1.0, 1.0, 0.0)
+    # without what defines it, it is a plainer effect, whatever else is there
+    assert gone(0.0, 1.0, 0.0, 1.0, defining=("back",)) == ("back",)
+    assert gone(0.0, 0.0, 1.0, 1.0, defining=("back",)) == ()
 
 
 def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
