@@ -30,14 +30,14 @@ from pamid.diagnosis.smoother import Smoother, SmoothingProblem
 from pamid.diagnosis.starting_hints import spectrum_peaks
 from pamid.diagnosis.unknown import _Describing, missing_csv, parity, regressors
 from pamid.engine.program import Program
+from pamid.model.background import Gain
 from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import digest
 
 ROOM = Path(pamid.diagnosis.__file__).parent
 SOURCES = {p.name: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(ROOM.glob("*.py"))}
 OTHER = Settings(refits=DEFAULT.refits + 1)
-nothing: Any = Nonefrom pamid.model.background import Gain
-
+nothing: Any = None
 
 
 def test_every_setting_says_what_it_is_and_what_speaks_for_it() -> None:
