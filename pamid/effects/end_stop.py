@@ -23,7 +23,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
-TRIED = (0.6, 0.8, 0.9, 0.98)  # of the travel
+TRIED_STOPS = (0.6, 0.8, 0.9, 0.98)  # of the travel
 
 
 class EndStop(Effect):
@@ -70,7 +70,7 @@ class EndStop(Effect):
         back."""
         return [
             {"limit": share * hints.reach["position"]}
-            for share in TRIED
+            for share in TRIED_STOPS
             if "position" in hints.reach
         ]
 

@@ -40,7 +40,7 @@ from pamid.symbolic.vocabulary import (
 )
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
-TRIED_LINES = 2
+TRIED_PULSES = 2
 RISER = 0.2  # share of a step taken by its riser
 
 
@@ -128,7 +128,7 @@ class PwmQuantisation(Effect):
         ]
         return [
             {"pulse_period": seconds, "ripple": 1.0, "phase": phase}
-            for seconds in shown[:TRIED_LINES]
+            for seconds in shown[:TRIED_PULSES]
             for phase in (0.25, 0.75)
         ]
 
