@@ -51,9 +51,7 @@ class Settings:
         3.0, "standard deviations of the noise", "an error above it is none of the sensor's"
     )
     least_shrinkage: float = setting(
-        0.02,
-        "share of the error",
-        "what a cause has to remove to be named at all, or further_of_left",
+        0.02, "share of the error", "what a cause has to remove to be named at all"
     )
     unbacked_probability: float = setting(
         0.5, "probability", "most of a cause where the other half of the windows chooses another"
@@ -280,9 +278,7 @@ class Settings:
         0.02, "share of the gap", "what an effect has to remove to be named beside another"
     )
     further_of_left: float = setting(
-        0.25,
-        "share of what the others leave",
-        "... or of that: beside an effect that explains nearly all the second is small in the gap",
+        0.25, "share of what the others leave", "... or of that, however small in the gap"
     )
     further_sure: float = setting(
         5.0,

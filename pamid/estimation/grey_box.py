@@ -115,9 +115,10 @@ def fit_model(
         noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
         for i, r in enumerate(replays)
     )
+    alone = replace(assembly, attachments=())  # the data sheet knows of no effect
     sheet = tuple(
-        replay_track(assembly, assembly.data_sheet(), t, fitted.stepping, evidence.noise)
-        for t in held
+        replay_track(alone, alone.data_sheet(), t, fitted.stepping, evidence.noise)
+        for t in evidence.tracks(alone, held_out=True)
     )
     if draws:
         progress(Settled(f"fitted, intervals follow: {_values_text(fitted)}"))

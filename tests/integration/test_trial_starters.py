@@ -200,7 +200,7 @@ def test_a_case_depends_on_its_number_alone(name: str) -> None:
 
 DIGESTS: dict[str, str] = {
     "cascaded-tanks": "1f5d60f50fbd2fc4",
-    "cylinder-bench": "b45eda835173649b",
+    "cylinder-bench": "67eb792dd82582c6",
     "damper-bench": "abc0ae137c5faac0",
     "dc-motor": "def1601883ba5983",
     "servo-pendulum": "4265e9062f023748",

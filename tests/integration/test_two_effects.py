@@ -144,7 +144,11 @@ def test_five_standard_errors_overrule_the_line(monkeypatch: pytest.MonkeyPatch)
 def test_what_removes_next_to_nothing_is_not_taken_however_sure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert not weighed(monkeypatch, gain=1.19, left=0.04).taken
+    """Of the gap, and of what the first leaves: either is enough."""
+    assert not weighed(
+        monkeypatch, gain=1.19, left=0.04, settings=Settings(further_of_left=0.5)
+    ).taken
+    assert weighed(monkeypatch, gain=1.19, left=0.04).taken
 
 
 def test_one_of_two_that_do_as_well_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

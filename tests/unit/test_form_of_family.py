@@ -30,15 +30,17 @@ class Known(Search):
 def model(name: str, errors: Array, family: str, parameters: int, nats: float) -> CandidateModel:
     """A form of a family with these errors per held-out window, and so much evidence on what was
     fitted."""
-    attached = SimpleNamespace(label=name, family=lambda rig: family)
+    attached = SimpleNamespace(
+        label=name, family=lambda rig: family, effect=SimpleNamespace(defining=())
+    )
     return cast(
         CandidateModel,
         SimpleNamespace(
-            assembly=SimpleNamespace(attachments=(attached,)),
+            assembly=SimpleNamespace(attachments=(attached,), parameters=()),
             attached=(attached,),
             label=name,
             family=family,
-            fit=SimpleNamespace(residuals=()),
+            fit=SimpleNamespace(residuals=(), p=()),
             nats=nats,
             free_count=parameters,
             squares=errors[:, None] ** 2,
