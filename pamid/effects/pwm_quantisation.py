@@ -124,7 +124,7 @@ class PwmQuantisation(Effect):
         shown = [
             1.0 / f
             for f in hints.peaks_hz
-            if period.low * hints.period_s <= 1.0 / f <= period.high * hints.period_s
+            if f * period.low * hints.period_s <= 1.0 <= f * period.high * hints.period_s
         ]
         return [
             {"pulse_period": seconds, "ripple": 1.0, "phase": phase}

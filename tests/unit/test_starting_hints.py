@@ -150,7 +150,8 @@ def test_pulses_begin_with_the_lines_of_the_gap_that_may_be_theirs() -> None:
     """Of a heater sampled every 10 s, pulses of 126 s: their line, not that of a day nor one
     between samples; where the sampling is not known, none."""
     pulses = effects()["pwm-quantisation"]()
-    lines = (1.0 / 86400.0, 1.0 / 126.0, 1.0 / 21.0)
+    # a spectrum without further lines fills up with zeros
+    lines = (1.0 / 86400.0, 1.0 / 126.0, 1.0 / 21.0, 0.0)
     begun = pulses.starts(Hints(lines, period_s=10.0))
     assert [start["pulse_period"] for start in begun] == pytest.approx([126.0, 126.0])
     assert {start["phase"] for start in begun} == {0.25, 0.75}
