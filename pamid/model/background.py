@@ -50,14 +50,15 @@ class Background(Effect):
 
     def pull(self, strains: Sequence[float]) -> float:
         """How far it stands, in tolerances, its terms being so many of their own off."""
-        return max(map(abs, strains), default=0.0)
+        return _largest(strains)
 
 
 def pull_of(term: Effect, strains: Sequence[float]) -> float:
-    """How far a term stands, in tolerances; a plain effect in a rig's background by the largest of
-    its parameters."""
-    if isinstance(term, Background):
-        return term.pull(strains)
+    """The same of any term: a rig's background may hold a plain effect, too."""
+    return term.pull(strains) if isinstance(term, Background) else _largest(strains)
+
+
+def _largest(strains: Sequence[float]) -> float:
     return max(map(abs, strains), default=0.0)
 
 
