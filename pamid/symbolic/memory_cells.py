@@ -25,8 +25,9 @@ of the one before, and h its length:
     Brokate and Sprekels (1996), Hysteresis and Phase Transitions
     Dahl (1968), A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1
 
-Where the state is set anew between two windows of a recording, deflections stay as they are:
-memories are stored relative to the signal, so that a corrected position is not taken for a motion.
+Where the state is set anew between two windows of a recording, deflections of what follows a state
+stay as they are: memories are stored relative to the signal, so that a corrected position is not
+taken for a motion. What follows recorded inputs alone is not corrected there and goes on moving.
 """
 
 from __future__ import annotations
@@ -124,6 +125,32 @@ class _MemoryExpansion:
         self.cells.append(Cell(f"{name}_origin", x, x))
         return symbol("past", f"{name}_origin"), symbol("cell", f"{name}_origin")
 
+    def follows_a_state(self, x: Expr) -> bool:
+        """Does x read a state, itself or in what its cells remember? Cells that are none of these,
+        a rig's own, are taken to."""
+        made = {c.name: c for c in self.cells}
+        seen: set[str] = set()
+        todo = [x]
+        while todo:
+            found = symbols(todo)
+            todo = []
+            for space, name in found:
+                if space == "state":
+                    return True
+                if space in ("cell", "past") and name not in seen:
+                    if name not in made:
+                        return True
+                    seen.add(name)
+                    cell = made[name]
+                    parts = (cell.update, cell.start, cell.joined, cell.seconds)
+                    todo += [e for e in parts if e is not None]
+        return False
+
+    def kept_where_set_anew(self, x: Expr, past: Expr) -> Expr | None:
+        """The update of a memory of x where the state is set anew: as it was, unless x follows
+        recorded inputs alone, which move there as anywhere (None)."""
+        return past if self.follows_a_state(x) else None
+
     def play(self, x: Expr, r: Expr) -> Expr:
         name = self.name("play")
         past, here = symbol("past", name), symbol("cell", name)
@@ -132,7 +159,8 @@ class _MemoryExpansion:
         def deflected(s: Expr, travel: Expr) -> Expr:
             return maximum(-r, minimum(r, s + travel))
 
-        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=past))
+        kept = self.kept_where_set_anew(x, past)
+        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=kept))
         return x - deflected(here, x - origin)
 
     def bristle(self, x: Expr, reach: Expr) -> Expr:
@@ -145,7 +173,8 @@ class _MemoryExpansion:
             end = where(step > 0.0, reach, where(step < 0.0, -reach, z))
             return end + (z - end) * decay
 
-        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=past))
+        kept = self.kept_where_set_anew(x, past)
+        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=kept))
         return moved(here, x - origin)
 
     def lag(self, x: Expr, tau: Expr) -> Expr:
@@ -222,8 +251,7 @@ class _MemoryExpansion:
         name = self.name("rate")
         before, here = symbol("past", f"{name}_input"), symbol("cell", name)
         change = (x - before) / tick("period")
-        # a state that is set anew has not moved; what is recorded goes on as it is
-        kept = None if _is_held_over_step(x) else symbol("past", name)
+        kept = self.kept_where_set_anew(x, symbol("past", name))
         self.cells += [
             Cell(f"{name}_input", x, x, sampled=True),
             Cell(name, change, 0.0 * x, sampled=True, joined=kept),

@@ -36,9 +36,14 @@ def program(
     parameters: Sequence[str] = (),
     inputs: Sequence[str] = ("u",),
     cells: tuple[Cell, ...] = (),
+    linear: tuple[str, ...] = (),
 ) -> Program:
     return build_program(
-        expand_memory(rates, outputs, cells), tuple(inputs), tuple(parameters), tuple(outputs)
+        expand_memory(rates, outputs, cells, linear),
+        tuple(inputs),
+        tuple(parameters),
+        tuple(outputs),
+        linear=linear,
     )
 
 

@@ -43,6 +43,7 @@ from pamid.symbolic.vocabulary import (
     lag,
     maximum,
     play,
+    rate_of,
     sin,
     sqrt,
     stop,
@@ -500,6 +501,29 @@ def test_entering_where_one_stands_changes_nothing() -> None:
     # the step at the join moves the position once more than the memory sees: one step's travel
     np.testing.assert_allclose(np.concatenate([first, second]), y, atol=0.02 * np.abs(y).max())
     assert J.reshape(100, 1, -1)[0, 0, 2:4].tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "remembered",
+    [play(U, 0.3 * B), bristle(U, 0.3 * B), rate_of(U), play(lag(U, 0.01), 0.3 * B)],
+    ids=["play", "bristle", "rate", "play of a lag"],
+)
+@pytest.mark.parametrize("linear", [(), ("u",)], ids=["held", "linear"])
+def test_a_memory_of_an_input_sees_the_step_with_which_a_window_begins(
+    remembered: Expr, linear: tuple[str, ...]
+) -> None:
+    """No state that is set anew corrects what was recorded: a command that changes with the first
+    sample of a window has moved."""
+    made = program({"x": remembered - X}, {"y": remembered}, ["b"], linear=linear)
+    u, p = np.repeat([0.0, 5.0, 1.0, 4.0], 30)[:, None], np.array([2.0])
+    whole, parts = begin(made, [0.0], EXPLICIT), begin(made, [0.0], EXPLICIT)
+    y, _, _ = made.run(whole, u, p, period_s=PERIOD_S)
+    rows = []
+    for first in range(0, len(u), 30):
+        parts.join = first > 0
+        after = u[first + 30] if first + 30 < len(u) else None
+        rows.append(made.run(parts, u[first : first + 30], p, period_s=PERIOD_S, after=after)[0])
+    np.testing.assert_allclose(np.concatenate(rows), y, rtol=1e-12, atol=1e-12)
 
 
 def test_a_model_without_states_or_cells_runs() -> None:
