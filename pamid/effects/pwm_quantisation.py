@@ -10,8 +10,8 @@ What it looks like
 Looks like it
     Quantised readings (steps in the reading, none in the pressure rate); switching delays of the
     valve, which leave a gap at zero only. Both halves are kept apart: `step` rounds the duty,
-    `ripple` (0 to 1) turns its mean into pulses. Risers of the staircase take a fifth of a step, so
-    that a fit has a slope to follow; the pulses are averaged exactly over each sample.
+    `ripple` (0 to 1) turns its mean into pulses. Risers of the staircase take a twentieth of a
+    step; the pulses are averaged exactly over each step of the integrator.
 Equation
     duty = value - q saw(value/q), q = step * full
     value = duty + ripple (pulses(duty at the start of the period, t) - duty)
@@ -41,7 +41,8 @@ from pamid.symbolic.vocabulary import (
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
 TRIED_PULSES = 2
-RISER = 0.2  # share of a step taken by its riser
+RISER = 0.05  # share of a step taken by its riser
+WHOLE = 1e-6  # of a step: a pulse that begins with one is not taken for one of the step before
 
 
 def rounding_error(x: Expr) -> Expr:
@@ -52,13 +53,19 @@ def rounding_error(x: Expr) -> Expr:
     return where(absolute(off) < 0.5 * (1.0 - RISER), off, beyond)
 
 
-def pulses(duty: Expr, begun_s: Expr, length_s: Number, period_s: Number) -> Expr:
-    """Share of the next `length_s`, which may hold many periods, during which a pulse of
-    duty * period is on, `begun_s` into the period (s)."""
-    on = duty * period_s
+def pulses(
+    running: Expr, following: Expr, begun_s: Expr, length_s: Number, period_s: Number
+) -> Expr:
+    """Mean of pulses of +-1 over the next `length_s`, which may hold many periods: of the one that
+    is running, `begun_s` into its period (s), and of those that follow it, of these duties."""
     end = begun_s + length_s
-    whole = floor(end / period_s)
-    return (whole * on + minimum(end - whole * period_s, on) - minimum(begun_s, on)) / length_s
+    first = absolute(running) * period_s
+    inside = minimum(minimum(end, period_s), first) - minimum(begun_s, first)
+    after = maximum(end - period_s, 0.0)
+    whole = floor(after / period_s)
+    each = absolute(following) * period_s
+    later = whole * each + minimum(after - whole * period_s, each)
+    return (sign(running) * inside + sign(following) * later) / length_s
 
 
 class PwmQuantisation(Effect):
@@ -98,11 +105,12 @@ class PwmQuantisation(Effect):
         Parameter(
             "full",
             1.0,
-            low=0.1,
+            low=0.3,
             high=10.0,
+            spread=1.3,
+            log=True,
             size="value",
-            fitted=False,
-            source="command that opens the valve all the time",
+            source="command that opens the valve all the time: the largest that was sent, or more",
         ),
         Parameter(
             "pulse_period",
@@ -137,10 +145,8 @@ class PwmQuantisation(Effect):
         duty = value - step * rounding_error(value / maximum(step, 1e-6 * p.full))
         turns = expression(at.time) / p.pulse_period + p.phase
         begun = (turns - floor(turns)) * p.pulse_period
-        latched = delay(duty, begun, LONGEST_PULSE * at.rig_period_s)
-        on = (
-            sign(latched)
-            * p.full
-            * pulses(absolute(latched) / p.full, begun, expression(at.period), p.pulse_period)
-        )
-        return duty + p.ripple * (on - duty)
+        # the duty as it was held when the pulse began: whole steps ago
+        held_for = -floor(WHOLE - begun / at.step) * at.step
+        latched = delay(duty, held_for, LONGEST_PULSE * at.rig_period_s)
+        share = pulses(latched / p.full, duty / p.full, begun, expression(at.step), p.pulse_period)
+        return duty + p.ripple * (p.full * share - duty)

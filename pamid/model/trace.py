@@ -168,7 +168,7 @@ class _Tracer:
                 )
             return before.result
         result = value
-        offered = {"time": tick("time"), "period": tick("period"), **dict(known)}
+        offered = {**{name: tick(name) for name in ("time", "step", "period")}, **dict(known)}
         for owner, effect in self.effects_at(name, place):
             result = self._apply(owner, effect, name, place, result, offered)
         self.passages[name, place] = Passage(name, place, value, known, result)
