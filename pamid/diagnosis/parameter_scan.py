@@ -6,9 +6,9 @@ and the other amounts of the effect could take up is projected out of the residu
 
     misfit(v) = |(I - Q Q') r(v)|^2,    J(v) = Q R,
 
-with J the derivatives by these where the effect is at its null: variable projection (Golub and
-Pereyra 1973, SIAM J. Numer. Anal. 10(2)) to first order. A grid fine enough for the amplitudes of
-all windows is tried on a part of them; its best values, on all.
+with J the derivatives by these where the effect is at its null, or where a fit has led it: variable
+projection (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10(2)) to first order. A grid fine enough
+for the amplitudes of all windows is tried on a part of them; its best values, on all.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 class Scanned(NamedTuple):
     """Where the misfit is asked: windows with their starts (states per track), and the parameters
     (SI) of the model without the effect; most: samples, of which whole windows are asked, two at
-    least of every track."""
+    least of every track; beside: these are of a model with the effect, whose other amounts count as
+    they are found there, not at their null."""
 
     problem: Problem
     p: Array
@@ -41,6 +42,7 @@ class Scanned(NamedTuple):
     weights: Weights
     stepping: Stepping
     most: int | None = None
+    beside: bool = False
 
 
 def scanned_values(part: Scanned, whole: Scanned, place: int, settings: Settings) -> list[float]:
@@ -57,14 +59,14 @@ def scanned_values(part: Scanned, whole: Scanned, place: int, settings: Settings
 def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
     """So many of these values, the least misfit first.
 
-    Amounts of the same effect stay at their null and are projected out at every value, too: a force
-    of a given period is linear in them."""
+    Amounts of the same effect stay at their null, or where they were found, and are projected out
+    at every value, too: a force of a given period is linear in them."""
     problem, assembly = where.problem, where.problem.assembly
     owner = assembly.parameters[place].owner
     owned = [i for i in problem.free if assembly.parameters[i].owner == owner]
     amounts = tuple(i for i in owned if i != place)
     at = where.p.copy()
-    for i in owned:
+    for i in [place] if where.beside else owned:
         null = assembly.parameters[i].null
         at[i] = at[i] if null is None else null
     common = replace(problem, free=tuple(i for i in problem.free if i not in owned))

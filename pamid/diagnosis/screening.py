@@ -268,6 +268,11 @@ def screen(
     done = _probed(reference, problem, found.p, found.starts, more, found.stepping, found.known)
     if reference.cost - done.cost < best.gain:
         done = found
+    again = _scanned_again(reference, attachment, done)
+    if again is not done:
+        keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
+        best = replace(best, first={key: float(again.p[i]) for key, i in keys.items()})
+        done = again
     return replace(
         best,
         gain=reference.cost - done.cost,
@@ -287,11 +292,7 @@ def _scanned(
     """Starting points at the best values of parameters that are scanned, and the steps they are
     given."""
     assembly, settings, base = problem.assembly, reference.settings, reference.baseline.fit
-    wanted = [
-        (i, b.key)
-        for i, b in enumerate(assembly.parameters)
-        if b.owner == attachment.label and b.scan[1] and b.fitted
-    ]
+    wanted = _wanted(assembly, attachment)
     if not wanted or starts is None:
         return []
     tracks = evidence.tracks(assembly)
@@ -302,10 +303,46 @@ def _scanned(
     fitted = transferred(assembly, (reference.baseline.assembly, base.p))
     whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)
     return [
-        ({key: value}, settings.probe_steps + settings.screen_steps)
-        for i, key in wanted
+        ({assembly.parameters[i].key: value}, settings.probe_steps + settings.screen_steps)
+        for i in wanted
         for value in scanned_values(part, whole, i, settings)
     ]
+
+
+def _wanted(assembly: Assembly, attachment: Attachment) -> list[int]:
+    """Places of the candidate's parameters that are scanned."""
+    return [
+        i
+        for i, b in enumerate(assembly.parameters)
+        if b.owner == attachment.label and b.scan[1] and b.fitted
+    ]
+
+
+def _scanned_again(reference: ScreeningBaseline, attachment: Attachment, found: Fit) -> Fit:
+    """The fit, or a better one from another value of a scanned parameter: what shows beside the
+    effect's other amounts alone, as a rounded duty beside its pulses, is not found at their
+    null."""
+    problem, settings = found.problem, reference.settings
+    free = [i for i in problem.free if problem.assembly.parameters[i].owner == attachment.label]
+    wanted = [i for i in _wanted(problem.assembly, attachment) if len(free) > 1]
+    best = found
+    for i in wanted:
+        where = Scanned(
+            problem,
+            found.p,
+            found.starts,
+            found.weights,
+            found.stepping,
+            settings.scanned_samples,
+            beside=True,
+        )
+        for value in scanned_values(where, where, i, settings):
+            p = found.p.copy()
+            p[i] = value
+            steps = settings.probe_steps + settings.screen_steps
+            done = _probed(reference, problem, p, found.starts, steps, found.stepping)
+            best = done if done.cost < best.cost else best
+    return best
 
 
 def _probed(

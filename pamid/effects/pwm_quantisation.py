@@ -41,6 +41,8 @@ from pamid.symbolic.vocabulary import (
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
 TRIED_PULSES = 2
+# steps tried: a twentieth of a step more per pulse each time, down to 2 %
+SCANNED_STEPS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
 WHOLE = 1e-6  # of a step: a pulse that begins with one is not taken for one of the step before
 
@@ -82,6 +84,7 @@ class PwmQuantisation(Effect):
             spread=0.08,
             null=0.0,
             tries=(0.033, 0.06, 0.2),
+            scan=SCANNED_STEPS,
             source="one 3 ms tick in a pulse period of 9-90 ms",
         ),
         Parameter(

@@ -56,8 +56,8 @@ class State:
 
 
 class Signals:
-    """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time,
-    at.step and at.period, of the integrator's step and of the sample, in s; at.kind, the kind of the
+    """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time, in
+    s; at.step and at.period, of the integrator and of the recording, in s; at.kind, the kind of the
     port; rig_period_s: the rig's usual sampling period, a number."""
 
     def __init__(self, values: dict[str, Any], where: str, rig_period_s: float) -> None:

@@ -270,6 +270,20 @@ def test_lines_of_the_spectrum() -> None:
     assert len(spectrum_peaks([replay], np.ones(1), Settings(spectrum_lines=1))) == 1
 
 
+@pytest.mark.parametrize("hz", [2.9471, 3.0, 3.0123])
+def test_a_line_between_two_points_of_the_spectrum(hz: float) -> None:
+    """Told to a hundredth of 1/duration: pulses over 120 periods stay in step."""
+    t = 0.01 * np.arange(4000)
+
+    class Track(list[float]):
+        period_s, timescale_s = 0.01, 0.6
+
+    replay: Any = SimpleNamespace(
+        residual=np.sin(2.0 * np.pi * hz * t + 0.7)[:, None], track=Track(t.tolist())
+    )
+    assert spectrum_peaks([replay], np.ones(1))[0] == pytest.approx(hz, abs=0.01 / 40.0)
+
+
 def test_rows_and_parity_of_a_missing_term() -> None:
     m = missing(300)
     assert missing_csv(m, Settings(missing_rows=100)).count(b"\n") == 101

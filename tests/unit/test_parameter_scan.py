@@ -12,7 +12,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, tran
 from pamid.diagnosis.parameter_scan import Scanned, scan_grid, scanned_values
 from pamid.diagnosis.screening import ScreeningBaseline, screen
 from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.starting_hints import GapHints
+from pamid.diagnosis.starting_hints import GapHints, gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.model.attachment import Attachment, attach
@@ -107,3 +107,48 @@ def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
     read = attach(evidence.rig, "quantisation@encoder", effects())
     assembly = model_with(evidence, (read,), base.assembly.sizes)
     assert not any(b.fitted for b in assembly.parameters if b.owner == read.label)
+
+
+@pytest.fixture(scope="module")
+def pulsed(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+    """A heater of 100 W that is on or off, its share of 120 s rounded to a twelfth, while the log
+    holds what was asked for."""
+    folder, random = tmp_path_factory.mktemp("pulses"), np.random.default_rng(8)
+    asked = np.repeat(random.uniform(5.0, 95.0, 30), 40)
+    time = 10.0 * np.arange(len(asked))
+    write_recording(folder / "asked.csv", time, {"power_w": asked})
+    amounts = "step=0.0833333,ripple=1,phase=0.3,full_w=100,pulse_period_s=123"
+    made = simulate_virtual_rig(
+        "thermal-block",
+        read_recording(folder / "asked.csv"),
+        (f"pwm-quantisation:{amounts}",),
+        {},
+        {"capacity_j_per_k": 420.0},
+        1.0,
+        1,
+    )
+    write_recording(folder / "rec.csv", time, made.columns, made.meta)
+    told = read_recording(folder / "rec.csv")
+    evidence = split_recordings(rig_named("thermal-block"), [told], [])
+    model = fit_model(evidence)
+    return evidence, candidate_from(model.assembly, model.fit, model.held_out)
+
+
+def test_the_step_of_a_duty_is_found_beside_its_pulses(
+    pulsed: tuple[DataSplit, CandidateModel],
+) -> None:
+    """At the null of the pulses what rounding leaves is lost in them."""
+    evidence, base = pulsed
+    effect = attach(evidence.rig, "pwm-quantisation", effects())
+    reference = ScreeningBaseline.of(base, 5)
+    told = screen(evidence, reference, effect, base.assembly.sizes, gather_hints(evidence, base))
+    assembly, p = told.ended
+    found = {
+        b.key.partition(":")[2]: p[i]
+        for i, b in enumerate(assembly.parameters)
+        if b.owner == effect.label
+    }
+    assert found["step"] * found["full"] == pytest.approx(100.0 / 12.0, rel=0.02)
+    assert found["pulse_period"] == pytest.approx(123.0, rel=0.002)
+    assert found["full"] == pytest.approx(100.0, rel=0.05)
+    assert set(told.first) == {b.key for b in assembly.parameters if b.owner == effect.label}
