@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.simulation.replay import run_windows
 
 Array = NDArray[np.float64]
 
@@ -38,19 +37,7 @@ def bend(model: CandidateModel, label: str, settings: Settings = DEFAULT) -> flo
     ):
         return None
     passed = [q for q in model.assembly.traced.passages if q.port == port]
-    ends = [
-        (f"{q.where}.{end}", x) for q in passed for end, x in (("in", q.value), ("out", q.result))
-    ]
-    program = model.assembly.program_with(dict(ends))
-    fit = model.fit
-    rows = np.concatenate(
-        [
-            run_windows(program, model.assembly, fit.p, t, fit.problem.windows(t), x, fit.stepping)[
-                :, len(program.outputs) - 2 * len(passed) :
-            ]
-            for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
-        ]
-    )
+    rows = model.along_fit([x for q in passed for x in (q.value, q.result)])
     before, after = rows[:, 0::2].ravel(), rows[:, 1::2].ravel()
     return smooth_bend(before, after, settings)
 

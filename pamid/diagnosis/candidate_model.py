@@ -21,8 +21,9 @@ from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.replay import Replay, replay_track, run_windows
 from pamid.simulation.windows import Runner
+from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,17 @@ class CandidateModel:
                 for t, r in zip(problem.tracks, self.fit.residuals, strict=True)
             ]
         )
+
+    def along_fit(self, wanted: list[Expr]) -> Array:
+        """Values of further expressions of the model's equations, in SI, at every sample of the
+        fit's windows (samples x wanted)."""
+        extra = {f"{k}:wanted": e for k, e in enumerate(wanted)}
+        program, fit = self.assembly.program_with(extra), self.fit
+        rows = [
+            run_windows(program, self.assembly, fit.p, t, fit.problem.windows(t), x, fit.stepping)
+            for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
+        ]
+        return np.concatenate(rows)[:, len(program.outputs) - len(wanted) :]
 
     @cached_property
     def slopes_along_replays(self) -> tuple[tuple[KnownSlopes | None, ...], ...]:

@@ -95,6 +95,8 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     bent = [m.bent for m in _weighed(found) if m.effect == cause.effect]
     if any(is_ordinary_bend(one, settings) for one in bent):
         yield "it bends what passes its port by no more than ordinary machines do"
+    if any(m.again for m in _weighed(found) if m.effect == cause.effect):
+        yield "it does what a parameter of the rig does"
     where = found.where
     if where is None or not where.ports:
         return

@@ -55,7 +55,8 @@ class Weighed:
     them ended at nothing; here: share of the gap that enters at its port or at one that the sensors
     cannot tell from it, or the evidence there over the largest at any port, whichever is more;
     bent: share of what passes by which it bends a characteristic, where it does nothing else;
-    of_left: share that it removes of what the others leave
+    of_left: share that it removes of what the others leave; again: the rig's own parameters whose
+    terms do what it does
     """
 
     effect: str
@@ -67,6 +68,7 @@ class Weighed:
     vanished: tuple[str, ...] = ()
     bent: float | None = None
     of_left: float = 0.0
+    again: tuple[str, ...] = ()
 
     def objections(self, settings: Settings = DEFAULT) -> list[str]:
         """Why it must not be named whatever its probability; empty where nothing speaks against
@@ -86,6 +88,8 @@ class Weighed:
             found.append("next to nothing of the gap enters at its port")
         if is_ordinary_bend(self.bent, settings):
             found.append("it bends what passes its port by no more than ordinary machines do")
+        if self.again:
+            found.append(f"it does what {', '.join(self.again)} of the rig does")
         return found
 
 
@@ -252,7 +256,7 @@ def decide(
         known = min(1.0, sum(w.probability for w in several))
     elif gap_real:
         # probable enough, and lost to the width of an interval alone: more data would tell
-        probable = [w for w in weighed if w.probability >= yes]
+        probable = [w for w in weighed if w.probability >= yes and not w.again]
         unsure = [w for w in probable if w.removes.low <= 0.0]
         # what is there is known, and no more than a machine may have on which nothing is missing
         bent = [w for w in probable if is_ordinary_bend(w.bent, settings)]

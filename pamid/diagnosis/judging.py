@@ -21,6 +21,7 @@ from pamid.diagnosis.forward_selection import (
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import at_bounds, vanished
 from pamid.diagnosis.search import Round, Search, indistinguishable_from_first, ranked
@@ -36,8 +37,8 @@ from pamid.simulation.data_split import DataSplit
 class Member:
     """An effect of a model: what speaks for it beside the others, how probable it is, what it
     removes of the gap, the families that would do as well in its place, the groups of ports at
-    which its own would, and by what share of what passes it bends a characteristic, where it does
-    nothing else."""
+    which its own would, by what share of what passes it bends a characteristic, where it does
+    nothing else, and the rig's own parameters whose terms do what it does."""
 
     effect: Attachment
     signature: Signature
@@ -46,6 +47,7 @@ class Member:
     instead: tuple[str, ...] = ()
     or_at: tuple[str, ...] = ()
     bent: float | None = None
+    again: tuple[str, ...] = ()
 
 
 Tied = tuple[CandidateModel, Member]
@@ -325,7 +327,8 @@ def _member(
     removes = gap_share(search.budget, without.absolutes, left, search.seed)
     most = 1.0 if halves is None or halves.steady else search.settings.unbacked_probability
     bent = bend(model, a.label, search.settings)
-    return Member(a, own, min(cause_probability(own), most), removes, bent=bent)
+    again = own_terms(model, a.label, search.budget.baseline, search.settings)
+    return Member(a, own, min(cause_probability(own), most), removes, bent=bent, again=again)
 
 
 def _placed(
@@ -368,6 +371,7 @@ def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> 
         vanished(model, m.effect.label),
         m.bent,
         m.signature.of_left,
+        m.again,
     )
 
 

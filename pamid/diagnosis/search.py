@@ -21,6 +21,7 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
+from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.ranges import is_plain_inside, mirrored, vanished, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
@@ -278,14 +279,19 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
 
 def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel, ...]:
     """Contenders by mean bootstrapped log loss; a simpler member of the first one's family goes
-    before it where `_simplest` prefers it, and one that has become a plainer effect than its name
-    says stands behind those that have not."""
-    if not models:
-        return ()
+    before it where `_simplest` prefers it; one that has become a plainer effect than its name says,
+    or a term that the rig has already, stands behind those that have not."""
     ranking = by_held_out_loss(search, models)
     ranking.sort(key=lambda c: bool(c.attached and vanished(c, c.attached[-1].label)))
-    first = _simplest(search, ranking)
-    return (first, *(c for c in ranking if c is not first))
+    behind: list[CandidateModel] = []
+    while ranking:
+        first = _simplest(search, ranking)
+        ranking.remove(first)
+        last = first.attached[-1].label if first.attached else ""
+        if not last or not own_terms(first, last, search.budget.baseline, search.settings):
+            return (first, *ranking, *behind)
+        behind.append(first)
+    return tuple(behind)
 
 
 def by_held_out_loss(search: Search, models: list[CandidateModel]) -> list[CandidateModel]:

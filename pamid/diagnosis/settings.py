@@ -62,6 +62,12 @@ class Settings:
         "an effect that only bends a characteristic by less is not told from a machine's own",
         "the tolerance that data/rigs/README.md gives a map; benchmarks/strangers/run.py",
     )
+    own_terms: float = setting(
+        0.05,
+        "share of what an effect adds",
+        "an effect of which the rig's own parameters leave no more is one of their terms again",
+        "twice the tolerance that data/rigs/README.md gives a map; tests/unit/test_own_terms.py",
+    )
     bend_slope: float = setting(0.3, "share of the slope", "by which such curves are steeper")
     plain_missing: float = setting(
         300.0,

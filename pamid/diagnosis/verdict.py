@@ -113,6 +113,7 @@ def _judgement(d: Diagnosis) -> dict[str, Any]:
             probability=_believed(d, m.probability),
             removes=_share(m.removes),
             bent=m.bent,
+            again=m.again,
             signature=grounds.SignatureFigures(**vars(m.signature)),
         )
 

@@ -22,6 +22,7 @@ from pamid.symbolic.vocabulary import Expr, Number, clip, cos, where
 LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
 HALF_WARM = 0.3  # of the longest recording: where nobody says how long the machine warms up
 FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
+ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
 ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of what is reached
 BEYOND_SIZE = 1.25  # of the size of a signal (95th percentile): where a rough curve ends
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure

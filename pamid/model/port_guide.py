@@ -10,8 +10,10 @@ from typing import Any
 
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
+from pamid.model.background import ORDINARY_ROUGHNESS, RoughMap
 from pamid.model.effect import KINDS, Effect
 from pamid.model.rig import Port, Rig
+from pamid.model.trace import Passage
 from pamid.symbolic.expression import const, substitute, symbol, symbols
 from pamid.symbolic.vocabulary import EquationError, Expr
 
@@ -101,20 +103,63 @@ IMPOSED = (
 #: kinds of port that a formula of the machine gives its value, and signals over which that is off
 MAPPED = ("actuator-force", "flow", "motion", "rate")
 ALONG = ("position", "stored", "level")
+#: kinds of port that as a rule pass a balance, and the names under which parts of it are offered
+BALANCED, PARTS = ("motion", "rate"), ("load", "loss", "inflow")
+RESISTING = ("position", "velocity", "stored")
 TOLERANCES = "tolerances"  # the finding of a rig that states none
-ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
 
 
 def stated_roughness(rig: Rig, *names: str) -> str:
-    """The line of a rig file that states an ordinary roughness of what passes these ports."""
-    return f"background = {{{', '.join(_rough_map(rig.ports[name], name) for name in names)}}}"
+    """The line of a rig file that states an ordinary roughness of what passes these ports, and what
+    has to be offered there first."""
+    of = {name: _of(rig, name) for name in names}
+    maps = ", ".join(_rough_map(rig.ports[name], name, signal) for name, signal in of.items())
+    lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
+    # a balance is next to nothing where the parts of it that are rough are large
+    first = [
+        f"what passes port {name} is a balance, so offer there, as load=, the part of it "
+        f"[{rig.ports[name].unit}] that the map gives, and state "
+        for name in lacking
+    ]
+    return f"{''.join(first)}background = {{{maps}}}"
 
 
-def _rough_map(port: Port, name: str) -> str:
+def _of(rig: Rig, name: str) -> str:
+    """The signal of which a map at this port is a share: "" for what passes; of a balance a part of
+    it, "load" where none is offered."""
+    port = rig.ports[name]
+    parts = [s for s in PARTS if s in port.signals and port.unit_of(s) == port.unit]
+    if parts:
+        return parts[0]
+    balance = port.kind in BALANCED and any(
+        _is_balance(q) for q in Assembly(rig).traced.passages if q.port == name
+    )
+    return "load" if balance else ""
+
+
+def _is_balance(passage: Passage) -> bool:
+    """Does what passes follow both what is offered of its own motion or store and something else:
+    what resists and what drives? A spring's force follows the former alone."""
+    own = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
+    try:
+        (rest,) = substitute([passage.value], own)
+    except EquationError:  # not defined there: nothing can be said
+        return False
+    driven = any(space in ("state", "input") for space, _ in symbols([rest]))
+    return driven and rest is not passage.value
+
+
+def _is_whole(rig: Rig, name: str) -> bool:
+    """Is a rough map at this port one of what passes?"""
+    stated = rig.background[name]
+    terms = stated if isinstance(stated, (list, tuple)) else [stated]
+    return any(isinstance(term, RoughMap) and term.of == "value" for term in terms)
+
+
+def _rough_map(port: Port, name: str, of: str) -> str:
     over = next((f', "{s}"' for s in ALONG if s in port.signals), "")
-    same = "load" in port.signals and port.unit_of("load") == port.unit
-    of = ', of="load"' if same else ""
-    return f'"{name}": RoughMap("{name}_map"{over}{of}, tolerance={ORDINARY_ROUGHNESS})'
+    share = f', of="{of}"' if of else ""
+    return f'"{name}": RoughMap("{name}_map"{over}{share}, tolerance={ORDINARY_ROUGHNESS})'
 
 
 def mapped_ports(rig: Rig) -> list[str]:
@@ -123,10 +168,17 @@ def mapped_ports(rig: Rig) -> list[str]:
 
 
 def tolerance_words(rig: Rig) -> list[str]:
-    """What to say of a rig that states no tolerances, with the line that would."""
+    """What to say of a rig that states no tolerances, with the line that would; or those of a
+    balance as a whole."""
     mapped = mapped_ports(rig)
     if rig.background or not mapped:
-        return []
+        whole = [name for name in rig.background if _of(rig, name) and _is_whole(rig, name)]
+        return [
+            f"the map that it states at port {name} is a share of a balance, which is next to "
+            "nothing where the parts of it that are rough are large, so that a rough drive passes "
+            f"for friction there. State it of such a part: {stated_roughness(rig, name)}"
+            for name in whole
+        ]
     return [
         "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
         "passes for a missing effect, or hides one; if yours may be: "

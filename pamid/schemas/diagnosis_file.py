@@ -158,6 +158,9 @@ class BestMember(Model):
         description="share of what passes its port (root mean square) by which it bends a "
         "characteristic, where that is all that it does",
     )
+    again: ListOf[Text] = Field(
+        (), description="the rig's own parameters whose terms at this port do what it does"
+    )
     signature: SignatureFigures | None = Field(
         None, description="what speaks for it, beside the others"
     )

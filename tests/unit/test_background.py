@@ -9,6 +9,7 @@ import pytest
 
 from pamid.model.assembly import Assembly
 from pamid.model.background import BEYOND_SIZE, HALF_WARM, RoughMap, SmoothGain, pull_of
+from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.port_guide import tolerance_words
 from pamid.model.registry import catalogue_rig, rigs
@@ -137,3 +138,50 @@ def test_what_check_proposes_for_a_rig_without_tolerances_can_be_pasted(name: st
     check_rig(Bare(), "bare.py")
     plain, rough = Assembly(Bare()), Assembly(Bare(), background=True)
     assert len(rough.parameters) >= len(plain.parameters) + 10 * len(stated["background"])
+
+
+class Stage(Rig):
+    """A stage whose motor and whose drag pass one port together."""
+
+    inputs = {"current_a": "A"}
+    outputs = {"position_m": "m"}
+    ports = {"carriage": Port("motion", "N", {"position": "m", "velocity": "m/s"})}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (
+        Parameter("mass", 8.0, 4.0, 16.0, "kg", spread=1.5, source="CAD"),
+        Parameter("drag", 25.0, 0.0, 100.0, "N s/m", spread=10.0, source="guess"),
+    )
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        rest = 40.0 * u.current_a - p.drag * x.velocity
+        rest = port("carriage", rest, position=x.position, velocity=x.velocity)
+        return {"position": x.velocity, "velocity": rest / p.mass}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"position_m": x.position}
+
+
+def test_a_map_of_a_balance_is_proposed_of_what_drives() -> None:
+    """At a steady speed drive and drag add up to nothing, however rough the drive is: a share of
+    the sum would leave all of it to an effect, friction by name."""
+    (said,) = tolerance_words(Stage())
+    assert "what passes port carriage is a balance" in said
+    assert 'RoughMap("carriage_map", "position", of="load", tolerance=0.02)' in said
+
+    class Whole(Stage):
+        background = {"carriage": RoughMap("map", "position", tolerance=0.02)}
+
+    (said,) = tolerance_words(Whole())
+    assert "is a share of a balance" in said and 'of="load"' in said
+
+    class Pushed(Stage):
+        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+            push = port("carriage", 40.0 * u.current_a, position=x.position, velocity=x.velocity)
+            return {"position": x.velocity, "velocity": (push - p.drag * x.velocity) / p.mass}
+
+    class PushedAndStated(Pushed):
+        background = Whole.background
+
+    (said,) = tolerance_words(Pushed())
+    assert "balance" not in said and "load" not in said
+    assert tolerance_words(PushedAndStated()) == []

@@ -236,6 +236,7 @@ def test_families_that_are_probable_together_are_named_together() -> None:
         ({"removes": Share(0.01, 0.005, 0.02)}, "next to nothing"),
         ({"at_bound": ("torque_n_m",)}, "torque_n_m ended at a bound"),
         ({"vanished": ("torque_n_m",)}, "torque_n_m ended at nothing"),
+        ({"again": ("drag_n_s_per_m",)}, "does what drag_n_s_per_m of the rig does"),
         ({"here": 0.001, "removes": Share(0.45, 0.3, 0.6)}, "enters at its port"),
     ],
 )

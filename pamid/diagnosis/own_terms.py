@@ -1,0 +1,84 @@
+"""Does an effect do what a parameter of the rig does already?
+
+Where a rig has a term for the drag of its guide, viscous friction there is that term once more, and
+so is a damping that depends on the direction and came out the same in both. Such an effect takes
+nothing up that refitted parameters could not; where the model with it is better all the same, it is
+so by what else changes with the term: a rough map, stated as a share of what passes the port, then
+applies to less.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.estimation.intervals import estimates
+from pamid.symbolic.expression import substitute, symbol, symbols
+from pamid.symbolic.vocabulary import Expr, expression
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4  # relative: by which a parameter is moved to see its term
+
+
+def own_terms(
+    model: CandidateModel, label: str, base: CandidateModel, settings: Settings = DEFAULT
+) -> tuple[str, ...]:
+    """The rig's own fitted parameters, by their names outside, whose terms at the same port do what
+    one of the model's effects does there; empty where they do not.
+
+    With e(t) what the effect adds to the value that passes, d_j(t) the derivative of that value by
+    parameter j with the states as they are, along the fitted windows: what the best combination of
+    the d_j leaves of e is no more than `settings.own_terms` of it. base: the model without effects;
+    a parameter that ended at a bound there could do no more, and does not count.
+    """
+    (attached,) = (a for a in model.attached if a.label == label)
+    passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
+    if len({q.port for q in passed}) != 1:
+        return ()
+    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
+    bounds, p = model.assembly.parameters, model.fit.p
+    entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
+    own = [
+        i
+        for i in model.fit.problem.free
+        if not bounds[i].owner and bounds[i].key in entering - ended
+    ]
+    null = {
+        symbol("parameter", b.key): expression(b.null)
+        for b in bounds
+        if b.owner == label and b.null is not None
+    }
+    if not own or not null:
+        return ()
+    steps = [STEP * max(abs(float(p[i])), STEP * abs(bounds[i].high)) for i in own]
+    wanted: list[Expr] = []
+    for q in passed:
+        without = substitute([q.result], null)[0]
+        moved = [
+            substitute([q.value], {at: at + step})[0]
+            for at, step in zip(
+                (symbol("parameter", bounds[i].key) for i in own), steps, strict=True
+            )
+        ]
+        wanted += [
+            q.result - without,
+            *((one - q.value) * (1.0 / s) for one, s in zip(moved, steps, strict=True)),
+        ]
+    rows = model.along_fit(wanted).reshape(-1, 1 + len(own))
+    added, terms = rows[:, 0], rows[:, 1:]
+    size = np.sqrt((terms**2).mean(axis=0))
+    terms = terms[:, size > 0.0] / size[size > 0.0]
+    all_of_it = float(np.sqrt((added**2).mean()))
+    if not terms.size or not np.isfinite(rows).all() or all_of_it == 0.0:
+        return ()
+    weight = np.linalg.lstsq(terms, added, rcond=None)[0]
+    left = float(np.sqrt(((added - terms @ weight) ** 2).mean()))
+    if left > settings.own_terms * all_of_it:
+        return ()
+    names = [bounds[i].name for i, s in zip(own, size, strict=True) if s > 0.0]
+    return tuple(
+        n for n, w in zip(names, weight, strict=True) if abs(w) > settings.own_terms * all_of_it
+    )
