@@ -2,8 +2,9 @@
 
 What it is
     A pulse is a whole number of controller ticks long, so that the duty is rounded to one tick per
-    pulse period (10 % for 3 ms in 30 ms). The timer reads the duty once per period, and between the
-    pulses the valve is shut: the mean is right, the moment is not.
+    pulse period (10 % for 3 ms in 30 ms). The timer reads the duty once per period, or compares it
+    with a ramp all the time, and between the pulses the valve is shut: the mean is right, the
+    moment is not.
 What it looks like
     Plateaus of pressure rate in a slow ramp of the command; a limit cycle of one step of the duty;
     a line at the pulse frequency (33 Hz for 30 ms) in the pressures, which the angle hardly shows.
@@ -14,7 +15,8 @@ Looks like it
     step; the pulses are averaged exactly over each step of the integrator.
 Equation
     duty = value - q saw(value/q), q = step * full
-    value = duty + ripple (pulses(duty at the start of the period, t) - duty)
+    value = duty + ripple (pulses(duty at the start of the period, t) - duty), with waits = 1;
+    pulses(duty now, t) with waits = 0
 References
     van Varseveld, Bone (1997), IEEE/ASME Trans. Mechatronics 2(3); Peterchev, Sanders (2003), IEEE
     Trans. Power Electronics 18(1).
@@ -40,7 +42,8 @@ from pamid.symbolic.vocabulary import (
 )
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
-TRIED_PULSES = 2
+# a quarter of a period off, pulses of any height do harm, and a fit takes them away
+PHASES = tuple(k / 8.0 for k in range(8))
 # steps tried: a twentieth of a step more per pulse each time, down to 2 %
 SCANNED_STEPS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
@@ -98,10 +101,18 @@ class PwmQuantisation(Effect):
             source="0: averaged valve, 1: true pulses",
         ),
         Parameter(
+            "waits",
+            1.0,
+            low=0.0,
+            high=1.0,
+            spread=0.5,
+            source="1: the duty is read once per period; 0: it is compared with a ramp all the time",
+        ),
+        Parameter(
             "phase",
             0.0,
-            low=-0.5,
-            high=1.5,
+            low=-1.0,
+            high=2.0,
             spread=0.5,
             source="of the first pulse in the recording, in periods; unknown unless logged",
         ),
@@ -129,8 +140,8 @@ class PwmQuantisation(Effect):
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Pulses that show: one start per line of the gap's spectrum that may be theirs, and per
-        half turn, from which the phase finds its way."""
+        """Pulses that show: starts at the strongest line of the gap's spectrum that may be theirs,
+        one per eighth of a turn, from which the phase finds its way."""
         period = next(q for q in self.parameters if q.name == "pulse_period")
         shown = [
             1.0 / f
@@ -139,8 +150,8 @@ class PwmQuantisation(Effect):
         ]
         return [
             {"pulse_period": seconds, "ripple": 1.0, "phase": phase}
-            for seconds in shown[:TRIED_PULSES]
-            for phase in (0.25, 0.75)
+            for seconds in shown[:1]
+            for phase in PHASES
         ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
@@ -151,5 +162,10 @@ class PwmQuantisation(Effect):
         # the duty as it was held when the pulse began: whole steps ago
         held_for = -floor(WHOLE - begun / at.step) * at.step
         latched = delay(duty, held_for, LONGEST_PULSE * at.rig_period_s)
-        share = pulses(latched / p.full, duty / p.full, begun, expression(at.step), p.pulse_period)
+        step_s, following = expression(at.step), duty / p.full
+        late, at_once = (
+            pulses(running, following, begun, step_s, p.pulse_period)
+            for running in (latched / p.full, following)
+        )
+        share = at_once + p.waits * (late - at_once)
         return duty + p.ripple * (p.full * share - duty)

@@ -52,7 +52,9 @@ class DraggedCart(Rig):
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
-    path = record_cart(tmp_path_factory.mktemp("dragged"), planted=("viscous-friction:damping_n_s_per_m=3.4",))
+    path = record_cart(
+        tmp_path_factory.mktemp("dragged"), planted=("viscous-friction:damping_n_s_per_m=3.4",)
+    )
     told = read_recording(path)
     evidence = split_recordings(DraggedCart(), [told], [])
     model = fit_model(evidence)
