@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.units import quantity_of, split_column, suffixes_for, unit, with_unit
 from pamid.checks.channel_quality import QualityIssue
+from pamid.checks.likeness import blind_sides, correlation, shapes
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
@@ -50,7 +51,6 @@ from pamid.simulation.tracks import stated_noise
 Array = NDArray[np.float64]
 
 MOST_COMPARED_SAMPLES = 20000
-CORRELATION_BLOCKS = 20
 CONTRARY = -0.5  # correlation below which a sign is looked at
 CORRELATION_GAIN = 1.0  # by which the sum of all correlations must grow
 COMPARABLE_CORRELATION = 0.85  # correlation from which sizes and delays are compared
@@ -93,11 +93,14 @@ class SheetComparison:
         return _like(self.names)
 
     def agreement(self) -> tuple[Array, Array]:
-        """Correlations of every output with the model, and of the differences of like outputs."""
-        ours, theirs = shapes(self.y), shapes(self.model)
-        single = np.array([_correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
+        """Correlations of every output with the model, and of the differences of like outputs; of
+        what a sensor shows that is blind to the sign, with the model's size."""
+        way = blind_sides(self.y, self.model)
+        shown = np.where(way == 0.0, self.model, way * np.abs(self.model))
+        ours, theirs = shapes(self.y), shapes(shown)
+        single = np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
         double = np.array(
-            [_correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs]
+            [correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs]
         )
         return single, double
 
@@ -310,7 +313,7 @@ def _units(
     for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         symbol = split_column(columns[k])[1]
         gain = float((ours * theirs).sum() / max(float((theirs * theirs).sum()), 1e-300))
-        if _correlation(ours, theirs) < COMPARABLE_CORRELATION or abs(
+        if correlation(ours, theirs) < COMPARABLE_CORRELATION or abs(
             math.log(max(gain, 1e-12))
         ) < math.log(WRONG_UNIT):
             continue
@@ -369,7 +372,7 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Quality
         above = float(np.median(e.y[:, k] - e.model[:, k]))
         if (
             rig.outputs[e.names[k]] == "Pa"
-            and _correlation(ours, theirs) > COMPARABLE_CORRELATION
+            and correlation(ours, theirs) > COMPARABLE_CORRELATION
             and ATMOSPHERE_RANGE_PA[0] < above < ATMOSPHERE_RANGE_PA[1]
         ):
             lifted[recorded_as((e.names[k],), recording)[0]] = above
@@ -437,22 +440,6 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
 
 
 # ---- shapes ------------------------------------------------------------------------------------
-
-
-def shapes(table: Array) -> Array:
-    """Every column block by block, without level and trend: (columns, blocks, samples)."""
-    size = max(50, len(table) // CORRELATION_BLOCKS)
-    size = min(size, len(table))
-    blocks = table[: len(table) // size * size].T.reshape(table.shape[1], -1, size)
-    slope = np.linspace(-1.0, 1.0, size)
-    slope /= np.sqrt(slope @ slope)
-    level = blocks - blocks.mean(axis=2, keepdims=True)
-    return np.asarray(level - (level @ slope)[:, :, None] * slope)
-
-
-def _correlation(a: Array, b: Array) -> float:
-    size = math.sqrt(float((a * a).sum()) * float((b * b).sum()))
-    return float((a * b).sum()) / size if size > 0.0 else 0.0
 
 
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:

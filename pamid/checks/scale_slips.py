@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from pamid.base.units import NONE, from_si, split_column, suffixes_for, unit
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
-from pamid.checks.rig_consistency import SheetComparison, recorded_as, shapes
+from pamid.checks.likeness import blind_sides, shapes
+from pamid.checks.rig_consistency import SheetComparison, recorded_as
 from pamid.model.rig import Rig
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
@@ -46,8 +47,6 @@ LEAST_ERROR, MOST_ERROR = (
     1e-3,
     1e12,
 )  # errors, as shares of the signal's motion, are held within these
-BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero where it ends
-BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
 MOST_SLIPS = 3  # named in one finding
 LEAST_MOTION = 2.0  # times its noise: a channel that shows something
 LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
@@ -281,16 +280,11 @@ def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityI
 
 
 def _blind(column: str, e: SheetComparison, k: int) -> str:
-    """The question, after a space, whether the sensor shows a size only: it never shows the other
-    side of zero, where the model goes, and the model's size is nearer to it than the model."""
-    y, model = e.y[:, k : k + 1], None if e.model is None else e.model[:, k : k + 1]
-    if model is None or not np.isfinite(model).all():
-        return ""
-    edge = BLIND_NOISE * float(noise_level(y)[0])
-    way = 1.0 if y.min() > -edge else -1.0 if y.max() < edge else 0.0
-    sized = way * np.abs(model)
-    other_side = float(np.mean(way * model < -edge))
-    if not way or other_side < BLIND_SHARE or errors(y, sized)[0] > errors(y, model)[0]:
+    """The question, after a space, whether the sensor shows a size only; nothing where it does
+    not."""
+    y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
+    way = float(blind_sides(y, model)[0]) if np.isfinite(model).all() else 0.0
+    if not way:
         return ""
     side = "below" if way > 0.0 else "above"
     return f" {column} never goes {side} 0, where the model does: is its sensor blind to the sign?"

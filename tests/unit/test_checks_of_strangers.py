@@ -196,6 +196,25 @@ def test_a_sensor_that_never_crosses_zero_is_asked_about(
     assert ("blind to the sign?" in pamid.check(made, rig=path).summary()) == asked
 
 
+@pytest.mark.parametrize("way", ["size", "turned"])
+def test_a_blind_sensor_is_not_taken_for_a_wrong_sign(way: str, tmp_path: Path) -> None:
+    """Driven backwards most of the time, what it shows runs against the model, and would go with it
+    were the drive turned."""
+    path = tmp_path / "spindle.py"
+    path.write_text(BLIND)
+    rng = np.random.default_rng(3)
+    drive = np.repeat(rng.uniform(-3.0, 1.5, 40), 80)
+    speed = np.zeros(drive.size)
+    for k in range(drive.size - 1):
+        speed[k + 1] = speed[k] + 0.01 / 0.27 * (9.0 * drive[k] - speed[k])
+    read = np.abs(speed) if way == "size" else -speed
+    read = read + 0.05 * rng.standard_normal(drive.size)
+    made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
+    said = pamid.check(made, rig=path).summary()
+    assert ("blind to the sign?" in said) == (way == "size")
+    assert ("opposite sign" in said) == (way == "turned")
+
+
 def test_a_slip_of_a_column_is_told_with_the_unit_that_it_looks_like() -> None:
     words = ScaleSlip("column", "position_m", 0.001, 0.1).words
     assert words == "the column position_m times 0.001 (as if written in mm)"
