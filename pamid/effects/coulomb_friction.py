@@ -32,7 +32,7 @@ PRESLIDING = Parameter(
     high=0.02,
     spread=3.0,
     log=True,
-    size="position",
+    size="travel",
     # what gives over more of the stroke than that, before it slips, is called hysteresis
     hard=True,
     source="presliding of a thousandth of the stroke; 0.5-2 mrad on a joint",

@@ -51,7 +51,7 @@ class DahlFriction(Effect):
             high=0.05,
             spread=4.0,
             log=True,
-            size="position",
+            size="travel",
             # what bends over later is called hysteresis: Bouc-Wen of shape 1 is the same equation
             hard=True,
             source="estimate: ball bearings 10-100 um, seals up to a millimetre",

@@ -45,7 +45,7 @@ class HardeningHysteresis(Effect):
             high=5.0,
             spread=2.5,
             log=True,
-            size="position",
+            size="travel",
             tries=(0.25,),
             source="estimate: about the stroke, since it does not bend over on the way",
         ),
@@ -56,7 +56,7 @@ class HardeningHysteresis(Effect):
             high=10.0,
             spread=2.0,
             log=True,
-            size="position",
+            size="travel",
             source="estimate: e times as stiff at the end of the stroke; longer: a straight line",
         ),
     )

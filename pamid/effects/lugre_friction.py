@@ -72,7 +72,7 @@ class LugreFriction(Effect):
             high=0.02,
             spread=3.0,
             log=True,
-            size="position",
+            size="travel",
             hard=True,
             source="bristle stiffness of 150-900 N m/rad: 0.5-2 mrad",
         ),

@@ -69,7 +69,7 @@ class SignalDependentFriction(Effect):
             high=0.3,
             spread=4.0,
             log=True,
-            size="position",
+            size="travel",
             tries=(0.05,),
             source="estimate: presliding of a thousandth of the stroke, of fluids a tenth",
         ),

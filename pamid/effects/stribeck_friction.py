@@ -75,7 +75,7 @@ class StribeckFriction(Effect):
             high=0.02,
             spread=3.0,
             log=True,
-            size="position",
+            size="travel",
             hard=True,
             source="presliding of 0.5-2 mrad",
         ),

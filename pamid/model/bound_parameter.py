@@ -15,6 +15,7 @@ Sizes = dict[tuple[str, str], float]  # (port, signal) -> typical magnitude, SI
 #: sizes that belong to no port: the rig's sampling period, the correlation time of the recordings
 #: and the duration of the longest
 TIMES = {"period": "s", "timescale": "s", "time": "s"}
+TRAVEL, TRAVELLED = "travel", "position"  # half of the way along it, whose unit it has
 PERIODS = 200.0  # in a correlation time, where no recording tells it
 
 
@@ -57,10 +58,16 @@ def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
     """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody
     knows."""
     top, *below = (
-        1.0 if s == "1" else sizes.get(("", s)) or sizes.get((name, s)) or port.size.get(s) or 1.0
-        for s in what.split("/")
+        1.0 if s == "1" else _known_size(port, name, s, sizes) or 1.0 for s in what.split("/")
     )
     return float(top / math.prod(below))
+
+
+def _known_size(port: Port, name: str, signal: str, sizes: Sizes) -> float | None:
+    found = sizes.get(("", signal)) or sizes.get((name, signal)) or port.size.get(signal)
+    if not found and signal == TRAVEL:  # stated of the position, for one that goes about its zero
+        return _known_size(port, name, TRAVELLED, sizes)
+    return found
 
 
 def _unit(port: Port, what: str) -> str:
@@ -68,7 +75,7 @@ def _unit(port: Port, what: str) -> str:
         return TIMES[what]
     if what == "1/timescale":
         return "Hz"
-    top, *below = map(port.unit_of, what.split("/"))
+    top, *below = (port.unit_of(TRAVELLED if s == TRAVEL else s) for s in what.split("/"))
     found = quotient(top, *below) if below else top
     return "" if found == NONE else found
 

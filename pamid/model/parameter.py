@@ -31,7 +31,8 @@ class Parameter:
     null       effects only: the value at which the effect vanishes exactly
     size       effects only: name of the port's signal ("value", "velocity", ...) that this
                parameter scales with: value, bounds and spread are then multiples of that signal's
-               size and its unit is the signal's; "timescale", "1/timescale", "period": of the
+               size and its unit is the signal's; "travel": half of the way along the position,
+               wherever that is counted from; "timescale", "1/timescale", "period": of the
                correlation time of the recordings, of its inverse, of the rig's sampling period
     tries      further starting values for the fit, where one basin is not enough
     scan       effects only: (step, count): the values high / (1 + step k), k below the count, are

@@ -14,7 +14,7 @@ from pamid.base.errors import DataError, FileError, nearest, quoted
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
-from pamid.model.bound_parameter import Sizes
+from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
 from pamid.recording.recording import Recording
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr
@@ -225,13 +225,21 @@ def port_probes(assembly: Assembly) -> dict[tuple[str, str, str], Expr]:
 
 def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) -> Sizes:
     """Magnitude (95th percentile of |signal|) by port and signal, the largest of its places and of
-    these tables (each samples x probes); what never differs from zero is left out."""
+    these tables (each samples x probes); what never differs from zero is left out. Beside that of a
+    position half of its travel (between the percentiles 2.5 and 97.5: the same where it goes to and
+    fro about its zero), which is the same wherever it is counted from."""
     sizes: Sizes = {}
     for table in tables:
         for (port, _, name), column in zip(probes, table.T, strict=True):
-            size = float(np.percentile(np.abs(column), 95.0)) if len(column) else 0.0
-            if np.isfinite(size) and size > 0.0:
-                sizes[port, name] = max(sizes.get((port, name), 0.0), size)
+            if not len(column):
+                continue
+            low, high = np.percentile(column, (2.5, 97.5))
+            found = {name: float(np.percentile(np.abs(column), 95.0))}
+            if name == TRAVELLED:
+                found[TRAVEL] = 0.5 * float(high - low)
+            for signal, size in found.items():
+                if np.isfinite(size) and size > 0.0:
+                    sizes[port, signal] = max(sizes.get((port, signal), 0.0), size)
     return sizes
 
 
