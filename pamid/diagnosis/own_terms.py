@@ -20,7 +20,7 @@ from pamid.symbolic.vocabulary import Expr, expression
 
 Array = NDArray[np.float64]
 
-STEP = 1e-4  # relative: by which a parameter is moved to see its term
+MOVED_BY = 1e-4  # relative: by which a parameter is moved to see its term
 
 
 def own_terms(
@@ -53,7 +53,7 @@ def own_terms(
     }
     if not own or not null:
         return ()
-    steps = [STEP * max(abs(float(p[i])), STEP * abs(bounds[i].high)) for i in own]
+    steps = [MOVED_BY * max(abs(float(p[i])), MOVED_BY * abs(bounds[i].high)) for i in own]
     wanted: list[Expr] = []
     for q in passed:
         without = substitute([q.result], null)[0]

@@ -47,6 +47,9 @@ class ClockSkew(Effect):
             spread=3.3,
             null=0.0,
             tries=(0.0,),
+            # what comes earlier by more than that is no matter of stamps: a reading that is led by
+            # its slope over longer is that of a machine which answers faster than its model
+            hard=True,
             source="estimate: logs aligned by hand are off by 1-10 samples",
         ),
         Parameter(

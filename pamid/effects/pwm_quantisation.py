@@ -43,9 +43,9 @@ from pamid.symbolic.vocabulary import (
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
 # a quarter of a period off, pulses of any height do harm, and a fit takes them away
-PHASES = tuple(k / 8.0 for k in range(8))
+EIGHTHS = tuple(k / 8.0 for k in range(8))
 # steps tried: a twentieth of a step more per pulse each time, down to 2 %
-SCANNED_STEPS = (0.05, 320)
+SCANNED_TICKS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
 WHOLE = 1e-6  # of a step: a pulse that begins with one is not taken for one of the step before
 
@@ -87,7 +87,7 @@ class PwmQuantisation(Effect):
             spread=0.08,
             null=0.0,
             tries=(0.033, 0.06, 0.2),
-            scan=SCANNED_STEPS,
+            scan=SCANNED_TICKS,
             source="one 3 ms tick in a pulse period of 9-90 ms",
         ),
         Parameter(
@@ -106,7 +106,7 @@ class PwmQuantisation(Effect):
             low=0.0,
             high=1.0,
             spread=0.5,
-            source="1: the duty is read once per period; 0: it is compared with a ramp all the time",
+            source="1: read once per period; 0: compared with a ramp all the time",
         ),
         Parameter(
             "phase",
@@ -151,7 +151,7 @@ class PwmQuantisation(Effect):
         return [
             {"pulse_period": seconds, "ripple": 1.0, "phase": phase}
             for seconds in shown[:1]
-            for phase in PHASES
+            for phase in EIGHTHS
         ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -8,9 +8,10 @@ Equations
     C dT/dt = power - loss (T - ambient)
 
 Typically missing
-    Radiation and convection that grow faster than the difference (block); a second mass that warms
-    up behind the first (block); a sensor that follows late or sits at some distance (sensor); a
-    heater that is switched in pulses, saturates or depends on its supply (heater).
+    Radiation and convection that grow faster than the difference (`growing-loss` at the block); a
+    second mass that warms up behind the first (`second-store` at the block); a sensor that follows
+    late or sits at some distance (sensor); a heater that is switched in pulses, saturates or
+    depends on its supply (heater).
 
 References
     Incropera, DeWitt, Bergman, Lavine (2007), Fundamentals of Heat and Mass Transfer, Wiley,

@@ -52,6 +52,8 @@ BENCH: dict[str, Callable[..., Rig]] = {
     "leak@upper_balance": tanks,
     "overflow-into-store": tanks,
     "overflow@upper_balance": tanks,
+    "second-store@upper_balance": tanks,
+    "growing-loss@upper_balance": tanks,
     "pwm-quantisation": carts,
     "dead-time@amplifier": carts,
     "external-vibration": carts,
@@ -152,6 +154,8 @@ PLANTED: dict[str, tuple[dict[str, float], float]] = {
     "asymmetric-saturation@amplifier": ({"upper": 4.0, "lower": -7.0, "share": 1.0}, 0.05),
     "asymmetric-dead-zone@amplifier": ({"above": 0.6, "below": 2.0}, 0.05),
     "orifice-loss@upper_balance": ({"loss": 0.05, "ambient": 0.0}, 0.2),
+    "second-store@upper_balance": ({"share": 0.35, "time_constant": 12.0}, 0.15),
+    "growing-loss@upper_balance": ({"loss": 0.04, "power": 3.0}, 0.25),
     "overflow-into-store": ({"gain": 2.0, "level": 0.9, "share": 0.6}, 0.1),
 }
 

@@ -204,7 +204,7 @@ DIGESTS: dict[str, str] = {
     "damper-bench": "abc0ae137c5faac0",
     "dc-motor": "def1601883ba5983",
     "servo-pendulum": "4265e9062f023748",
-    "thermal-block": "ada26a6792c48bff",
+    "thermal-block": "fd9ed9d776789879",
     "two-masses": "0c50a121cbc64fd6",
 }
 

@@ -1,4 +1,4 @@
-"""By what the amounts of effects are sized: magnitudes at the ports, and the travel of a position."""
+"""By what amounts of effects are sized: magnitudes at the ports, and the travel of a position."""
 
 from __future__ import annotations
 

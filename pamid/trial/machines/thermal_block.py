@@ -31,7 +31,8 @@ class BlockSizes:
     draught: W, lost at 50 K to a flow that hardly grows with the difference (power of 0.55); boils,
     boiling: K above the surroundings from which more is lost, and how much, W/K1.3; glow: share of
     radiation in the losses at 100 K; core, core_s: share of the capacity that warms up behind the
-    rest, and how soon; stored: J/K, a second capacity that melts about melts K above the room
+    rest, and how soon; breeze, breeze_s: share of the losses that comes and goes with the wind, and
+    how often; stored: J/K, a second capacity that melts about melts K above the room
     """
 
     draught: float = 0.0
@@ -40,6 +41,8 @@ class BlockSizes:
     glow: float = 0.0
     core: float = 0.0
     core_s: float = 1.0
+    breeze: float = 0.0
+    breeze_s: float = 1.0
     stored: float = 0.0
     melts: float = 40.0
 
@@ -53,6 +56,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         y[k, 0] = warm
         above = warm - (u[k, 1] - ROOM_K)
         loss = m.loss * (1.0 + rough(maps[0], above - 60.0)) * above
+        loss *= 1.0 + block.breeze * np.sin(2.0 * np.pi * k * h / block.breeze_s)
         loss += block.draught * np.sign(above) * (abs(above) / 50.0) ** 0.55
         loss += block.boiling * max(above - block.boils, 0.0) ** 1.3
         hot, cold = warm + ROOM_K, u[k, 1]
@@ -109,10 +113,15 @@ MACHINE = StarterMachine(
             "heater",
             {"pulse_s": between(60.0, 150.0), "ticks": one_of(6.0, 8.0, 12.0)},
         ),
-        nameless_fault("glow", "block", {"glow": around(0.2)}),
-        nameless_fault(
-            "core", "block", {"core": between(0.2, 0.5), "core_s": between(150.0, 500.0)}
+        known_fault("growing-loss", "growing-loss", "block", {"glow": around(0.2)}),
+        known_fault(
+            "second-store",
+            "second-store",
+            "block",
+            {"core": between(0.2, 0.5), "core_s": between(150.0, 500.0)},
+            "core",
         ),
+        nameless_fault("breeze", "block", {"breeze": around(0.3), "breeze_s": around(2500.0)}),
         nameless_fault("melting", "block", {"stored": around(300.0), "melts": between(35.0, 60.0)}),
     ),
     maps=(60.0, 50.0),
