@@ -57,6 +57,7 @@ BENCH: dict[str, Callable[..., Rig]] = {
     "pwm-quantisation": carts,
     "dead-time@amplifier": carts,
     "external-vibration": carts,
+    "one-sided-end-stop": carts,
 }
 each = pytest.mark.parametrize("label", BENCH)
 SAMPLES = 1500
@@ -109,6 +110,7 @@ TURNED: dict[str, Callable[[dict[str, float]], dict[str, float]]] = {
     "external-vibration": lambda p: p | {"sine": -p["sine"], "cosine": -p["cosine"]},
     "asymmetric-saturation": lambda p: p | {"upper": -p["lower"], "lower": -p["upper"]},
     "asymmetric-dead-zone": swapped("above", "below"),
+    "one-sided-end-stop": lambda p: p | {"upper": -p["lower"], "lower": -p["upper"]},
 }
 
 
@@ -146,6 +148,7 @@ PLANTED: dict[str, tuple[dict[str, float], float]] = {
     "bouc-wen-hysteresis": ({"level": 3.0, "reach": 0.04, "shape": 0.6}, 0.1),
     "hardening-hysteresis": ({"level": 3.0, "reach": 0.3, "stiffens_over": 0.3}, 0.1),
     "coupling-play": ({"half_gap": 0.003}, 0.05),
+    "one-sided-end-stop": ({"stiffness": 400.0, "upper": 0.05}, 0.1),
     "signal-hysteresis@ruler": ({"share": 0.1, "reach": 0.1}, 0.1),
     "play@ruler": ({"half_gap": 0.01}, 0.05),
     "play@amplifier": ({"half_gap": 0.9}, 0.05),
