@@ -17,7 +17,7 @@ from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes, roughness
-from pamid.diagnosis.proposal import Proposal, proposal_result
+from pamid.diagnosis.proposal import Proposal, WithheldExperiment, proposal_result
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
@@ -34,14 +34,20 @@ Array = NDArray[np.float64]
 
 
 def diagnosis_json(
-    d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
+    d: Diagnosis,
+    unknown: dict[str, Any] | None,
+    seed: int,
+    proposal: Proposal | WithheldExperiment | None = None,
 ) -> dict[str, Any]:
     """diagnosis.json, section 4 of the contract."""
     return diagnosis_file(d, unknown, seed, proposal).as_json()
 
 
 def diagnosis_file(
-    d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
+    d: Diagnosis,
+    unknown: dict[str, Any] | None,
+    seed: int,
+    proposal: Proposal | WithheldExperiment | None = None,
 ) -> result.DiagnosisFile:
     """The same as the model that describes it."""
     return completed(d, drafted(d, unknown, seed), proposal)
@@ -82,7 +88,7 @@ def _unknown(d: Diagnosis, described: dict[str, Any]) -> result.Unknown:
 
 
 def completed(
-    d: Diagnosis, draft: result.DiagnosisFile, proposal: Proposal | None
+    d: Diagnosis, draft: result.DiagnosisFile, proposal: Proposal | WithheldExperiment | None
 ) -> result.DiagnosisFile:
     """A draft with what to measure next, and with notes on where it contradicts itself."""
     said = draft.model_copy(update={"next_experiment": proposal_result(proposal)})
@@ -93,7 +99,8 @@ def completed(
         for m, why in unnamed(said, d.settings)
         if why
     ]
-    return said.model_copy(update={"notes": (*against, *held_back, *said.notes)})
+    withheld = [proposal.why] if isinstance(proposal, WithheldExperiment) else []
+    return said.model_copy(update={"notes": (*against, *withheld, *held_back, *said.notes)})
 
 
 def _judgement(d: Diagnosis) -> dict[str, Any]:

@@ -280,6 +280,11 @@ class NextExperiment(Model):
         (), description="files of the run folder to send, one per entry of `settings`"
     )
     settings: ListOf[Figures] = Field((), description="known values of each repetition")
+    cautions: ListOf[Text] = Field(
+        (),
+        description="before it is sent: recorded inputs that are sent beside, and where it leads "
+        "as predicted, beside what was recorded",
+    )
 
     @property
     def files(self) -> tuple[str, ...]:
