@@ -34,6 +34,9 @@ class Settings:
     open_gap: float = setting(
         0.5, "probability", "of a gap that is not denied", "more probable than not is no denial"
     )
+    plainly_not: float = setting(
+        0.05, "probability", "a lesser one needs no line beside it to be read as no", SHOWN_ONLY
+    )
     naive_margin: float = setting(
         0.10,
         "share of the error",

@@ -12,7 +12,7 @@ from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.consistency import CONTRADICTS, inconsistencies, unnamed
-from pamid.diagnosis.decision import Share
+from pamid.diagnosis.decision import Share, counts_from
 from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
@@ -306,6 +306,7 @@ def _remainder(
     described = unknown if unknown and left_over(d) else {}
     at = described.get("port", "")
     port = at if d.cause else leading
+    probable, plain = counts_from(misfit, d.settings)
     return result.Remainder(
         share=rest.share,
         low=rest.low,
@@ -313,6 +314,9 @@ def _remainder(
         floors=misfit.floors,
         probability=chance,
         p_value=p_value,
+        probable_from=probable,
+        evidence=misfit.missing,
+        plain_from=plain,
         real=left_over(d) or unsure,
         port=port if left_over(d) or unsure else "",
         formula=described.get("formula", "") if at == port else "",
