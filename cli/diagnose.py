@@ -238,6 +238,7 @@ def _further(found: dict[str, Any], output: Path) -> list[str]:
                 quoted(output / name) for name in n.get("excitations") or [n["excitation"]]
             )
         )
+        lines += [f"          {text}" for text in n.get("cautions", ())]
     return lines
 
 

@@ -54,6 +54,8 @@ CORNER_STEPS, CORNER_SPAN = 12.0, 1e-3
 JUMP = 8.0  # over the largest step nearby: how a frozen channel goes on
 SPIKE_NOISE, SPIKE_SPAN, SPIKE_BEND = 12.0, 0.02, 4.0
 COARSE_STEP = 0.01  # of the span
+# changes that tell a grain, and what the largest of them may be off by, in grains
+GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
 PLUGGED = "Is the sensor plugged in, and is it the right channel?"
@@ -95,6 +97,8 @@ class CheckedSignal:
     step    quantisation step, 0 where none shows, or of what is sent
     noise   standard deviation of what changes from sample to sample
     white   does sensor noise show above the step?
+    grain   what every change from sample to sample is a multiple of: an encoder that is faster than
+            its counts shows levels too far apart for a step; 0 where there is none
     """
 
     name: str
@@ -105,6 +109,7 @@ class CheckedSignal:
     step: float
     noise: float
     white: bool
+    grain: float = 0.0
 
     @property
     def unit(self) -> str:
@@ -131,7 +136,19 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
     )
     noise = noise if noise > MAY_BE_NOISE * float(values.std()) else 0.0
     white = noise > max(step, last_digit) and is_white(values)
-    return CheckedSignal(name, time, values, sent, span, step, noise, white)
+    grain = 0.0 if sent else grain_of(values)
+    return CheckedSignal(name, time, values, sent, span, step, noise, white, grain)
+
+
+def grain_of(values: FloatArray) -> float:
+    """The smallest change from sample to sample, where every other one is a multiple of it; else
+    0."""
+    d = np.abs(np.diff(values))
+    d = d[d > float(np.abs(values).max()) * 10.0**-SIGNIFICANT_DIGITS]
+    if d.size < GRAIN_CHANGES:
+        return 0.0
+    counts = d / d.min()
+    return float(d.min()) if np.abs(counts - np.round(counts)).max() < OFF_GRAIN else 0.0
 
 
 def measurable(values: FloatArray) -> bool:
@@ -260,7 +277,7 @@ def repeat_chance(s: CheckedSignal) -> float:
     """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step
     again."""
     # 1 / (2 sqrt(pi)): the density at zero of the difference of two readings, N(0, 2 sigma^2)
-    return min(1.0, max(0.2821 * s.step / s.noise, 1e-9)) if s.white else 1.0
+    return min(1.0, max(0.2821 * max(s.step, s.grain) / s.noise, 1e-9)) if s.white else 1.0
 
 
 def shortest_repeat(s: CheckedSignal) -> float:

@@ -25,6 +25,7 @@ from pamid.checks.channel_quality import (
     PLUGGED,
     CheckedSignal,
     Mask,
+    Places,
     QualityIssue,
     bridged,
     clipped,
@@ -229,7 +230,8 @@ def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
 
 
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
-    """Rows in which every measured channel repeats the row before, although it should not."""
+    """Rows in which every measured channel repeats the row before, although it should not: one of
+    them moved before and behind by more than its resolution."""
     held = np.logical_and.reduce([s.still for s in signals])
     starts, stops = runs_of(held)
     expected = held.size * math.prod(repeat_chance(s) for s in signals)
@@ -238,7 +240,9 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
         or held.sum() > 10.0 * max(expected, 1.0)
         and any(s.white for s in signals)
     ):
-        return held
+        awake = [_moved_around(s, starts, stops, max(s.step, s.grain)) for s in signals]
+        beside = np.logical_or.reduce(awake)
+        return covered(held.size, starts[beside], stops[beside])
     # Repeats may be natural here. Rows were lost only where a channel moved before and after, by
     # more than noise does, and the first step behind them, which makes up for those lost, is 1.6
     # times as large as either.
@@ -257,6 +261,14 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
             & (stops < held.size - 1)
         )
     return covered(held.size, starts[moving], stops[moving])
+
+
+def _moved_around(s: CheckedSignal, starts: Places, stops: Places, least: float) -> Mask:
+    """Did the channel change by more than this just before and just behind each stretch?"""
+    d = np.abs(np.diff(s.values))
+    before, behind = (d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1))
+    inside = (starts > 1) & (stops < s.values.size)
+    return np.asarray(inside & (np.minimum(before, behind) > 1.5 * least))
 
 
 def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:

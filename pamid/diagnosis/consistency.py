@@ -30,6 +30,7 @@ def inconsistencies(found: DiagnosisFile, settings: Settings = DEFAULT) -> list[
             for m, why in unnamed(found, settings)
             if not why
         ),
+        *_decided(found, settings),
         *_where(found),
         *_sentence(found),
     ]
@@ -107,6 +108,22 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     plain = cause.removes is not None and cause.removes.low >= settings.port_overruled
     if max(sum(one.share for one in here), evidence) < settings.port_negligible and not plain:
         yield "next to nothing of the gap enters at its port"
+
+
+def _decided(found: DiagnosisFile, settings: Settings) -> Iterator[str]:
+    """What is left counts as more than noise and tolerances where it is above the floor and its
+    probability or the latent evidence reaches its line, and nowhere else."""
+    rest = found.remainder
+    if rest is None or found.remark or rest.probable_from is None or rest.plain_from is None:
+        return
+    enough = (rest.probability or 0.0) >= rest.probable_from or (
+        rest.evidence or 0.0
+    ) >= rest.plain_from
+    above = (rest.floors or 0.0) >= 1.0 + settings.gap_margin
+    if rest.real and not (enough and above):
+        yield "what is left counts as more than noise and tolerances, and neither line is reached"
+    elif not rest.real and enough and above:
+        yield "what is left does not count as more than noise and tolerances, and a line is reached"
 
 
 def _where(found: DiagnosisFile) -> Iterator[str]:

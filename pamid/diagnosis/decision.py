@@ -178,13 +178,20 @@ def _above_floor(left: LeftOver, settings: Settings) -> bool:
     return left.floors >= 1.0 + settings.gap_margin
 
 
+def counts_from(left: LeftOver, settings: Settings) -> tuple[float, float]:
+    """From which probability, and from which latent evidence (nats per sample), what a model leaves
+    counts as more than noise and tolerances."""
+    c = calibration()
+    if left.beside_tolerances:
+        return c.stated_yes, settings.plain_beside
+    return c.lines["missing"].yes, settings.plain_missing
+
+
 def is_real(probability: float, left: LeftOver, settings: Settings) -> bool:
     """Is what a model leaves more than noise and tolerances? Nothing at the noise floor is; above
     it the line decides, which may not overrule plain evidence."""
-    c = calibration()
-    probable = probability >= (c.stated_yes if left.beside_tolerances else c.lines["missing"].yes)
-    plain = settings.plain_beside if left.beside_tolerances else settings.plain_missing
-    return _above_floor(left, settings) and (probable or left.missing >= plain)
+    probable, plain = counts_from(left, settings)
+    return _above_floor(left, settings) and (probability >= probable or left.missing >= plain)
 
 
 def _plausible(

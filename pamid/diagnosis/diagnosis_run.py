@@ -11,6 +11,7 @@ from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.diagnosis.next_experiment import Proposing
+from pamid.diagnosis.proposal import Proposal
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import described, find_missing, left_over, missing_csv
@@ -58,7 +59,7 @@ def diagnose_into(
     )
     if missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(missing, settings))
-    if proposal is not None:
+    if isinstance(proposal, Proposal):
         proposal.write(run.claim)
     write_json(run.path("diagnosis.json"), result)
     return result

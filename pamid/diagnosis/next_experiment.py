@@ -16,16 +16,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError
 from pamid.base.share_words import times_text
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.proposal import FILE, Proposal
+from pamid.diagnosis.experiment_ways import (
+    benches,
+    carried,
+    carried_texts,
+    controller_of,
+    led_away,
+    predicted_text,
+    reference_recording,
+    runs,
+)
+from pamid.diagnosis.proposal import Proposal, WithheldExperiment
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
@@ -37,25 +45,29 @@ from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.free_runs import choose_stepping, known_values, virtual_recording
+from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.tracks import Track, track_of
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
 
-def next_experiment(d: Diagnosis) -> Proposal | None:
+def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
-    where no two models are tied or none of the entries can be simulated."""
+    where no two models are tied or none of the entries can be simulated, and why there is none
+    where each would lead the rig beyond its recordings."""
     pairs = pairs_to_separate(d)
     if not pairs:
         return None
     bench = bench_of(d.evidence, d.settings)
+    models = models_to_keep(d, pairs)
     race = []
     for e in menu(bench):
-        for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
+        for way in benches(d.evidence, bench, e, models, d.settings):
             bounds = separations(d.evidence, way, e, pairs, d.settings)
             race.append((next(bounds), bounds, way, e))
+    if not race:
+        return _withheld(d, bench, models)
     # best first (branch and bound): the leader's bound is tightened until another one leads, or
     # until it has no tighter one and is its value; then no other can exceed it
     while race:
@@ -72,7 +84,7 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Proposing(Work[Diagnosis, Proposal | None]):
+class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
     """The next experiment after a diagnosis."""
 
     what = "looking for the next experiment"
@@ -81,18 +93,11 @@ class Proposing(Work[Diagnosis, Proposal | None]):
         found = next_experiment(item)
         return {} if found is None else vars(found)
 
-    def restored(self, item: Diagnosis, found: Plain) -> Proposal | None:
-        return (
-            Proposal(
-                **{
-                    **found,
-                    "separates": tuple(found["separates"]),
-                    "settings": tuple(found["settings"]),
-                }
-            )
-            if found
-            else None
-        )
+    def restored(self, item: Diagnosis, found: Plain) -> Proposal | WithheldExperiment | None:
+        if "name" not in found:
+            return WithheldExperiment(**found) if found else None
+        lists = ("separates", "settings", "cautions")
+        return Proposal(**{**found, **{key: tuple(found[key]) for key in lists}})
 
     def name(self, item: Diagnosis) -> str:
         return ""
@@ -115,10 +120,34 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 
 
+def models_to_keep(
+    d: Diagnosis, pairs: list[tuple[CandidateModel, CandidateModel]]
+) -> list[CandidateModel]:
+    """Models by which an experiment is to leave the rig where it was recorded: those in question,
+    the best first, and the refitted model alone."""
+    asked = {c.label: c for pair in pairs for c in pair}
+    return [*asked.values(), d.budget.baseline]
+
+
+def _withheld(
+    d: Diagnosis, bench: Bench, models: list[CandidateModel]
+) -> WithheldExperiment | None:
+    """Why nothing is proposed: what the tamest way of an entry would do."""
+    told = ((e.name, led_away(d.evidence, bench, e, models, d.settings)) for e in menu(bench))
+    name, away = next(((n, text) for n, text in told if text), ("", ""))
+    if not away:
+        return None
+    return WithheldExperiment(
+        "No next experiment is proposed: without a loop that holds the rig, each on the menu would "
+        f"lead it beyond what was recorded, {name} even at its tamest ({away}). Record one in a "
+        "position loop, or between stops that may be met."
+    )
+
+
 def bench_of(evidence: DataSplit, settings: Settings = DEFAULT) -> Bench:
     """The bench that the recordings were made on: its loop or its inputs, their range but
     for its tails."""
-    rig, recordings, model = evidence.rig, evidence.recordings, _reference_recording(evidence)
+    rig, recordings, model = evidence.rig, evidence.recordings, reference_recording(evidence)
     period = model.sampling_period_s
     recorded = {
         name
@@ -142,7 +171,7 @@ def bench_of(evidence: DataSplit, settings: Settings = DEFAULT) -> Bench:
         )
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
-    return Bench(
+    bench = Bench(
         rig,
         driven,
         period,
@@ -151,104 +180,14 @@ def bench_of(evidence: DataSplit, settings: Settings = DEFAULT) -> Bench:
         _settings(evidence),
         1.0 if closed else longest / PASS_S,
     )
-
-
-def _reference_recording(evidence: DataSplit) -> Recording:
-    """The recording after which an experiment is set up: the first one that was commanded, if
-    any."""
-    commands = [q.command for q in evidence.rig.loops]
-    return next(
-        (r for r in evidence.recordings if all(r.has(c) for c in commands)), evidence.recordings[0]
-    )
+    return replace(bench, carried=carried(evidence, bench))
 
 
 def _settings(evidence: DataSplit) -> dict[str, float]:
     """[known] of an experiment: as before, but nothing that only holds for a test without
     commands."""
-    model = _reference_recording(evidence)
+    model = reference_recording(evidence)
     return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
-
-
-def benches(
-    evidence: DataSplit,
-    bench: Bench,
-    e: Experiment,
-    model: CandidateModel,
-    settings: Settings = DEFAULT,
-) -> list[Bench]:
-    """The ways to run an experiment: as it is where a loop holds the rig, else those of several
-    amplitudes and rates that leave it about where it was recorded."""
-    if bench.command:
-        return [bench]
-    out = []
-    for share, passes in settings.experiment_ways:
-        way = replace(
-            bench, driven={k: (c, share * h) for k, (c, h) in bench.driven.items()}, passes=passes
-        )
-        made = [_recorded(evidence, model, way, e.signals(way), s) for s in e.settings(way)]
-        if all(
-            r is not None and _within_range(evidence, r, settings.experiment_range) for r in made
-        ):
-            out.append(way)
-    return out
-
-
-def _within_range(evidence: DataSplit, made: Recording, beyond: float) -> bool:
-    """Does every channel stay within what was recorded, widened by this share of its span?"""
-    for channel in evidence.channels:
-        before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
-        room = beyond * float(np.ptp(before))
-        now = made.columns[channel]
-        if now.min() < before.min() - room or now.max() > before.max() + room:
-            return False
-    return True
-
-
-def _recorded(
-    evidence: DataSplit,
-    c: CandidateModel,
-    bench: Bench,
-    columns: dict[str, Array],
-    setting: dict[str, float],
-) -> Recording | None:
-    """What the model would record without noise, in its own loop where references are sent; None if
-    it blows up."""
-    known = {**bench.known, **setting}
-    closed = any(q.reference in columns for q in bench.rig.loops)
-    samples = len(next(iter(columns.values())))
-    excitation = Recording(
-        "experiment",
-        Path(FILE),
-        "",
-        bench.period_s * np.arange(samples, dtype=np.float64),
-        columns,
-        bench.period_s,
-        "closed" if closed else "open",
-        known=known,
-        controller=_controller(evidence) if closed else {},
-    )
-    model = (
-        replace(
-            c.assembly,
-            controller=tuple(sorted(excitation.controller.items())),
-            sensitive=frozenset(),
-        )
-        if closed
-        else c.assembly
-    )
-    values, places = known_values(model, known)
-    p = c.fit.p.copy()
-    p[places] = values[places]
-    try:
-        return replace(
-            excitation, columns=virtual_recording(model, excitation, p, noise=0.0, fineness=1)
-        )
-    except DataError:
-        return None
-
-
-def _controller(evidence: DataSplit) -> dict[str, float]:
-    return {**evidence.rig.controller, **_reference_recording(evidence).controller}
 
 
 # ---- separation ---------------------------------------------------------------------------------
@@ -268,9 +207,7 @@ def separations(
     rivals, separation = [], []
     for truth, other in pairs:
         if truth.label not in made:
-            made[truth.label] = [
-                _recorded(evidence, truth, bench, e.signals(bench), s) for s in e.settings(bench)
-            ]
+            made[truth.label] = runs(evidence, truth, bench, e)
         tracks = tuple(
             track_of(other.assembly, r, evidence.channels, evidence.jump, evidence.timescale_s)
             for r in made[truth.label]
@@ -396,7 +333,9 @@ def _proposal(
     separation: Array,
 ) -> Proposal:
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
-    columns, settings = e.signals(bench), tuple(s for s in e.settings(bench) if s)
+    columns, settings = e.columns(bench), tuple(s for s in e.settings(bench) if s)
+    models = models_to_keep(d, pairs)
+    predicted = "" if bench.command else predicted_text(d.evidence, bench, e, models)
     return Proposal(
         e.name,
         _why(d, e, settings, separation),
@@ -406,6 +345,7 @@ def _proposal(
         columns,
         sent_with(d.evidence, bench, columns),
         settings,
+        tuple(filter(None, (*carried_texts(bench), predicted))),
     )
 
 
@@ -416,11 +356,11 @@ def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> d
     meta: dict[str, Any] = {
         "recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}
     }
-    first = _reference_recording(evidence)
+    first = reference_recording(evidence)
     if first.rig is not None:
         meta["recording"]["rig"] = first.rig
     meta |= {"known": bench.known} if bench.known else {}
-    return meta | ({"controller": _controller(evidence)} if closed else {})
+    return meta | ({"controller": controller_of(evidence)} if closed else {})
 
 
 def _why(

@@ -32,6 +32,8 @@ class Proposal:
     columns, meta        the excitation as `write_recording` takes it
     settings             [known] values of each repetition, where they change; () where it is made
                          once, as it is
+    cautions             what whoever sends it should know: what is sent beside it, and where it
+                         leads as predicted
     """
 
     name: str
@@ -42,6 +44,7 @@ class Proposal:
     columns: dict[str, Array] = field(repr=False)
     meta: dict[str, Any] = field(repr=False)
     settings: tuple[dict[str, float], ...] = ()
+    cautions: tuple[str, ...] = ()
 
     @property
     def time(self) -> Array:
@@ -74,9 +77,16 @@ class Proposal:
             )
 
 
-def proposal_result(p: Proposal | None) -> NextExperiment | None:
+@dataclass(frozen=True)
+class WithheldExperiment:
+    """No experiment, although models are in question. why: a note for the reader."""
+
+    why: str
+
+
+def proposal_result(p: Proposal | WithheldExperiment | None) -> NextExperiment | None:
     """`next_experiment` of diagnosis.json."""
-    if p is None:
+    if not isinstance(p, Proposal):
         return None
     return NextExperiment(
         name=p.name,
@@ -87,4 +97,5 @@ def proposal_result(p: Proposal | None) -> NextExperiment | None:
         excitation=FILE,
         excitations=tuple(p.files),
         settings=p.settings,
+        cautions=p.cautions,
     )

@@ -34,6 +34,9 @@ class Settings:
     open_gap: float = setting(
         0.5, "probability", "of a gap that is not denied", "more probable than not is no denial"
     )
+    plainly_not: float = setting(
+        0.05, "probability", "a lesser one needs no line beside it to be read as no", SHOWN_ONLY
+    )
     naive_margin: float = setting(
         0.10,
         "share of the error",
@@ -138,10 +141,7 @@ class Settings:
         "a baseline worse than this against the data sheet's parameters is screened from these",
     )
     refits: int = setting(
-        8,
-        "candidates",
-        "refitted by their gain, beside the best of every further family",
-        COST,
+        8, "candidates", "refitted by their gain, beside the best of every further family", COST
     )
     refits_least: int = setting(6, "candidates", "refitted in any case", COST)
     refits_all: int = setting(
@@ -457,13 +457,16 @@ class Settings:
         "left out on either side of the range that counts as recorded, for spikes",
     )
     experiment_range: float = setting(
-        0.5, "recorded span", "how far a rig without a loop may leave where it was recorded"
+        0.05, "recorded span", "how far a rig without a loop may leave where it was recorded"
     )
     experiment_ways: tuple[tuple[float, int], ...] = setting(
         ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1)),
         "share of the recorded range, times faster",
         "in which an experiment without a loop is tried",
         COST,
+    )
+    experiment_washouts: tuple[float, ...] = setting(
+        (0.3, 0.1, 0.03), "share of the length", "whose mean is taken off one that leaves it", COST
     )
     experiment_old: float = setting(
         16.0, "correlation times", "of every old recording that a re-adjustment looks at", COST
@@ -473,10 +476,7 @@ class Settings:
     )
     experiment_tolerance: float = setting(2e-2, "share of the cost", "a lesser step ends it", COST)
     experiment_visible: float = setting(
-        1.0,
-        "standard deviations of the noise",
-        "below it an experiment is said not to separate clearly",
-        SHOWN_ONLY,
+        1.0, "standard deviations of the noise", "less is no clear separation, and said", SHOWN_ONLY
     )
 
     def __post_init__(self) -> None:

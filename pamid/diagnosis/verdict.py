@@ -12,12 +12,12 @@ from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.consistency import CONTRADICTS, inconsistencies, unnamed
-from pamid.diagnosis.decision import Share
+from pamid.diagnosis.decision import Share, counts_from
 from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes, roughness
-from pamid.diagnosis.proposal import Proposal, proposal_result
+from pamid.diagnosis.proposal import Proposal, WithheldExperiment, proposal_result
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
@@ -34,14 +34,20 @@ Array = NDArray[np.float64]
 
 
 def diagnosis_json(
-    d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
+    d: Diagnosis,
+    unknown: dict[str, Any] | None,
+    seed: int,
+    proposal: Proposal | WithheldExperiment | None = None,
 ) -> dict[str, Any]:
     """diagnosis.json, section 4 of the contract."""
     return diagnosis_file(d, unknown, seed, proposal).as_json()
 
 
 def diagnosis_file(
-    d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
+    d: Diagnosis,
+    unknown: dict[str, Any] | None,
+    seed: int,
+    proposal: Proposal | WithheldExperiment | None = None,
 ) -> result.DiagnosisFile:
     """The same as the model that describes it."""
     return completed(d, drafted(d, unknown, seed), proposal)
@@ -82,7 +88,7 @@ def _unknown(d: Diagnosis, described: dict[str, Any]) -> result.Unknown:
 
 
 def completed(
-    d: Diagnosis, draft: result.DiagnosisFile, proposal: Proposal | None
+    d: Diagnosis, draft: result.DiagnosisFile, proposal: Proposal | WithheldExperiment | None
 ) -> result.DiagnosisFile:
     """A draft with what to measure next, and with notes on where it contradicts itself."""
     said = draft.model_copy(update={"next_experiment": proposal_result(proposal)})
@@ -93,7 +99,8 @@ def completed(
         for m, why in unnamed(said, d.settings)
         if why
     ]
-    return said.model_copy(update={"notes": (*against, *held_back, *said.notes)})
+    withheld = [proposal.why] if isinstance(proposal, WithheldExperiment) else []
+    return said.model_copy(update={"notes": (*against, *withheld, *held_back, *said.notes)})
 
 
 def _judgement(d: Diagnosis) -> dict[str, Any]:
@@ -300,6 +307,7 @@ def _remainder(
     described = unknown if unknown and left_over(d) else {}
     at = described.get("port", "")
     port = at if d.cause else leading
+    probable, plain = counts_from(misfit, d.settings)
     return result.Remainder(
         share=rest.share,
         low=rest.low,
@@ -307,6 +315,9 @@ def _remainder(
         floors=misfit.floors,
         probability=chance,
         p_value=p_value,
+        probable_from=probable,
+        evidence=misfit.missing,
+        plain_from=plain,
         real=left_over(d) or unsure,
         port=port if left_over(d) or unsure else "",
         formula=described.get("formula", "") if at == port else "",

@@ -145,15 +145,20 @@ def amount_of(rest: Remainder) -> str:
 
 
 def weight_of(rest: Remainder) -> str:
-    """Whether what is left is more than noise and tolerances, and how often these alone leave as
-    much."""
+    """Whether what is left is more than noise and tolerances, by what that was decided, and how
+    often these alone leave as much."""
     text = (
         "more than noise and ordinary tolerances"
         if rest.real
         else "not told from noise and ordinary tolerances"
     )
-    if rest.probability is not None:
-        text += f" (P {chance_figure(rest.probability)} that it is more)"
+    if rest.by_evidence and rest.evidence is not None and rest.plain_from is not None:
+        return (
+            f"{text}: the recordings speak for a missing value with {rest.evidence:.3g} nats per "
+            f"sample, which decides from {rest.plain_from:.3g} on; the errors alone would not have "
+            f"(P {chance_figure(rest.probability or 0.0)})"
+        )
+    text += _chance_beside(rest)
     if rest.p_value is not None:
         of = 100.0 * rest.p_value
         often = "fewer than 1" if of < 1.0 else f"{of:.0f}"
@@ -161,6 +166,18 @@ def weight_of(rest: Remainder) -> str:
             f"; of 100 machines on which nothing is missing, {often} would leave as much or more"
         )
     return text
+
+
+def _chance_beside(rest: Remainder) -> str:
+    """How probable it is that what is left is more, with the line that it did not reach where that
+    is not plain; begins with a space."""
+    if rest.probability is None:
+        return ""
+    if not rest.real and rest.floors is not None and rest.floors < 1.0 + DEFAULT.gap_margin:
+        return f" (within {percent_text(DEFAULT.gap_margin)} of the noise floor)"
+    short = not rest.real and rest.probability >= DEFAULT.plainly_not
+    line = f"; it counts from {rest.probable_from:.2f} on" if short and rest.probable_from else ""
+    return f" (P {chance_figure(rest.probability)} that it is more{line})"
 
 
 def _tolerated(rest: Remainder | None) -> str:
@@ -183,9 +200,7 @@ def left_beside(rest: Remainder) -> str:
         f"what remains, {times_text(rest.floors)} times the noise floor, is not told from ordinary "
         "tolerances"
     )
-    if rest.probability is None:
-        return text
-    return f"{text} (P {chance_figure(rest.probability)} that it is more)"
+    return f"{text}{_chance_beside(rest)}"
 
 
 def _entering(rest: Remainder, spelling: Spelling) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError
 from pamid.base.units import split_column, to_si
 from pamid.excitation.aprbs import aprbs
+from pamid.excitation.washout import washed_out
 from pamid.excitation.waveforms import (
     APART,
     amplitude_sweep,
@@ -44,7 +45,9 @@ class Bench:
     loop). external: columns for a torque or force from outside. known: parameters that the rig is
     used with (name and unit as in a recording's [known]). period_s: sampling period. pace: seconds
     at this rig per second of the signals' own clock. passes: how often, and as many times faster, a
-    driven shape is run through.
+    driven shape is run through. washed: share of the length whose running mean is taken off a
+    driven shape, so that what adds it up comes back (0: none). carried: columns that are sent
+    beside every excitation (samples,), repeated where it is longer.
     """
 
     rig: Rig
@@ -55,6 +58,8 @@ class Bench:
     known: dict[str, float] = field(default_factory=dict)
     pace: float = 1.0
     passes: int = 1
+    washed: float = 0.0
+    carried: dict[str, Array] = field(default_factory=dict)
 
     def clock(self, seconds: float) -> Array:
         """Sampling instants of a signal of this length, in seconds of its own clock."""
@@ -66,10 +71,13 @@ class Bench:
         one before."""
         whole = self.clock(PASS_S)
         once = shape(self.passes * whole[: len(whole) // self.passes])
-        return {
-            name: centre + half * np.resize(np.roll(once, round(k * APART * len(once))), len(whole))
-            for k, (name, (centre, half)) in enumerate(self.driven.items())
+        waves = {
+            name: np.resize(np.roll(once, round(k * APART * len(once))), len(whole))
+            for k, name in enumerate(self.driven)
         }
+        if self.washed:
+            waves = {name: washed_out(wave, self.washed) for name, wave in waves.items()}
+        return {name: c + h * waves[name] for name, (c, h) in self.driven.items()}
 
     def open_loop(self, command: Array, outer: Array | None = None) -> dict[str, Array]:
         """Commands in [-1, 1] past the controller, and a force or torque from outside: loop after
@@ -121,6 +129,13 @@ class Experiment:
             and bool(bench.external or not self.pushed)
             and (bool(self.settings(bench) and self.signals(bench)))
         )
+
+    def columns(self, bench: Bench) -> Columns:
+        """Its signals, and what the bench carries beside them."""
+        sent = self.signals(bench)
+        samples = len(next(iter(sent.values())))
+        beside = {k: np.resize(v, samples) for k, v in bench.carried.items() if k not in sent}
+        return {**sent, **beside}
 
     def minutes_on(self, bench: Bench) -> float:
         """Time at the rig; on a rig of one's own, whose protocol is not known, the length of the

@@ -409,6 +409,7 @@ def next_answer(run: RunData) -> Answer:
         sentence(reason_text(experiment)),
         sentence(f"it separates {separated}") if separated else "",
         _expected(experiment),
+        *(sentence(formatting.clean(text)) for text in experiment.cautions),
     ]
     # no file elsewhere is vouched for
     own = [name for name in experiment.files if name == Path(name).name]

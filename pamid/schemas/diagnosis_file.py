@@ -112,6 +112,21 @@ class Remainder(Model):
         default=None, description="... of what the model lets pass there"
     )
     unit: Sometimes[Text] = Field(default=None, description="of both")
+    probable_from: Sometimes[Number] = Field(
+        default=None, description="from this `probability` on it counts as more"
+    )
+    evidence: Sometimes[Number] = Field(
+        default=None, description="latent evidence that something is missing, nats per sample"
+    )
+    plain_from: Sometimes[Number] = Field(
+        default=None, description="from this `evidence` on it counts, however probable"
+    )
+
+    @property
+    def by_evidence(self) -> bool:
+        """Does it count as more although error figures alone do not make it probable?"""
+        probability, least = self.probability, self.probable_from
+        return self.real and None not in (probability, least) and bool(probability < least)  # type: ignore[operator]
 
 
 class HeldOut(Model):
@@ -283,6 +298,11 @@ class NextExperiment(Model):
         (), description="files of the run folder to send, one per entry of `settings`"
     )
     settings: ListOf[Figures] = Field((), description="known values of each repetition")
+    cautions: ListOf[Text] = Field(
+        (),
+        description="before it is sent: recorded inputs that are sent beside, and where it leads "
+        "as predicted, beside what was recorded",
+    )
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import pamid
 from pamid import Gain
@@ -18,7 +20,7 @@ from pamid.checks.scale_slips import ScaleSlip
 from pamid.diagnosis.notes import _signs as notes_of
 from pamid.model.port_guide import driven_by_speed
 from pamid.model.registry import rig_named, rigs
-from pamid.recording.recording import match_column, recording_of
+from pamid.recording.recording import Recording, match_column, recording_of
 
 RIG = '''
 from pamid import Parameter, Port, Rig, State
@@ -280,3 +282,40 @@ def test_a_machine_that_is_faster_than_its_clock_is_told_of_it(
     bad = [f.detail for f in found if f.check == "finite" and not f.ok]
     assert bool(bad) == (not stated)
     assert any("states no period_s" in one for one in bad) == (not stated)
+
+
+def encoder_moves(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position (mm) of a stage that runs from stop to stop, and a reading of its encoder: counts of
+    0.5 um, less noise than a count."""
+    random, rest, places = np.random.default_rng(seed), np.zeros(200), random_stops(seed)
+    ramp = np.linspace(0.0, 1.0, 300)
+    smooth = 10.0 * ramp**3 - 15.0 * ramp**4 + 6.0 * ramp**5
+    way = np.concatenate(
+        [np.concatenate([a + (b - a) * smooth, b + rest]) for a, b in pairwise(places)]
+    )
+    return way, np.round((way + 2e-4 * random.standard_normal(way.size)) / 5e-4) * 5e-4
+
+
+def random_stops(seed: int) -> list[float]:
+    return [0.0, *np.random.default_rng(seed + 1).uniform(-100.0, 100.0, 10).tolist()]
+
+
+def encoder_recording(values: NDArray[np.float64]) -> Recording:
+    time = 1e-3 * np.arange(values.size)
+    return Recording("stage", Path("stage.csv"), "", time, {"position_mm": values}, 1e-3, "open")
+
+
+def test_an_encoder_that_stands_still_has_lost_nothing() -> None:
+    """Its counts repeat at rest and where it turns; the same file with rows that were filled while
+    it ran is told, and where."""
+    for seed in range(5):
+        way, reading = encoder_moves(seed)
+        assert np.mean(reading[1:] == reading[:-1]) > 0.2
+        assert not [
+            i for i in examine(encoder_recording(reading)) if i.kind in ("dropped", "frozen")
+        ]
+    filled = reading.copy()
+    for start in (150, 1150, 3150):
+        filled[start : start + 8] = filled[start]
+    (issue,) = (i for i in examine(encoder_recording(filled)) if i.kind == "dropped")
+    assert issue.figures["samples"] == 21 and len(issue.windows_s) == 3

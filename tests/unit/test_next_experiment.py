@@ -15,15 +15,18 @@ from numpy.typing import NDArray
 from cli import frame
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnosis_run import diagnose_into
+from pamid.diagnosis.experiment_ways import benches
 from pamid.diagnosis.next_experiment import (
+    Proposing,
     bench_of,
-    benches,
+    models_to_keep,
     next_experiment,
     pairs_to_separate,
     separations,
 )
-from pamid.diagnosis.proposal import FILE, Proposal, proposal_result
+from pamid.diagnosis.proposal import FILE, Proposal, WithheldExperiment, proposal_result
 from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.verdict import diagnosis_file
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import (
@@ -87,7 +90,7 @@ def rubbing(
         split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
     )
     p = next_experiment(d)
-    assert p is not None
+    assert isinstance(p, Proposal)
     return folder, rig, made, d, p
 
 
@@ -149,13 +152,13 @@ def test_no_other_entry_is_better(
 ) -> None:
     """What was passed over by its bound would not have won."""
     _, _, _, d, p = rubbing
-    truth = pairs_to_separate(d)[0][0]
+    models = models_to_keep(d, pairs_to_separate(d))
     scores = {}
     for e in menu(bench_of(d.evidence)):
         scores[e.name] = max(
             (
                 apart(d, way, e) / np.sqrt(e.minutes_on(way))
-                for way in benches(d.evidence, bench_of(d.evidence), e, truth)
+                for way in benches(d.evidence, bench_of(d.evidence), e, models)
             ),
             default=0.0,
         )
@@ -218,6 +221,22 @@ def test_nothing_in_question_nothing_to_do(
     ):
         assert next_experiment(replace(d, judged=judged)) is None
     assert proposal_result(None) is None
+
+
+def test_nothing_is_proposed_that_leads_away(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    """Where every way leads beyond what was recorded, that is said instead, in a note."""
+    _, _, _, d, p = rubbing
+    assert any("recorded were" in text for text in p.cautions)
+    further = replace(d.settings, experiment_ways=((1000.0, 1),))
+    wild = replace(d, budget=replace(d.budget, settings=further))
+    found = next_experiment(wild)
+    assert isinstance(found, WithheldExperiment) and "position_m from 0 to" in found.why
+    assert Proposing().restored(wild, vars(found)) == found
+    assert proposal_result(found) is None
+    said = diagnosis_file(wild, None, 0, found)
+    assert said.next_experiment is None and found.why in said.notes
 
 
 def joint(known: dict[str, float]) -> Bench:

@@ -21,12 +21,12 @@ from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.verdict_grounds import LeftOver
-from pamid.diagnosis.verdict_words import MEASURE_MAP, RECORD_MORE, sentence
+from pamid.diagnosis.verdict_words import MEASURE_MAP, RECORD_MORE, sentence, weight_of
 from pamid.report import captions
 from pamid.report.answers import how_far_answer, left_answer, where_answer, which_answer
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import RunData
-from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
+from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile, Remainder
 from pamid.schemas.model import read
 
 MANY = settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
@@ -161,6 +161,7 @@ def file_of(
     tied: list[Weighed],
     rest: Share,
     ports: dict[str, str],
+    left: LeftOver = GAP,
 ) -> DiagnosisFile:
     """diagnosis.json as `pamid.diagnosis.verdict` makes it of a decision, whose figures stand where
     they do in the ground of a run."""
@@ -173,6 +174,8 @@ def file_of(
     causes = [known[effect] for effect in found.named]
     port = ports[causes[0].effect] if causes else where[0][0]
     real = bool(causes and found.remainder_real) or found.verdict == "unknown-effect"
+    unsure = found.verdict == "cannot-tell" and found.gap_real
+    probable, plain = decision.counts_from(left, DEFAULT)
     signature = {"bounds": 0.0}
     made |= {
         "verdict": found.verdict,
@@ -203,10 +206,13 @@ def file_of(
         ],
         "remainder": {
             **(vars(rest) if causes else {"share": 1.0, "low": 1.0, "high": 1.0}),
-            "floors": 1.0 + 10.0 * abs(rest.share),
+            "floors": left.floors,
+            "probable_from": probable,
+            "evidence": left.missing,
+            "plain_from": plain,
             "probability": found.remainder if causes else found.gap,
             "p_value": found.remainder_p_value if causes else found.gap_p_value,
-            "real": real,
+            "real": real or unsure,
             "port": ("muscle" if causes else port) if real else "",
             "formula": "0.3 sign(velocity)" if real else "",
         },
@@ -248,7 +254,8 @@ def files(draw: st.DrawFn) -> DiagnosisFile:
         [replace(w, here=here[ports[w.effect]]) for w in these] for these in (weighed, tied)
     )
     found = decide(before, after, weighed, tied, doubt=doubt)
-    return file_of(found, weighed, tied, draw(shares()), ports)
+    left = after if found.named else before
+    return file_of(found, weighed, tied, draw(shares()), ports, left)
 
 
 def page_of(found: DiagnosisFile) -> tuple[str, str]:
@@ -294,11 +301,37 @@ def test_terminal_page_and_file_say_the_same(found: DiagnosisFile) -> None:
         advice = MEASURE_MAP if MEASURE_MAP in found.sentence else RECORD_MORE
         assert advice in found.sentence and advice in headline
     rest = found.remainder
+    assert rest is not None and rest.probability is not None and rest.evidence is not None
+    if not found.remark:
+        assert_one_decision(rest, terminal)
     if found.causes and rest is not None and rest.share is not None:
         share = plainly(captions.percent(rest.share))
         assert f"Left over: {share} of the gap" in page
         assert f"Left      {share} of the gap" in terminal
         assert (f"{share} remain" in headline) == rest.real
+
+
+def assert_one_decision(rest: Remainder, terminal: str) -> None:
+    """Whether what is left is more than tolerances, and the figure that decided it: a probability
+    beside "more" reached its line, or stands as what the errors alone would have said; one beside
+    "not told" did not, and where that is not plain the line is said."""
+    assert rest.probability is not None and rest.probable_from is not None
+    assert rest.evidence is not None and rest.plain_from is not None
+    said = weight_of(rest)
+    assert said in terminal
+    if rest.real:
+        assert said.startswith("more than noise")
+        alone = "the errors alone would not have" in said
+        assert alone == (rest.probability < rest.probable_from)
+        assert not alone or rest.evidence >= rest.plain_from
+        assert ("that it is more" in said) != alone
+    elif "that it is more" in said:
+        assert rest.probability < rest.probable_from
+        line = f"it counts from {rest.probable_from:.2f} on" in said
+        assert line == (rest.probability >= DEFAULT.plainly_not)
+    else:
+        assert "of the noise floor" in said
+        assert rest.floors is not None and rest.floors < 1.0 + DEFAULT.gap_margin
 
 
 def changed(verdict: str, **changes: Any) -> DiagnosisFile:
@@ -312,6 +345,7 @@ def of(verdict: str, key: str, **changes: Any) -> dict[str, Any]:
     return {key: whole}
 
 
+LINES = {"probable_from": 0.78, "plain_from": 2.0, "floors": 4.0}
 FRICTION_MEMBER = {"effect": "coulomb-friction", "signature": {"bounds": 1.0}}
 SHARES_ELSEWHERE = [{"port": "valve", "share": 0.995}, {"port": "joint", "share": 0.005}]
 
@@ -332,6 +366,13 @@ SHARES_ELSEWHERE = [{"port": "valve", "share": 0.995}, {"port": "joint", "share"
         ("explained", of("partly-explained", "remainder"), "what remains is real"),
         ("explained", of("explained", "remainder", port="joint"), "enters at a port"),
         ("explained", of("unknown-effect", "unknown"), "an unknown effect is described"),
+        ("explained", of("explained", "remainder", **LINES, probability=0.9), "a line is reached"),
+        ("explained", of("explained", "remainder", **LINES, evidence=3.0), "a line is reached"),
+        (
+            "partly-explained",
+            of("partly-explained", "remainder", **LINES, probability=0.7),
+            "neither line is reached",
+        ),
         ("explained", {"remark": "Check the columns."}, "a remark says"),
         ("explained", of("explained", "causes", probability=None), "without a probability"),
         ("explained", of("explained", "causes", removes=None), "not told what it removes"),

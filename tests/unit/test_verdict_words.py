@@ -51,6 +51,16 @@ def test_what_is_of_another_family_or_not_sure_to_help_is_not_the_nearest(
             "that it is more).",
         ),
         (
+            {"floors": 14.0, "probability": 0.4, "probable_from": 0.78},
+            "what remains, 14 times the noise floor, is not told from ordinary tolerances (P 0.40 "
+            "that it is more; it counts from 0.78 on).",
+        ),
+        (
+            {"floors": 14.0, "probability": 0.02, "probable_from": 0.78},
+            "what remains, 14 times the noise floor, is not told from ordinary tolerances (P 0.02 "
+            "that it is more).",
+        ),
+        (
             {"floors": 14.0, "probability": None},
             "what remains, 14 times the noise floor, is not told from ordinary tolerances.",
         ),

@@ -1,0 +1,281 @@
+"""The ways to run an experiment that leave a rig about where it was recorded, as its models
+predict, and what is sent beside the excitation.
+
+Without a loop a push adds up: a mass that is pushed by what a controller sent drifts off, and so
+does the way of a speed that is imposed. An excitation that would lead away is therefore made
+smaller or faster, or its slow part is taken off (`pamid.excitation.waveforms.washed_out`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import DataError
+from pamid.base.units import split_column, to_si
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.proposal import FILE
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.excitation.experiments import EXTERNAL, Bench, Experiment
+from pamid.recording.recording import Recording
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.free_runs import known_values, virtual_recording
+
+Array = NDArray[np.float64]
+
+
+# ---- what is predicted beside what was recorded -------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PredictedReach:
+    """From where to where a channel goes in an experiment as predicted, and as recorded, in its own
+    unit; or the way of an imposed speed (`way`), of which only the span is known, in m or rad."""
+
+    name: str
+    start: float
+    low: float
+    high: float
+    recorded: tuple[float, float]
+    way: str = ""
+
+    def leaves(self, share: float) -> bool:
+        """Does it leave what was recorded, widened by this share of its span? A model begins where
+        its rig says, which counts as recorded; how far it swings counts from anywhere."""
+        low, high = self.recorded
+        room = share * (high - low)
+        if self.high - self.low > high - low + 2.0 * room:
+            return True
+        begins = min(low, self.start), max(high, self.start)
+        return not self.way and (self.low < begins[0] - room or self.high > begins[1] + room)
+
+    @property
+    def text(self) -> str:
+        """ "position_mm from 0 to -98 .. 92, recorded were -105 .. 105"."""
+        low, high = self.recorded
+        if self.way:
+            return (
+                f"the way of {self.name} over {self.high - self.low:.3g} {self.way}, recorded were "
+                f"{high - low:.3g} {self.way}"
+            )
+        return (
+            f"{self.name} from {self.start:.3g} to {self.low:.3g} .. {self.high:.3g}, recorded "
+            f"were {low:.3g} .. {high:.3g}"
+        )
+
+
+def reaches(evidence: DataSplit, made: Recording) -> list[PredictedReach]:
+    """Of every channel and of every imposed speed that went there and back, in an experiment."""
+    found = []
+    for channel in evidence.channels:
+        before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
+        now = made.columns[channel]
+        seen = float(before.min()), float(before.max())
+        found.append(
+            PredictedReach(channel, float(now[0]), float(now.min()), float(now.max()), seen)
+        )
+    return found + [r for name in evidence.rig.inputs for r in _way(evidence, made, name)]
+
+
+def _way(evidence: DataSplit, made: Recording, speed: str) -> Iterator[PredictedReach]:
+    """Of an input that is a speed: where it leads from 0."""
+    symbol = {"m/s": "m", "rad/s": "rad"}.get(evidence.rig.inputs[speed])
+    recordings = [r for r in evidence.recordings if r.has(speed)]
+    if symbol is None or not recordings or speed not in made.columns:
+        return
+    if not any(r.signal(speed).min() < 0.0 < r.signal(speed).max() for r in recordings):
+        return  # it turns, or feeds on: there is no end to reach
+    before = max((_added_up(r, speed) for r in recordings), key=np.ptp)
+    now, seen = _added_up(made, speed), (float(before.min()), float(before.max()))
+    yield PredictedReach(speed, 0.0, float(now.min()), float(now.max()), seen, symbol)
+
+
+def _added_up(r: Recording, speed: str) -> Array:
+    """The way of a speed, SI, from 0."""
+    si = np.asarray(to_si(r.signal(speed), split_column(speed)[1]), dtype=np.float64)
+    return np.concatenate([[0.0], np.cumsum(si) * r.sampling_period_s])
+
+
+# ---- what is sent beside ------------------------------------------------------------------------
+
+
+def carried(evidence: DataSplit, bench: Bench) -> dict[str, Array]:
+    """Optional inputs that were recorded, as in the first recording that has them: without them the
+    rig would run at their defaults. Not what a loop sends, nor what pushes from outside."""
+    rig = evidence.rig
+    loops = {name for q in rig.loops for name in (q.reference, q.reading, q.command)}
+    found = {}
+    for name in rig.optional:
+        having = [r for r in evidence.recordings if r.has(name)]
+        if not having or name in loops or name in bench.driven or name.startswith(EXTERNAL):
+            continue
+        r = having[0]
+        samples = max(round(len(r) * r.sampling_period_s / bench.period_s), 1)
+        at = np.floor(np.arange(samples) * bench.period_s / r.sampling_period_s + 1e-9).astype(int)
+        found[name] = np.asarray(r.signal(name)[np.minimum(at, len(r) - 1)], dtype=np.float64)
+    return found
+
+
+def carried_texts(bench: Bench) -> list[str]:
+    """How what is carried is sent."""
+    return [
+        f"beside it {name} is held at {values[0]:.4g}, as recorded"
+        if np.ptp(values) == 0.0
+        else f"beside it {name} is varied as recorded ({values.min():.4g} .. {values.max():.4g})"
+        for name, values in bench.carried.items()
+    ]
+
+
+# ---- the ways -----------------------------------------------------------------------------------
+
+
+Models = Sequence[CandidateModel]
+
+
+def benches(
+    evidence: DataSplit,
+    bench: Bench,
+    e: Experiment,
+    models: Models,
+    settings: Settings = DEFAULT,
+) -> list[Bench]:
+    """The ways to run an experiment: as it is where a loop holds the rig, else those of several
+    amplitudes and rates that leave it about where it was recorded, as every one of these models
+    predicts; with no more of the slow part taken off than that needs."""
+    if bench.command:
+        return [bench]
+    share = settings.experiment_range
+    out = []
+    for ways in _ways(evidence, bench, settings):
+        kept = (w for w in ways if not _leaving(evidence, w, e, models, share))
+        out += [w for w in [next(kept, None)] if w is not None]
+    return out
+
+
+def _ways(evidence: DataSplit, bench: Bench, settings: Settings) -> Iterator[list[Bench]]:
+    """Of every amplitude and rate: whole, then with ever more of its slow part taken off."""
+    for share, passes in settings.experiment_ways:
+        whole = {k: (c, share * h) for k, (c, h) in bench.driven.items()}
+        level = {k: (c, share * h) for k, (c, h) in _balanced(evidence, bench).items()}
+        yield [
+            replace(bench, driven=whole, passes=passes),
+            *(
+                replace(bench, driven=level, passes=passes, washed=w)
+                for w in settings.experiment_washouts
+            ),
+        ]
+
+
+def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float]]:
+    """What is driven about its recorded mean, at which the rig stayed where it was recorded, and no
+    further than before."""
+    found = {}
+    for name, (centre, half) in bench.driven.items():
+        mean = float(np.concatenate([r.signal(name) for r in evidence.recordings]).mean())
+        found[name] = mean, max(half - abs(mean - centre), 0.0)
+    return found
+
+
+def _leaving(
+    evidence: DataSplit, bench: Bench, e: Experiment, models: Models, share: float
+) -> list[PredictedReach]:
+    """What the first model that leads away takes beyond the recordings; of one that blows up
+    everything."""
+    for model in models:
+        made = runs(evidence, model, bench, e)
+        if not all(made):
+            return [PredictedReach(c, 0.0, -np.inf, np.inf, (0.0, 0.0)) for c in evidence.channels]
+        away = [x for r in made if r for x in reaches(evidence, r) if x.leaves(share)]
+        if away:
+            return away
+    return []
+
+
+def runs(
+    evidence: DataSplit, model: CandidateModel, bench: Bench, e: Experiment
+) -> list[Recording | None]:
+    """What the model would record, setting after setting; None where it blows up."""
+    columns = e.columns(bench)
+    return [recorded(evidence, model, bench, columns, s) for s in e.settings(bench)]
+
+
+def predicted_text(evidence: DataSplit, bench: Bench, e: Experiment, models: Models) -> str:
+    """Where an experiment without a loop leads as the models predict, the widest of them per
+    name."""
+    every = [
+        x for m in models for r in runs(evidence, m, bench, e) if r for x in reaches(evidence, r)
+    ]
+    widest = {x.name: x for x in sorted(every, key=lambda x: x.high - x.low)}
+    return f"predicted: {'; '.join(x.text for x in widest.values())}" if widest else ""
+
+
+def led_away(
+    evidence: DataSplit, bench: Bench, e: Experiment, models: Models, settings: Settings = DEFAULT
+) -> str:
+    """Where even the tamest way of an experiment leads beyond what was recorded."""
+    tamest = list(_ways(evidence, bench, settings))[-1][-1]
+    away = _leaving(evidence, tamest, e, models, settings.experiment_range)
+    return " and ".join(x.text for x in away)
+
+
+# ---- what a model would record ------------------------------------------------------------------
+
+
+def reference_recording(evidence: DataSplit) -> Recording:
+    """The recording after which an experiment is set up: the first one that was commanded, if
+    any."""
+    commands = [q.command for q in evidence.rig.loops]
+    return next(
+        (r for r in evidence.recordings if all(r.has(c) for c in commands)), evidence.recordings[0]
+    )
+
+
+def recorded(
+    evidence: DataSplit,
+    c: CandidateModel,
+    bench: Bench,
+    columns: dict[str, Array],
+    setting: dict[str, float],
+) -> Recording | None:
+    """What the model would record without noise, in its own loop where references are sent; None if
+    it blows up."""
+    known = {**bench.known, **setting}
+    closed = any(q.reference in columns for q in bench.rig.loops)
+    samples = len(next(iter(columns.values())))
+    excitation = Recording(
+        "experiment",
+        Path(FILE),
+        "",
+        bench.period_s * np.arange(samples, dtype=np.float64),
+        columns,
+        bench.period_s,
+        "closed" if closed else "open",
+        known=known,
+        controller=controller_of(evidence) if closed else {},
+    )
+    model = (
+        replace(
+            c.assembly,
+            controller=tuple(sorted(excitation.controller.items())),
+            sensitive=frozenset(),
+        )
+        if closed
+        else c.assembly
+    )
+    values, places = known_values(model, known)
+    p = c.fit.p.copy()
+    p[places] = values[places]
+    try:
+        return replace(
+            excitation, columns=virtual_recording(model, excitation, p, noise=0.0, fineness=1)
+        )
+    except DataError:
+        return None
+
+
+def controller_of(evidence: DataSplit) -> dict[str, float]:
+    return {**evidence.rig.controller, **reference_recording(evidence).controller}

@@ -1,0 +1,169 @@
+"""Experiments without a loop leave the rig where it was recorded, and what was recorded beside is
+sent again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.diagnosis.experiment_ways import (
+    benches,
+    carried_texts,
+    led_away,
+    predicted_text,
+    reaches,
+    runs,
+)
+from pamid.diagnosis.next_experiment import bench_of
+from pamid.diagnosis.settings import DEFAULT
+from pamid.estimation.grey_box import fit_model
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.experiments import Experiment, menu
+from pamid.excitation.washout import washed_out
+from pamid.excitation.waveforms import amplitude_sweep, odd_multisine, slow_reversals, speed_runs
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+Array = NDArray[np.float64]
+
+PERIOD_S, SAMPLES = 0.005, 4000
+CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
+DAMPER = '''"""A damper on a bench that imposes the speed."""
+from pamid import Parameter, Port, Rig
+
+
+class Damper(Rig):
+    """Force in proportion to the speed, with a voltage at its coil and the heat of the oil."""
+
+    inputs = {"velocity_mm_per_s": "m/s", "voltage_v": "V", "oil_degc": "K"}
+    inputs["external_force_n"] = "N"
+    optional = {"voltage_v": 0.0, "oil_degc": 293.15, "external_force_n": 0.0}
+    between = {"velocity_mm_per_s": "linear"}
+    outputs = {"force_n": "N"}
+    noise = {"force_n": 1.0}
+    ports = {"rod": Port("motion", "N", {"velocity": "m/s", "voltage": "V", "heat": "K"})}
+    parameters = (
+        Parameter("damping", 900.0, 50.0, 20000.0, "N s/m", spread=1.5, log=True, source="sheet"),
+    )
+    period_s = 0.005
+
+    def measure(self, x, u, p, port):
+        v = u.velocity_mm_per_s
+        force = -p.damping * v + u.external_force_n
+        return {"force_n": port("rod", force, velocity=v, voltage=u.voltage_v, heat=u.oil_degc)}
+'''
+
+
+def split(folder: Path, rig: str, columns: dict[str, Array]) -> DataSplit:
+    """What the rig records of these columns."""
+    time = PERIOD_S * np.arange(SAMPLES)
+    write_recording(folder / "sent.csv", time, columns)
+    made = simulate_virtual_rig(rig, read_recording(folder / "sent.csv"), (), {}, {}, 1.0, 3)
+    write_recording(folder / "rec.csv", time, made.columns, made.meta)
+    return split_recordings(rig_named(rig), [read_recording(folder / "rec.csv")], [])
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Any]:
+    """A free cart that was pushed to and fro about a place, as a controller would, and its
+    model."""
+    wave = washed_out(aprbs(SAMPLES * PERIOD_S, PERIOD_S, 1.0, (0.1, 0.4), seed=1), 0.05)
+    evidence = split(tmp_path_factory.mktemp("cart"), CART, {"force_n": 4.0 * wave})
+    return evidence, fit_model(evidence, ())
+
+
+@pytest.fixture(scope="module")
+def imposed(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
+    """A damper moved to and fro by 60 mm, its voltage in steps, its oil at one temperature."""
+    folder = tmp_path_factory.mktemp("damper")
+    (folder / "damper.py").write_text(DAMPER)
+    t = PERIOD_S * np.arange(SAMPLES)
+    columns = {
+        "velocity_mm_per_s": 30.0 * 2.0 * np.pi * np.sin(2.0 * np.pi * t),
+        "voltage_v": np.floor(t / 5.0),
+        "oil_degc": np.full(SAMPLES, 40.0),
+        "external_force_n": 3.0 * np.sin(t),
+    }
+    return split(folder, str(folder / "damper.py"), columns)
+
+
+def multisine(evidence: DataSplit) -> Experiment:
+    return next(e for e in menu(bench_of(evidence)) if e.name == "odd-multisine")
+
+
+def worst(evidence: DataSplit, model: Any, bench: Any, e: Experiment) -> float:
+    """How far an experiment swings, over what was recorded, of the worst name."""
+    every = [x for r in runs(evidence, model, bench, e) if r for x in reaches(evidence, r)]
+    return max((x.high - x.low) / (x.recorded[1] - x.recorded[0]) for x in every)
+
+
+def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) -> None:
+    """As they are, the shapes drive it off; all the ways that are left keep it."""
+    evidence, model = pushed
+    bench = bench_of(evidence)
+    offered = {e: benches(evidence, bench, e, [model]) for e in menu(bench)}
+    assert max(worst(evidence, model, bench, e) for e in offered) > 3.0
+    assert any(offered.values())
+    high = bench.driven["force_n"]
+    for e, ways in offered.items():
+        for way in ways:
+            assert worst(evidence, model, way, e) <= 1.0 + 2.0 * DEFAULT.experiment_range
+            sent = e.columns(way)["force_n"]
+            assert np.abs(sent - high[0]).max() <= high[1] * (1.0 + 1e-9)
+            assert "recorded were" in predicted_text(evidence, way, e, [model])
+
+
+def test_a_model_that_would_run_off_forbids_it(pushed: tuple[DataSplit, Any]) -> None:
+    """It is enough that one of the models leads away."""
+    evidence, model = pushed
+    light = replace(model, fit=replace(model.fit, p=model.fit.p / 50.0))
+    bench, e = bench_of(evidence), multisine(evidence)
+    assert len(benches(evidence, bench, e, [model, light])) < len(
+        benches(evidence, bench, e, [model])
+    )
+    wild = replace(DEFAULT, experiment_ways=((20.0, 1),))
+    assert not benches(evidence, bench, e, [model], wild)
+    assert "position_m from 0 to" in led_away(evidence, bench, e, [model], wild)
+
+
+def test_the_way_of_an_imposed_speed_counts(imposed: DataSplit) -> None:
+    model: Any = fit_model(imposed, ())
+    bench = bench_of(imposed)
+    for e in menu(bench):
+        for way in benches(imposed, bench, e, [model]):
+            speed = e.columns(way)["velocity_mm_per_s"]
+            assert np.ptp(np.cumsum(speed) * PERIOD_S) < 1.15 * 60.0, e.name
+    plain = np.cumsum(multisine(imposed).signals(bench)["velocity_mm_per_s"]) * PERIOD_S
+    assert np.ptp(plain) > 1.15 * 60.0
+    assert benches(imposed, bench, multisine(imposed), [model])
+
+
+def test_what_was_recorded_beside_is_sent_again(imposed: DataSplit) -> None:
+    """Not a force from outside, which nothing on the bench sends."""
+    bench, e = bench_of(imposed), multisine(imposed)
+    recorded, sent = imposed.recordings[0], e.columns(bench)
+    assert set(sent) == {"velocity_mm_per_s", "voltage_v", "oil_degc"}
+    for name in ("voltage_v", "oil_degc"):
+        np.testing.assert_array_equal(sent[name], recorded.signal(name)[: len(sent[name])])
+    assert carried_texts(bench) == [
+        "beside it voltage_v is varied as recorded (0 .. 3)",
+        "beside it oil_degc is held at 40, as recorded",
+    ]
+
+
+@pytest.mark.parametrize("shape", [odd_multisine, slow_reversals, speed_runs, amplitude_sweep])
+def test_what_is_washed_out_adds_up_to_little(shape: Callable[[Array], Array]) -> None:
+    """Within +-1, and its sum within what a running mean of that length can leave."""
+    wave, share = shape(15.0 / SAMPLES * np.arange(SAMPLES)), 0.1
+    left = washed_out(wave, share)
+    assert left.shape == wave.shape and np.abs(left).max() <= 1.0
+    assert np.ptp(np.cumsum(left)) < share * SAMPLES
+    assert abs(left.sum()) < 1e-6
