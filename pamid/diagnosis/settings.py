@@ -66,10 +66,7 @@ class Settings:
         "the tolerance that data/rigs/README.md gives a map; benchmarks/strangers/run.py",
     )
     own_terms: float = setting(
-        0.05,
-        "share of what an effect adds",
-        "an effect of which the rig's own parameters leave no more is one of their terms again",
-        "twice the tolerance that data/rigs/README.md gives a map; tests/unit/test_own_terms.py",
+        0.05, "share of what an effect adds", "the rig's own terms leave no more: it is one of them"
     )
     bend_slope: float = setting(0.3, "share of the slope", "by which such curves are steeper")
     plain_missing: float = setting(
@@ -452,9 +449,7 @@ class Settings:
     )
     experiment_models: int = setting(3, "models", "to be set apart at most", COST)
     experiment_tail: float = setting(
-        2.0,
-        "per cent of the samples",
-        "left out on either side of the range that counts as recorded, for spikes",
+        2.0, "per cent of the samples", "left out at either end of what was recorded, for spikes"
     )
     experiment_range: float = setting(
         0.05, "recorded span", "how far a rig without a loop may leave where it was recorded"

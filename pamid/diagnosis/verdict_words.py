@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT
-from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder
+from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder, Where
 
 if TYPE_CHECKING:
     from pamid.diagnosis.tournament import Diagnosis
@@ -65,8 +65,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
             f"found.{_tolerated(rest)}"
         )
     if found.verdict == "unknown-effect":
-        port = found.where.port if found.where else ""
-        at = f" It enters at the {spelling.port(port)} port." if port else ""
+        at = _entrance(found.where, spelling) if found.where and found.where.port else ""
         families = free_families(found, spelling)
         return (
             "Something material is missing from the model, and no effect of the catalogue "
@@ -201,6 +200,20 @@ def left_beside(rest: Remainder) -> str:
         "tolerances"
     )
     return f"{text}{_chance_beside(rest)}"
+
+
+def _entrance(where: Where, spelling: Spelling) -> str:
+    """Where the gap enters: the port that the evidence prefers, and those that take as much of it
+    or more where the sensors do not tell one from the other."""
+    alike = {where.port}.union(*(g for g in where.indistinguishable if where.port in g))
+    shares = {one.port: one.share for one in where.ports if one.port in alike}
+    own = shares.get(where.port, 0.0)
+    others = sorted(p for p, share in shares.items() if p != where.port and share >= own > 0.0)
+    first = f" It enters at the {spelling.port(where.port)} port"
+    if not others:
+        return f"{first}."
+    rest = _joined([spelling.port(p) for p in others], "or")
+    return f"{first}, or at {rest}: these sensors do not tell them apart."
 
 
 def _entering(rest: Remainder, spelling: Spelling) -> str:

@@ -25,7 +25,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
 
-FAR = 2.0  # of the position's size: where no stop is met
+OUT_OF_REACH = 2.0  # of the position's size: where no stop is met
 
 
 class OneSidedEndStop(Effect):
@@ -40,7 +40,7 @@ class OneSidedEndStop(Effect):
             "upper",
             0.85,
             low=-1.0,
-            high=FAR,
+            high=OUT_OF_REACH,
             spread=0.5,
             size="position",
             hard=True,
@@ -48,8 +48,8 @@ class OneSidedEndStop(Effect):
         ),
         Parameter(
             "lower",
-            -FAR,
-            low=-FAR,
+            -OUT_OF_REACH,
+            low=-OUT_OF_REACH,
             high=1.0,
             spread=0.5,
             size="position",
@@ -66,7 +66,7 @@ class OneSidedEndStop(Effect):
             return []
         reach = hints.reach["position"]
         return [
-            {one: way * share * reach, other: -way * FAR * reach}
+            {one: way * share * reach, other: -way * OUT_OF_REACH * reach}
             for one, other, way in (("upper", "lower", 1.0), ("lower", "upper", -1.0))
             for share in TRIED_STOPS
         ]
