@@ -323,8 +323,14 @@ def _scanned_again(reference: ScreeningBaseline, attachment: Attachment, found: 
     effect's other amounts alone, as a rounded duty beside its pulses, is not found at their
     null."""
     problem, settings = found.problem, reference.settings
-    free = [i for i in problem.free if problem.assembly.parameters[i].owner == attachment.label]
-    wanted = [i for i in _wanted(problem.assembly, attachment) if len(free) > 1]
+    assembly = problem.assembly
+    shaping = [
+        b
+        for b in (assembly.parameters[i] for i in problem.free)
+        if b.owner == attachment.label and b.null is None and not b.scan[1]
+    ]
+    # amounts alone are projected out as they are at their null
+    wanted = _wanted(assembly, attachment) if shaping else []
     best = found
     for i in wanted:
         where = Scanned(

@@ -33,7 +33,7 @@ EMPTY = 1e-6  # of the reference: below it nothing is lost
 class GrowingLoss(Effect):
     """A loss with a power above one of the store."""
 
-    family = "growing-loss"
+    family = "leak"
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
@@ -59,7 +59,7 @@ class GrowingLoss(Effect):
         ),
         REFERENCE,
     )
-    look_alikes = ("overflow", "first-order-loss", "saturation")
+    look_alikes = ("overflow", "first-order-loss", "orifice-loss", "saturation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         filled = at.stored / p.reference

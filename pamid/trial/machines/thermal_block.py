@@ -113,7 +113,7 @@ MACHINE = StarterMachine(
             "heater",
             {"pulse_s": between(60.0, 150.0), "ticks": one_of(6.0, 8.0, 12.0)},
         ),
-        known_fault("growing-loss", "growing-loss", "block", {"glow": around(0.2)}),
+        known_fault("growing-loss", "leak", "block", {"glow": around(0.2)}),
         known_fault(
             "second-store",
             "second-store",
