@@ -77,8 +77,20 @@ def test_what_tolerances_alone_have_to_answer_for_is_said_with_its_size(
 @pytest.mark.parametrize(
     ("missing", "passing", "unit", "words"),
     [
-        (0.3, 10.0, "N m", "0.3 N m (root mean square), 3 % of what passes there"),
-        (0.05, 0.02, "", "0.05 (root mean square), 2.5 times what passes there"),
+        (
+            0.3,
+            10.0,
+            "N m",
+            "0.3 N m (root mean square, estimated there) missing to the model as fitted, 3 % "
+            "of the 10 N m that pass there",
+        ),
+        (
+            0.05,
+            0.02,
+            "",
+            "0.05 (root mean square, estimated there) missing to the model as fitted, 2.5 "
+            "times the 0.02 that pass there",
+        ),
         (0.3, 0.0, "N m", ""),
         (None, None, "", ""),
     ],
