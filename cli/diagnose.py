@@ -182,7 +182,8 @@ def _left(found: dict[str, Any]) -> list[str]:
     if rest.port:
         amount = amount_of(rest)
         lines.append(f"          at the {rest.port} port{f', {amount}' if amount else ''}")
-        lines += [f"          {told}"] if told else []
+        beside = ", with the parameters estimated anew beside it"
+        lines += [f"          {told}{beside}"] if told else []
     return lines
 
 

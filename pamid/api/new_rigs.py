@@ -59,6 +59,7 @@ class NewRig:
             columns=columns,
             unrecorded=match.unrecorded,
             unused=match.unused,
+            turned=match.turned,
             also=tuple(
                 said.OtherMatch(rig=m.rig.name, score=round(m.score, 4)) for m in self._others
             ),
@@ -72,11 +73,24 @@ class NewRig:
             lines.append(f"  {q.found:<24} {q.role} {q.wanted}, {_BY[q.by]}{scaled}")
         lines += [f"  {name:<24} not recorded" for name in self._match.unrecorded]
         lines += [f"  {name:<24} not used: noted in the file" for name in self._match.unused]
+        lines += self._directions()
         if self._others:
             others = ", ".join(m.rig.name for m in self._others)
             lines.append(f"  The columns fit {others}, too: --like NAME.")
         lines.append("  Its figures are the example's: replace those marked GUESS.")
         return "\n".join(lines)
+
+    def _directions(self) -> list[str]:
+        """What was taken as cause and as effect, which a recording does not say, and how to turn it
+        round."""
+        sent, read = (", ".join(self._match.taken_as(role)) for role in ("input", "output"))
+        lines = [f"  Taken as cause: {sent or 'nothing'}; as effect: {read}."]
+        if self._match.turned:
+            lines.append(
+                f"  If {read} is imposed on your bench and {sent} is what it reads, it is the "
+                f"other way round: --like {' or '.join(self._match.turned)}."
+            )
+        return lines
 
     def __repr__(self) -> str:
         return f"<NewRig {self.path} after {self.like}>"

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from pamid.base.errors import FileError, UsageError, nearest
-from pamid.base.units import NONE, compatible, quantity_of, split_column, unit
+from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column, unit
 from pamid.ingest.channel_words import meanings, number, tokens
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
@@ -25,6 +25,7 @@ NEAR = 0.5  # of the best score: what fits worse is not named beside it
 UNRECORDED = 0.25  # weight of an output that was not recorded
 NO_PAIR = (0.0, "", False)
 _RAW = (unit("V").dimension, unit("A").dimension)
+_SPEEDS = ("velocity", "angular velocity")
 _MADE = {"force", "torque"}  # by what a drive is sent
 #: what a rig file leans on that can be copied: parts shared between rigs cannot
 _COPIED = ("pamid.model.", "pamid.symbolic.")
@@ -74,11 +75,58 @@ class Match:
             for q in self.pairs
         )
 
+    def taken_as(self, role: str) -> tuple[str, ...]:
+        """Recorded columns that are inputs, causes, or outputs, effects."""
+        return tuple(q.found for q in self.pairs if q.role == role)
+
+    @property
+    def turned(self) -> tuple[str, ...]:
+        """Rigs to start from in which what is sent and what is read have changed places: a force or
+        torque for a motion, or the reverse."""
+        sides = {"load", "motion"}
+        sent = {_side(q.wanted) for q in self.pairs if q.role == "input"} & sides
+        read = {_side(q.wanted) for q in self.pairs if q.role == "output"} & sides
+        if not sent or not read or sent & read:
+            return ()
+        return tuple(
+            name
+            for name, rig in examples().items()
+            if {_side(c) for c in rig.inputs if c not in rig.optional} == read
+            and {*map(_side, rig.outputs)} & sent
+        )
+
     def why_not(self) -> str:
         """What is lacking, in words."""
+        rates = [(q, w) for w in self.missing for q in self.unused if _is_rate(q, w)]
+        if rates:
+            return "; ".join(
+                f"no column for {_told(w)}, of which {q} is the rate" for q, w in rates
+            )
         if self.missing:
             return f"no column for {', '.join(map(_told, self.missing))}"
         return f"none of its outputs: {', '.join(map(_told, self.rig.outputs))}"
+
+
+def _side(column: str) -> str:
+    """ "load" of a force or torque, "motion" of a way, an angle or a speed, else what it is."""
+    quantity = quantity_of(split_column(column)[1])
+    sides = {"load": ("force", "torque"), "motion": ("position", "angle", *_SPEEDS)}
+    return next((side for side, those in sides.items() if quantity in those), quantity)
+
+
+def _is_rate(found: str, wanted: str) -> bool:
+    """Is a recorded column the speed of what a rig wants the way or angle of?"""
+    symbol, own = split_column(found)[1], split_column(wanted)[1]
+    return own != NONE and symbol != NONE and compatible(symbol, quotient(own, "s"))
+
+
+def _add_up(found: str, wanted: str) -> str:
+    """How a way is made of a speed."""
+    return (
+        f"Add it up into a column of its own, the running sum of {found} times the sampling "
+        f"period, and say --column {wanted}=THAT; or in a copy of the rig make {found} the input "
+        "and pass it as velocity."
+    )
 
 
 def _told(column: str) -> str:
@@ -189,6 +237,11 @@ def match_columns(
                 f"The recording has no column {found!r}.",
                 nearest(found, recorded) or f"Its columns: {', '.join(recorded)}.",
             )
+        if _is_rate(found, wanted):
+            raise UsageError(
+                f"{found} is the rate of {wanted}: no gain makes one of the other.",
+                _add_up(found, wanted),
+            )
     taken = {
         wanted: Pair(wanted, found, roles[wanted], "you", not _same(found, wanted), 1.0)
         for wanted, found in said.items()
@@ -266,6 +319,13 @@ def best_match(
     recorded = list(recorded)
     if like is not None:
         asked = match_columns(recorded, example_named(like), said, held)
+        speeds = [(q, w) for w in asked.missing for q in asked.unused if _is_rate(q, w)]
+        if speeds:
+            raise FileError(
+                f"The recording does not fit {like!r}: {asked.why_not()}.",
+                _add_up(*speeds[0]),
+                code="no-match",
+            )
         if not asked.fits:
             raise FileError(
                 f"The recording does not fit {like!r}: {asked.why_not()}.",

@@ -315,9 +315,11 @@ class RigSource:
     def _docstring(self) -> str:
         story = ast.get_docstring(self.tree) or ""
         title = f"{self.name}: a rig that `pamid new-rig` wrote after {self.rig.name}"
+        sent, read = (", ".join(self.match.taken_as(role)) for role in ("input", "output"))
         mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.told)
         return (
             f'"""{title}, with the columns of {mine}.\n\n'
+            f"Taken as cause: {sent}; as effect: {read}.\n"
             "Look through the figures marked GUESS: they are another machine's, with wide priors.\n"
             f"What follows is the story of {self.rig.name}.\n\n{story}\n"
             '"""\n\n'

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter, welch
 
-from pamid.base.units import display_unit, from_si, split_column
+from pamid.base.units import (
+    NONE,
+    display_unit,
+    from_si,
+    quantity_of,
+    quotient,
+    size_from_si,
+    split_column,
+)
+from pamid.base.units import unit as unit_of
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -67,9 +78,9 @@ def regimes(
     )
     if gap.sum() <= 0.0:
         return []
-    inner = port_signals(base)
+    inner, own = port_signals(base), recorded_units(evidence)
     tables = [
-        measured_signals(evidence, r, settings) | _followed(base, r, inner, settings.still)
+        measured_signals(evidence, r, settings) | _followed(base, r, inner, settings.still, own)
         for r in befores
     ]
     found = []
@@ -131,29 +142,42 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
 def measured_signals(
     evidence: DataSplit, r: Replay, settings: Settings = DEFAULT
 ) -> dict[str, tuple[Array, str]]:
-    """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
+    """What was measured, its rate of change, and what was sent, in the units of their columns:
+    name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
     half = round(settings.smoothed * r.track.timescale_s / period)
     length = max(5, 2 * half + 1)
     for i, channel in enumerate(evidence.channels):
-        stem, _ = split_column(channel)
-        unit = display_unit(evidence.rig.outputs[channel])
+        stem, unit = split_column(channel)
+        rated = quotient("K" if unit_of(unit).offset else unit, "s")
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
         smooth, rate = (
             savgol_filter(y, length, 2),
             savgol_filter(y, length, 2, deriv=1, delta=period),
         )
-        out[stem] = (from_si(smooth, unit), unit)
+        out[stem] = (from_si(smooth, unit), "" if unit == NONE else unit)
         out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
-            from_si(rate, unit),
-            f"{unit}/s",
+            size_from_si(rate, unit),
+            rated,
         )
     for i, name in enumerate(evidence.rig.inputs):
         stem, unit = split_column(name)
         if name not in evidence.rig.optional:
-            out[stem] = (from_si(r.track.u[:, i], unit), "" if unit == "1" else unit)
+            out[stem] = (from_si(r.track.u[:, i], unit), "" if unit == NONE else unit)
     return out
+
+
+def recorded_units(evidence: DataSplit) -> dict[str, str]:
+    """Quantity -> the unit in which it, or what it is the rate of, was recorded first. Not degC: a
+    temperature inside a model may be a difference."""
+    found: dict[str, str] = {}
+    for symbol in (split_column(name)[1] for name in (*evidence.channels, *evidence.rig.inputs)):
+        if quantity_of(symbol) == "dimensionless" or unit_of(symbol).offset:
+            continue
+        for one in (symbol, quotient(symbol, "s")):
+            found.setdefault(quantity_of(one), one)
+    return found
 
 
 @dataclass(frozen=True)
@@ -205,17 +229,22 @@ def _quantity(port: Port, key: str) -> str:
 
 
 def _followed(
-    base: CandidateModel, r: Replay, inner: _PortSignals, still: float
+    base: CandidateModel,
+    r: Replay,
+    inner: _PortSignals,
+    still: float,
+    own: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, tuple[Array, str]]:
-    """The signals at the ports along a replay, and the time since the last reversal."""
+    """The signals at the ports along a replay, in the units that quantities were recorded in where
+    they were (`own`), and the time since the last reversal."""
     found = run_windows(
         inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
     )
     table = found[:, found.shape[1] - len(inner.names) :]
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
-        shown = display_unit(unit)
-        out[name] = (from_si(x, shown), "" if shown == "1" else shown)
+        shown = own.get(quantity_of(unit or NONE), display_unit(unit))
+        out[name] = (from_si(x, shown), "" if shown == NONE else shown)
         if name == inner.velocity:
             out["time_since_reversal"] = (r.track.period_s * _since_reversal(x, still), "s")
     return out

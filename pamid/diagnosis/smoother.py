@@ -119,8 +119,14 @@ class Smoother:
             Attachment(Latent(size_at(b, port)), (port,), f"latent.{i}")
             for i, port in enumerate(self.ports)
         )
+        # ranges that were widened for the fit stay wide: its parameters would be cut off otherwise
         return Assembly(
-            rig, (*b.attachments, *added), background=True, sizes=b.sizes, outputs=b.outputs
+            rig,
+            (*b.attachments, *added),
+            background=True,
+            sizes=b.sizes,
+            outputs=b.outputs,
+            ranges=b.ranges,
         ).for_fitting()
 
     @cached_property

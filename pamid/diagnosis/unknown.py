@@ -2,7 +2,9 @@
 formula for it.
 
 The missing term is the latent value that the smoother finds at the port. A sparse regression then
-describes it; the formula is a description, never the verdict.
+describes it; the formula is a description, never the verdict. The model's parameters are estimated
+anew beside it, for they have absorbed a part of it: where they move, term and model may grow
+together and cancel. How much is missing is therefore told with the parameters as fitted.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.smoother import Smoother, size_at
+from pamid.diagnosis.smoother import Smoothed, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
@@ -38,8 +40,9 @@ class Missing:
     variance described.
 
     values (n,), signals and time_s: one entry per slice, in the units people read (`units`, "value"
-    among them); recording: its index among the recordings, as in residual.csv; passing: root mean
-    square of what the model lets pass at the port, in the unit of the values.
+    among them); recording: its index among the recordings, as in residual.csv; amount: root mean
+    square of what is missing to the model as fitted; passing: of what passes the port then, effects
+    and the missing value included; both in the unit of the values.
     """
 
     port: str
@@ -52,6 +55,7 @@ class Missing:
     weights: Array
     inclusion: Array
     fit: float
+    amount: float
     passing: float
 
 
@@ -141,7 +145,7 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
         "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
         "parity": parity(best, d.settings),
         "memory": bool(best.fit < d.settings.formula_explains),
-        "amount": {"missing_rms": rms(best.values), "passing_rms": best.passing, "unit": unit},
+        "amount": {"missing_rms": best.amount, "passing_rms": best.passing, "unit": unit},
     }
 
 
@@ -162,8 +166,11 @@ def missing_csv(m: Missing, settings: Settings = DEFAULT) -> bytes:
 
 def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | None:
     port = smoother.base.assembly.rig.ports[smoother.ports[0]]
-    recording, time_s, values, signals = missing_value(smoother)
-    passing = signals.pop(PASSING)
+    best, rough, steps = smoother.best, smoother.rough, settings.smoother_steps
+    recording, time_s, values, signals = missing_value(
+        smoother, smoother.smoothed(best, best.size, best.time_s, steps)
+    )
+    signals.pop(PASSING)
     if len(values) < settings.formula_slices or not values.std() > 0.0 or not signals:
         return None
     units = {
@@ -176,6 +183,9 @@ def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | 
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
+    *_, lacking, beside = missing_value(
+        smoother, smoother.smoothed(rough, rough.size, rough.time_s, steps, moving=False)
+    )
     return Missing(
         smoother.ports[0],
         recording,
@@ -187,20 +197,21 @@ def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | 
         weights,
         inclusion,
         float(1.0 - rest.var() / values.var()),
-        rms(from_si(passing, units["value"])),
+        rms(from_si(lacking, units["value"])),
+        rms(from_si(beside[PASSING], units["value"])),
     )
 
 
-def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
+def missing_value(
+    smoother: Smoother, found: Smoothed
+) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
     held-out recordings, one per slice, and the means over it of the port's signals (SI), and of
-    what passes."""
-    best = smoother.best
-    found = smoother.smoothed(best, best.size, best.time_s, smoother.settings.smoother_steps)
+    what passes in the end, with all that acts there."""
     assembly, port = smoother.assembly, smoother.ports[0]
     passage = next(q for q in assembly.traced.passages if q.port == port)
     extra = {f"at.{k}": v for k, v in passage.signals if isinstance(v, Expr) and k != "side"}
-    extra[f"at.{PASSING}"] = passage.value
+    extra[f"at.{PASSING}"] = passage.result
     program = assembly.program_with(extra)
     first = len(program.outputs) - len(extra)
     rows, values, times, numbers = [], [], [], []

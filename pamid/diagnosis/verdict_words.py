@@ -133,14 +133,17 @@ def size_of(rest: Remainder, *, beside: bool) -> str:
 
 
 def amount_of(rest: Remainder) -> str:
-    """What is missing at its port, in the port's unit, beside what passes there; "" where that is
-    not known."""
+    """What is missing at its port to the model as fitted, in the port's unit, beside what passes
+    there with all that acts; "" where that is not known."""
     if rest.missing_rms is None or not rest.passing_rms:
         return ""
     share = rest.missing_rms / rest.passing_rms
     beside = f"{percent_text(share)} of" if share < 1.0 else f"{times_text(share)} times"
     unit = f" {rest.unit}" if rest.unit else ""
-    return f"{rest.missing_rms:.3g}{unit} (root mean square), {beside} what passes there"
+    return (
+        f"{rest.missing_rms:.3g}{unit} (root mean square, estimated there) missing to the model as "
+        f"fitted, {beside} the {rest.passing_rms:.3g}{unit} that pass there"
+    )
 
 
 def weight_of(rest: Remainder) -> str:

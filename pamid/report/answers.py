@@ -385,7 +385,7 @@ def left_answer(run: RunData) -> Answer | None:
     details = [
         sentence(f"left over: {size}") if size else "",
         sentence(f"that is {set_figures(verdict_words.weight_of(rest))}"),
-        sentence(f"missing there: {set_figures(amount)}") if amount else "",
+        sentence(f"there are {set_figures(amount)}") if amount else "",
     ]
     if beside and (term := missing_term(diagnosis)) is not None:
         details += formula_texts(term)

@@ -65,7 +65,8 @@ def formula_texts(one: Unknown) -> list[str]:
     at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
     texts = [
         f"The missing term{at} is described best, as a function{of}, by "
-        f"{formula_text(formatting.clean(one.formula))}."
+        f"{formula_text(formatting.clean(one.formula))}, with the parameters estimated anew "
+        "beside it."
     ]
     if one.inclusion is not None:
         texts.append(

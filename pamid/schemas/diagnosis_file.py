@@ -106,10 +106,12 @@ class Remainder(Model):
     formula: Text = Field("", description="what is missing there, in the signals at the port")
     family: Text = Field("", description="whose free form would take it up; empty where none does")
     missing_rms: Sometimes[Number] = Field(
-        default=None, description="root mean square of what is missing there, where that is known"
+        default=None,
+        description="root mean square of what is missing there to the model as "
+        "fitted, where that is known",
     )
     passing_rms: Sometimes[Number] = Field(
-        default=None, description="... of what the model lets pass there"
+        default=None, description="... of what passes there, with all that acts"
     )
     unit: Sometimes[Text] = Field(default=None, description="of both")
     probable_from: Sometimes[Number] = Field(

@@ -43,4 +43,7 @@ class NewRigFile(Model):
     columns: ListOf[TakenColumn]
     unrecorded: ListOf[Text] = Field(description="columns of the rig that were not recorded")
     unused: ListOf[Text] = Field(description="recorded columns that the rig has no place for")
+    turned: ListOf[Text] = Field(
+        (), description="rigs to start from in which cause and effect have changed places"
+    )
     also: ListOf[OtherMatch] = Field(description="other rigs that fit, best first")

@@ -269,6 +269,37 @@ def test_a_pushed_cart_is_no_bench(here: Path) -> None:
     assert like_of(here, position_mm=moving(1), force_n=moving(2)) == "damper-bench"
 
 
+def test_what_is_taken_as_cause_is_said_and_how_to_turn_it_round(here: Path) -> None:
+    """An imposed speed looks like one that a force made: which it is, no recording says."""
+    bench = small({"velocity_m_per_s": moving(1), "force_n": moving(2), "voltage_v": held(3)})
+    made = pamid.new_rig(bench, output=here / "mine.py")
+    assert made.like == "linear-axis" and made.to_dict()["turned"] == ["damper-bench"]
+    told = made.summary()
+    assert "Taken as cause: force_n; as effect: velocity_m_per_s." in told
+    assert "If velocity_m_per_s is imposed on your bench and force_n is what it reads" in told
+    assert "--like damper-bench" in told
+    damper = small({"position_mm": moving(1), "force_n": moving(2)})
+    back = pamid.new_rig(damper, output=here / "back.py")
+    assert "Taken as cause: position_mm; as effect: force_n." in back.summary()
+    assert "linear-axis" in back.to_dict()["turned"]
+    heat = pamid.new_rig(
+        small({"power_w": held(1), "temperature_degc": moving(2)}), output=here / "heat.py"
+    )
+    assert heat.to_dict()["turned"] == [] and "other way round" not in heat.summary()
+
+
+def test_a_speed_is_no_way_with_a_gain(here: Path) -> None:
+    """Said or not, it is refused, and how to add it up is told."""
+    bench = small({"velocity_m_per_s": moving(1), "force_n": moving(2)})
+    said = {"position_mm": "velocity_m_per_s"}
+    with pytest.raises(UsageError, match="is the rate of position_mm") as caught:
+        pamid.new_rig(bench, like="damper-bench", columns=said, output=here / "mine.py")
+    assert "running sum" in caught.value.hint
+    with pytest.raises(FileError, match="of which velocity_m_per_s is the rate") as lacking:
+        pamid.new_rig(bench, like="damper-bench", output=here / "mine.py")
+    assert "running sum" in lacking.value.hint and not (here / "mine.py").exists()
+
+
 def test_torque_servos_belts_and_velocities_have_a_rig(here: Path) -> None:
     servo = {"torque_nm": held(1), "angle_rad": moving(2), "velocity_rad_per_s": moving(3)}
     assert like_of(here, **servo) == "servo-axis"

@@ -19,6 +19,7 @@ from pamid.diagnosis.localise import (
     _since_reversal,
     measured_signals,
     port_signals,
+    recorded_units,
     regimes,
 )
 from pamid.diagnosis.settings import DEFAULT
@@ -90,6 +91,40 @@ def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, CandidateMod
     assert best.share_of_gap > 0.9 and best.share_of_time == pytest.approx(
         np.mean(speed < 0.0), abs=0.05
     )
+
+
+def test_signals_come_in_the_units_of_the_recording() -> None:
+    """Columns as they are named, their rates per second; inside the model what was recorded as
+    well, but no difference of temperature on a scale with another zero."""
+    rig: Any = SimpleNamespace(
+        inputs={"pressure_bar": "Pa", "valve_percent": ""},
+        outputs={"position_mm": "m", "oil_degc": "K"},
+        rate_names={"position": "velocity"},
+        optional={},
+    )
+    evidence: Any = SimpleNamespace(rig=rig, channels=("position_mm", "oil_degc"))
+    assert recorded_units(evidence) == {
+        "position": "mm",
+        "velocity": "mm/s",
+        "pressure": "bar",
+        "pressure rate": "bar/s",
+    }
+    steps = np.arange(60.0)
+    y = np.stack([1e-3 * steps, 293.15 + steps], axis=1)
+    track = SimpleNamespace(y=y, u=np.full((60, 2), 2e5), period_s=0.5, timescale_s=1.0)
+    r: Any = SimpleNamespace(track=track, seen=(True, True), model=y)
+    found = measured_signals(evidence, r)
+    assert {name: unit for name, (_, unit) in found.items()} == {
+        "position": "mm",
+        "velocity": "mm/s",
+        "oil": "degC",
+        "oil_rate": "K/s",
+        "pressure": "bar",
+        "valve": "percent",
+    }
+    sizes = {name: float(values[30]) for name, (values, _) in found.items()}
+    want = {"position": 30.0, "velocity": 2.0, "oil": 50.0, "oil_rate": 2.0, "pressure": 2.0}
+    assert sizes == pytest.approx(want | {"valve": 2e7})
 
 
 def test_opening_is_told_from_closing(joint: tuple[DataSplit, CandidateModel]) -> None:

@@ -28,6 +28,7 @@ def missing(count: int) -> Missing:
         np.zeros(0),
         np.zeros(0),
         1.0,
+        0.3,
         8.0,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -162,3 +163,18 @@ def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -
             / len(bent[1].replays[0].track)
         )
     assert left["joint"] < 1.3 < 1.6 < left["valve"]
+
+
+def test_what_was_widened_for_the_fit_stays_wide(bent: tuple[DataSplit, CandidateModel]) -> None:
+    """A parameter that a fit led beyond its first range keeps its value while latent values are
+    smoothed; cut off at the range, the difference would be taken for something missing."""
+    evidence, base = bent
+    place = base.fit.problem.free[0]
+    bound = base.assembly.parameters[place]
+    wide = replace(base.assembly, ranges={bound.key: (bound.low, 4.0 * bound.high)})
+    p = base.fit.p.copy()
+    p[place] = 2.0 * bound.high
+    led = replace(base, assembly=wide, fit=replace(base.fit, p=p))
+    smoother = Smoother(evidence, led, ("joint",))
+    kept = smoother.parameters(smoother.fitted)[smoother.assembly.keys[bound.key]]
+    assert kept == pytest.approx(2.0 * bound.high)
