@@ -36,6 +36,7 @@ from pamid.diagnosis.experiment_ways import (
 from pamid.diagnosis.proposal import Proposal, WithheldExperiment
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.verdict_words import WITHHELD
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem
@@ -138,8 +139,8 @@ def _withheld(
     if not away:
         return None
     return WithheldExperiment(
-        "No next experiment is proposed: without a loop that holds the rig, each on the menu would "
-        f"lead it beyond what was recorded, {name} even at its tamest ({away}). Record one in a "
+        f"{WITHHELD}: without a loop that holds the rig, each on the menu would lead "
+        f"it beyond what was recorded, {name} even at its tamest ({away}). Record one in a "
         "position loop, or between stops that may be met."
     )
 

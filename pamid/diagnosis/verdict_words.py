@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 RECORD_MORE = "Record for longer, or with larger motion."
 MEASURE_MAP = "Measure what comes out there for what goes in, slowly, over the whole range."
 
+#: how the note begins that stands in the place of an experiment
+WITHHELD = "No next experiment is proposed"
+
 
 @dataclass(frozen=True)
 class Spelling:
@@ -96,6 +99,12 @@ def _as_a_rough_map(found: DiagnosisFile) -> str:
     if share > DEFAULT.rough_share:
         return ""
     return f" A map that is rough by {percent_text(share)} there would look alike."
+
+
+def withheld(found: DiagnosisFile) -> str:
+    """The note on why no experiment is proposed although models are in question; empty where there
+    is none."""
+    return next((note for note in found.notes if note.startswith(WITHHELD)), "")
 
 
 def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:

@@ -403,7 +403,8 @@ def next_answer(run: RunData) -> Answer:
         return Answer("Run the diagnosis on what is already recorded.", (_diagnose_command(run),))
     experiment = run.diagnosis.next_experiment
     if experiment is None:
-        return Answer("The diagnosis asks for no further experiment.")
+        none = "The diagnosis asks for no further experiment."
+        return Answer(formatting.clean(verdict_words.withheld(run.diagnosis)) or none)
     separated = formatting.join(map(effect_label, experiment.separates))
     details = [
         sentence(reason_text(experiment)),

@@ -43,6 +43,8 @@ def todo_of(run: RunData) -> str:
     if diagnosis.remark:
         return "Check the recordings and their units first; no verdict means anything before."
     experiment = diagnosis.next_experiment
+    if experiment is None and verdict_words.withheld(diagnosis):
+        return "Hold the rig by a loop and record again: without one each experiment leads too far."
     if experiment is None:
         return "Nothing more needs to be measured for this answer."
     text = f"run the experiment “{effect_label(experiment.name)}”"

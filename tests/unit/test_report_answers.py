@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from report_pages import VERDICTS, text_of
 from synthetic_run import cause, diagnosis_json, fit_json, make_run, network_json, run_json
 
+from pamid.diagnosis.verdict_words import WITHHELD
 from pamid.report.captions import ports_title
 from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, ranking_drawing, regimes_drawing
@@ -110,6 +111,27 @@ def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
     )
     assert "The diagnosis asks for no further experiment." in text
     assert "What the verdict rests on" not in text
+
+
+def test_an_experiment_that_would_lead_too_far_is_not_called_needless(tmp_path: Path) -> None:
+    """Where none is proposed although causes are in question, the page says why; what is sent
+    beside a proposed one, and where it leads, stands with it."""
+    bare = diagnosis_json("ambiguous") | {"next_experiment": None}
+    note = f"{WITHHELD}: each would lead the stage to 183 mm."
+    text = text_of(
+        make_run(
+            tmp_path / "NONE",
+            "ambiguous",
+            diagnosis=bare | {"notes": [note]},
+            without=NO_TRACES,
+        )
+    )
+    assert note in text and "asks for no further experiment" not in text
+    assert "Nothing more needs to be measured" not in text and "Hold the rig by a loop" in text
+    asked = diagnosis_json("ambiguous")
+    asked["next_experiment"] |= {"cautions": ["beside it oil_degc is held at 40, as recorded"]}
+    made = make_run(tmp_path / "RUN", "ambiguous", diagnosis=asked, without=NO_TRACES)
+    assert "Beside it oil_degc is held at 40, as recorded." in text_of(made)
 
 
 def test_a_remark_on_the_recordings_is_the_whole_answer(tmp_path: Path) -> None:
