@@ -252,7 +252,7 @@ def screen(
     here = hints.at(attachment.ports[0])
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
     points = starting_points(assembly, attachment, here, settings)
-    points += _scanned(reference, evidence, problem, starts, attachment)
+    points += _scanned_at_null(reference, evidence, problem, starts, attachment)
     for first, steps in points:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
@@ -268,11 +268,11 @@ def screen(
     done = _probed(reference, problem, found.p, found.starts, more, found.stepping, found.known)
     if reference.cost - done.cost < best.gain:
         done = found
-    again = _scanned_again(reference, attachment, done)
-    if again is not done:
+    beside = _scanned_beside(reference, attachment, done)
+    if beside is not done:
         keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
-        best = replace(best, first={key: float(again.p[i]) for key, i in keys.items()})
-        done = again
+        best = replace(best, first={key: float(beside.p[i]) for key, i in keys.items()})
+        done = beside
     return replace(
         best,
         gain=reference.cost - done.cost,
@@ -282,18 +282,19 @@ def screen(
     )
 
 
-def _scanned(
+def _scanned_at_null(
     reference: ScreeningBaseline,
     evidence: DataSplit,
     problem: Problem,
     starts: tuple[Array, ...] | None,
     attachment: Attachment,
 ) -> list[tuple[dict[str, float], int]]:
-    """Starting points at the best values of parameters that are scanned, and the steps they are
+    """Starting points at the best values of parameters that are scanned where all else of the
+    effect is amounts, which are projected out as they are at their null; and the steps they are
     given."""
     assembly, settings, base = problem.assembly, reference.settings, reference.baseline.fit
     wanted = _wanted(assembly, attachment)
-    if not wanted or starts is None:
+    if not wanted or starts is None or _shaping(problem, attachment):
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
@@ -318,19 +319,22 @@ def _wanted(assembly: Assembly, attachment: Attachment) -> list[int]:
     ]
 
 
-def _scanned_again(reference: ScreeningBaseline, attachment: Attachment, found: Fit) -> Fit:
-    """The fit, or a better one from another value of a scanned parameter: what shows beside the
-    effect's other amounts alone, as a rounded duty beside its pulses, is not found at their
-    null."""
+def _shaping(problem: Problem, attachment: Attachment) -> bool:
+    """Has the candidate further parameters that are no amounts, which nothing shows at the null of
+    these?"""
+    free = [problem.assembly.parameters[i] for i in problem.free]
+    return any(b.owner == attachment.label and b.null is None and not b.scan[1] for b in free)
+
+
+def _scanned_beside(reference: ScreeningBaseline, attachment: Attachment, found: Fit) -> Fit:
+    """The fit, or a better one from another value of a scanned parameter that shows beside the
+    effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
+    take something off."""
     problem, settings = found.problem, reference.settings
-    assembly = problem.assembly
-    shaping = [
-        b
-        for b in (assembly.parameters[i] for i in problem.free)
-        if b.owner == attachment.label and b.null is None and not b.scan[1]
-    ]
-    # amounts alone are projected out as they are at their null
-    wanted = _wanted(assembly, attachment) if shaping else []
+    helps = found.cost < (1.0 - settings.scanned_beside) * reference.cost
+    wanted = _wanted(problem.assembly, attachment)
+    if not helps or not _shaping(problem, attachment):
+        return found
     best = found
     for i in wanted:
         where = Scanned(

@@ -131,6 +131,7 @@ class Settings:
     screen_steps: int = setting(4, "Gauss-Newton steps", "from the best of them", COST)
     scanned_samples: int = setting(4000, "samples", "on which all values are tried", COST)
     scanned_checked: int = setting(24, "values", "best on a part, tried on all fitted data", COST)
+    scanned_beside: float = setting(0.1, "share of the cost", "that pulses take off, to scan", COST)
     scanned_starts: int = setting(2, "values", "of a scanned parameter, the best ones", COST)
     sheet_advantage: float = setting(
         1.05,
@@ -466,9 +467,7 @@ class Settings:
     experiment_old: float = setting(
         16.0, "correlation times", "of every old recording that a re-adjustment looks at", COST
     )
-    experiment_steps: int = setting(
-        3, "Gauss-Newton steps", "of each of the two fits of a re-adjustment", COST
-    )
+    experiment_steps: int = setting(3, "Gauss-Newton steps", "of either fit of one", COST)
     experiment_tolerance: float = setting(2e-2, "share of the cost", "a lesser step ends it", COST)
     experiment_visible: float = setting(
         1.0, "standard deviations of the noise", "less is no clear separation, and said", SHOWN_ONLY
