@@ -10,7 +10,8 @@ from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.simulation.replay import Replay, warm_up
+from pamid.simulation.replay import Replay, run_windows, warm_up
+from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,9 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
     it is near the noise floor it must also beat the forecasts from the first part of a window, on
     which its start was estimated: the median of that part, and the line through it. A model without
     states has no start, so that it has seen nothing of that part: such a forecast would know more
-    than it."""
+    than it. Of a slow machine these are good, and a model that is far off within a window may yet
+    know what the input does: one that runs through all of it from a single start, and is plainly
+    better than the median, has explained something."""
     started = bool(model.assembly.rig.states)
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
@@ -35,7 +38,28 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
             not started or near or _better(own, guess, seed, budget.settings)
         ):
             return False
-    return True
+    return not _follows_the_input(model, budget.settings)
+
+
+def _follows_the_input(model: CandidateModel, settings: Settings) -> bool:
+    """Run freely through everything held out, from where each recording's first window began: is
+    what it leaves plainly less than the median of what was measured leaves, in any channel?"""
+    left, flat = [], []
+    for r in model.replays:
+        whole = [Window(0, len(r.track))]
+        y = r.track.y
+        run = run_windows(
+            model.assembly.program,
+            model.assembly,
+            model.fit.p,
+            r.track,
+            whole,
+            r.entered[:1],
+            model.fit.stepping,
+        )
+        left.append(np.abs(y - run).sum(axis=0))
+        flat.append(np.abs(y - np.median(y, axis=0)).sum(axis=0))
+    return bool((np.nansum(left, axis=0) < settings.naive_plain * np.nansum(flat, axis=0)).any())
 
 
 def _better(own: Array, guess: Array, seed: int, settings: Settings = DEFAULT) -> bool:

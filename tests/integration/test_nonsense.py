@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
 
 from pamid.base.run_folder import Run
+from pamid.diagnosis import naive_forecast
+from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.settings import DEFAULT
+from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
@@ -101,6 +104,28 @@ def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -
     assert found["how_far"]["position_m"]["shrinkage"] > 0.5
 
 
+@pytest.mark.parametrize("kind", ["as it was", "in another order", "a random walk"])
+def test_a_model_that_follows_the_input_from_a_single_start_explains_something(
+    kind: str, tmp_path: Path
+) -> None:
+    """However far off it is within a window, where a slow machine stays near its start."""
+    random = np.random.default_rng(4)
+    power = np.repeat(random.uniform(0.0, 100.0, SAMPLES // 60), 60)
+    time = 10.0 * np.arange(SAMPLES)
+    write_recording(tmp_path / "sent.csv", time, {"power_w": power})
+    sent = read_recording(tmp_path / "sent.csv")
+    block = "thermal-block"
+    made = simulate_virtual_rig(block, sent, (), {}, {"capacity_j_per_k": 430.0}, 1.0, 1)
+    columns = dict(made.columns)
+    if kind != "as it was":
+        columns["temperature_degc"] = nonsense(kind, columns["temperature_degc"], 1)
+    write_recording(tmp_path / "rec.csv", time, columns)
+    evidence = split_recordings(rig_named(block), [read_recording(tmp_path / "rec.csv")], [])
+    found = fit_model(evidence)
+    model = candidate_from(found.assembly, found.fit, found.held_out)
+    assert naive_forecast._follows_the_input(model, DEFAULT) == (kind == "as it was")
+
+
 @pytest.mark.parametrize(
     ("error", "states", "nothing"),
     [
@@ -112,9 +137,10 @@ def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -
     ],
 )
 def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
-    error: float, states: tuple[str, ...], nothing: bool
+    error: float, states: tuple[str, ...], nothing: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two recordings, each of which lacks the sensor of the other."""
+    """Two recordings, each of which lacks the sensor of the other; no free run follows them."""
+    monkeypatch.setattr(naive_forecast, "_follows_the_input", lambda *given: False)
     time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
     replays: list[Any] = []
     for has in (0, 1):
