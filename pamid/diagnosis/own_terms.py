@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import estimates
+from pamid.model.assembly import Assembly
+from pamid.model.rig import Rig
 from pamid.symbolic.expression import substitute, symbol, symbols
 from pamid.symbolic.vocabulary import Expr, expression
 
 Array = NDArray[np.float64]
-
-MOVED_BY = 1e-4  # relative: by which a parameter is moved to see its term
 
 
 def own_terms(
@@ -31,8 +31,10 @@ def own_terms(
 
     With e(t) what the effect adds to the value that passes, d_j(t) the derivative of that value by
     parameter j with the states as they are, along the fitted windows: what the best combination of
-    the d_j leaves of e is no more than `settings.own_terms` of it. base: the model without effects;
-    a parameter that ended at a bound there could do no more, and does not count.
+    the d_j leaves of e is no more than `settings.own_terms` of it. A parameter that acts elsewhere,
+    too, does something else: what a pipe takes out of one tank comes into the next, what a leak
+    takes does not. base: the model without effects; a parameter that ended at a bound there could
+    do no more, and does not count.
     """
     (attached,) = (a for a in model.attached if a.label == label)
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
@@ -41,6 +43,7 @@ def own_terms(
     ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
     bounds, p = model.assembly.parameters, model.fit.p
     entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
+    entering -= _acting_elsewhere(model.assembly.rig, passed[0].port)
     own = [
         i
         for i in model.fit.problem.free
@@ -53,7 +56,9 @@ def own_terms(
     }
     if not own or not null:
         return ()
-    steps = [MOVED_BY * max(abs(float(p[i])), MOVED_BY * abs(bounds[i].high)) for i in own]
+    # relative: by which a parameter is moved to see its term
+    least = float(np.finfo(float).eps) ** 0.25
+    steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
     wanted: list[Expr] = []
     for q in passed:
         without = substitute([q.result], null)[0]
@@ -82,3 +87,13 @@ def own_terms(
     return tuple(
         n for n, w in zip(names, weight, strict=True) if abs(w) > settings.own_terms * all_of_it
     )
+
+
+def _acting_elsewhere(rig: Rig, port: str) -> set[str]:
+    """Parameters that the rig's equations read beside what passes this port."""
+    traced = Assembly(rig).traced
+    here = [q.value for q in traced.passages if q.port == port]
+    rest = substitute(
+        [*traced.rates.values(), *traced.outputs.values()], dict.fromkeys(here, expression(0.0))
+    )
+    return {name for space, name in symbols(rest) if space == "parameter"}

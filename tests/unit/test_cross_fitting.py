@@ -30,7 +30,9 @@ def model(name: str, errors: Array, family: str = "") -> CandidateModel:
     return cast(
         CandidateModel,
         SimpleNamespace(
-            assembly=SimpleNamespace(attachments=(attached,), parameters=()),
+            assembly=SimpleNamespace(
+                attachments=(attached,), parameters=(), traced=SimpleNamespace(passages=())
+            ),
             attached=(attached,),
             label=name,
             family=family or name,

@@ -36,7 +36,9 @@ def model(name: str, errors: Array, family: str, parameters: int, nats: float) -
     return cast(
         CandidateModel,
         SimpleNamespace(
-            assembly=SimpleNamespace(attachments=(attached,), parameters=()),
+            assembly=SimpleNamespace(
+                attachments=(attached,), parameters=(), traced=SimpleNamespace(passages=())
+            ),
             attached=(attached,),
             label=name,
             family=family,
