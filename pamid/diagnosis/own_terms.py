@@ -9,6 +9,8 @@ applies to less.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,7 @@ from pamid.estimation.intervals import estimates
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import substitute, symbol, symbols
-from pamid.symbolic.vocabulary import Expr, expression
+from pamid.symbolic.vocabulary import EquationError, Expr, expression
 
 Array = NDArray[np.float64]
 
@@ -43,7 +45,7 @@ def own_terms(
     ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
     bounds, p = model.assembly.parameters, model.fit.p
     entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
-    entering -= _acting_elsewhere(model.assembly.rig, passed[0].port)
+    entering -= _acting_elsewhere(base.assembly.rig)[passed[0].port]
     own = [
         i
         for i in model.fit.problem.free
@@ -89,11 +91,17 @@ def own_terms(
     )
 
 
-def _acting_elsewhere(rig: Rig, port: str) -> set[str]:
-    """Parameters that the rig's equations read beside what passes this port."""
+@lru_cache(maxsize=64)  # asked of every effect that leads
+def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
+    """By port: parameters that the rig's equations read beside what passes it."""
     traced = Assembly(rig).traced
-    here = [q.value for q in traced.passages if q.port == port]
-    rest = substitute(
-        [*traced.rates.values(), *traced.outputs.values()], dict.fromkeys(here, expression(0.0))
-    )
-    return {name for space, name in symbols(rest) if space == "parameter"}
+    roots = [*traced.rates.values(), *traced.outputs.values()]
+    found = {}
+    for port in rig.ports:
+        here = [q.value for q in traced.passages if q.port == port]
+        try:
+            rest = substitute(roots, dict.fromkeys(here, expression(0.0)))
+        except EquationError:  # not defined there: nothing can be said of the port
+            rest = roots
+        found[port] = frozenset(name for space, name in symbols(rest) if space == "parameter")
+    return found

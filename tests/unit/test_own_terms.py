@@ -10,13 +10,13 @@ import pytest
 from small_cart import PERIOD_S, record_cart
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, refit, replayed
-from pamid.diagnosis.own_terms import own_terms
+from pamid.diagnosis.own_terms import _acting_elsewhere, own_terms
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects
+from pamid.model.registry import catalogue_rig, effects, rigs
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -102,3 +102,17 @@ def test_what_no_parameter_of_the_rig_does_is_an_effect(
     recorded: tuple[DataSplit, CandidateModel], name: str, amounts: dict[str, float]
 ) -> None:
     assert own_terms(with_effect(recorded, name, **amounts), name, recorded[1]) == ()
+
+
+@pytest.mark.parametrize("name", list(rigs()))
+def test_every_rig_is_asked_what_acts_beside_its_ports(name: str) -> None:
+    """Also where nothing may pass a port without dividing by zero."""
+    rig = catalogue_rig(name)
+    assert set(_acting_elsewhere(rig)) == set(rig.ports)
+
+
+def test_what_leaves_one_tank_for_the_next_acts_elsewhere_too() -> None:
+    tanks = _acting_elsewhere(catalogue_rig("cascaded-tanks"))
+    assert (
+        tanks["upper"] and "loss" not in _acting_elsewhere(catalogue_rig("thermal-block"))["block"]
+    )
