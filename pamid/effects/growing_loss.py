@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effects.orifice_loss import REFERENCE
+from pamid.effects.orifice_loss import LOSS, REFERENCE
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, exp, log
@@ -37,16 +37,7 @@ class GrowingLoss(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter(
-            "loss",
-            0.1,
-            low=0.0,
-            high=5.0,
-            spread=0.5,
-            size="value",
-            null=0.0,
-            source="estimate: a tenth of the store's own rate",
-        ),
+        LOSS,
         Parameter(
             "power",
             2.0,

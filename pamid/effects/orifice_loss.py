@@ -27,6 +27,16 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, sqrt
 
+LOSS = Parameter(
+    "loss",
+    0.1,
+    low=0.0,
+    high=5.0,
+    spread=0.5,
+    size="value",
+    null=0.0,
+    source="estimate: a tenth of the store's own rate",
+)
 REFERENCE = Parameter(
     "reference",
     1.0,
@@ -45,16 +55,7 @@ class OrificeLoss(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter(
-            "loss",
-            0.1,
-            low=0.0,
-            high=5.0,
-            spread=0.5,
-            size="value",
-            null=0.0,
-            source="estimate: a tenth of the store's own rate",
-        ),
+        LOSS,
         AMBIENT,
         REFERENCE,
     )
