@@ -101,7 +101,7 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     where = found.where
     if where is None or not where.ports:
         return
-    together = {cause.port}.union(*(g for g in where.indistinguishable if cause.port in g))
+    together = {cause.port} | where.not_told_from(cause.port)
     # an effect at several ports together is reported at what their names have in common
     here = [one for one in where.ports if one.port in together or one.port.startswith(cause.port)]
     evidence = max((one.at_port or 0.0 for one in own if one is not None), default=0.0)
@@ -137,7 +137,7 @@ def _where(found: DiagnosisFile) -> Iterator[str]:
             yield f"the gap is said to enter at {where.port}, where no cause acts"
         return
     largest = max(one.share for one in where.ports)
-    together = {where.port}.union(*(g for g in where.indistinguishable if where.port in g))
+    together = {where.port} | where.not_told_from(where.port)
     own = max((one.share for one in where.ports if one.port in together), default=0.0)
     if own < largest * (1.0 - 1e-9):
         yield f"the gap is said to enter at {where.port}, and more of it enters elsewhere"

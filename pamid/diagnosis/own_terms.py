@@ -42,15 +42,14 @@ def own_terms(
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
     if len({q.port for q in passed}) != 1:
         return ()
-    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
     bounds, p = model.assembly.parameters, model.fit.p
     entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
-    entering -= _acting_elsewhere(base.assembly.rig)[passed[0].port]
-    own = [
-        i
-        for i in model.fit.problem.free
-        if not bounds[i].owner and bounds[i].key in entering - ended
-    ]
+    own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
+    if not own:
+        return ()
+    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
+    other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
+    own = [i for i in own if bounds[i].key not in other]
     null = {
         symbol("parameter", b.key): expression(b.null)
         for b in bounds

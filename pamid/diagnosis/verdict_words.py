@@ -217,10 +217,10 @@ def left_beside(rest: Remainder) -> str:
 def _entrance(where: Where, spelling: Spelling) -> str:
     """Where the gap enters: the port that the evidence prefers, and those that take as much of it
     or more where the sensors do not tell one from the other."""
-    alike = {where.port}.union(*(g for g in where.indistinguishable if where.port in g))
-    shares = {one.port: one.share for one in where.ports if one.port in alike}
+    shares = {one.port: one.share for one in where.ports}
     own = shares.get(where.port, 0.0)
-    others = sorted(p for p, share in shares.items() if p != where.port and share >= own > 0.0)
+    alike = where.not_told_from(where.port)
+    others = sorted(port for port in alike if shares.get(port, 0.0) >= own > 0.0)
     first = f" It enters at the {spelling.port(where.port)} port"
     if not others:
         return f"{first}."

@@ -98,10 +98,7 @@ def where_answer(run: RunData) -> Answer:
 def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
-    alike = sorted(
-        {port for group in where.indistinguishable if where.port in group for port in group}
-        - {where.port}
-    )
+    alike = sorted(where.not_told_from(where.port))
     # the form of the effect tells what the sensors alone cannot
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         ports = dict.fromkeys(formatting.port_label(one.port) for one in diagnosis.causes)

@@ -55,9 +55,7 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     if where is None or not where.ports:
         return None
     shares = _large_shares(where)
-    alike = {port for group in where.indistinguishable if where.port in group for port in group} - {
-        where.port
-    }
+    alike = where.not_told_from(where.port)
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

@@ -110,10 +110,7 @@ def _alike(diagnosis: DiagnosisFile) -> list[str]:
         return []
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         return sorted({port for cause in diagnosis.causes for port in cause.or_at})
-    return sorted(
-        {port for group in where.indistinguishable if where.port in group for port in group}
-        - {where.port}
-    )
+    return sorted(where.not_told_from(where.port))
 
 
 # ---- which ---------------------------------------------------------------------------------------

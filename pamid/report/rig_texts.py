@@ -111,7 +111,7 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
     if where is None:
         return []
     texts = []
-    others = {o for g in where.indistinguishable if group in g for o in g} - {group}
+    others = where.not_told_from(group)
     if others:
         order = [one.port for one in where.ports]
         named = sorted(others, key=lambda one: order.index(one) if one in order else len(order))
