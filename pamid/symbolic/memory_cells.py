@@ -13,7 +13,11 @@ of the one before, and h its length:
              z = e + (z_k - e) exp(-|x - x_k| / reach) with e = +-reach, the sign of the motion
     lag      tau dy/dt = x - y, solved exactly: for a held x as the mean over the step, for a moving
              one with x linear over the step (first-order hold)
-    delay    ring buffer of the integrator, linear between steps
+    delay    ring buffer of the integrator, linear between steps. A held x that comes a share q of
+             a step late is its last value but one for this share, then the last one: what a rate
+             makes of it counts by its mean over the step, (1 - q) f(near) + q f(far), not by f of
+             their mean, which a valve that opens either way would take for hardly any command
+             (as the modified z-transform splits a sample; Franklin, Powell and Workman 1998)
     input    held over the sample, or linear from one sample to the next: its value plus what it
              rises over the sample times the share of the sample that has gone by. What depends on
              such inputs and on no state is known over the whole step: there a lag takes the slope
@@ -24,6 +28,7 @@ of the one before, and h its length:
     Krasnosel'skii and Pokrovskii (1989), Systems with Hysteresis
     Brokate and Sprekels (1996), Hysteresis and Phase Transitions
     Dahl (1968), A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1
+    Franklin, Powell and Workman (1998), Digital Control of Dynamic Systems, 4.3.2
 
 Where the state is set anew between two windows of a recording, deflections of what follows a state
 stay as they are: memories are stored relative to the signal, so that a corrected position is not
@@ -35,7 +40,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pamid.symbolic.expression import rebuild, substitute, symbol, symbols, text, walk
-from pamid.symbolic.vocabulary import EquationError, Expr, exp, maximum, minimum, where
+from pamid.symbolic.vocabulary import EquationError, Expr, exp, floor, maximum, minimum, where
 
 TICKS = ("time", "step", "period", "fresh", "begin", "join", "part", "along")
 # s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state
@@ -80,6 +85,7 @@ class StateEquations:
 
 
 _AT_STAGE = {("tick", "part"), ("tick", "along")}  # what moves within a step beside the states
+_SETTLED = {("tick", "step"), ("tick", "period")}  # what is the same at every step
 
 
 def _is_held_over_step(node: Expr) -> bool:
@@ -93,6 +99,11 @@ def _is_driven(node: Expr) -> bool:
     start?"""
     found = symbols([node])
     return all(space != "state" for space, _ in found) and bool(found & _AT_STAGE)
+
+
+def _is_settled(node: Expr) -> bool:
+    """Is the value the same at every step?"""
+    return all(space == "parameter" or (space, name) in _SETTLED for space, name in symbols([node]))
 
 
 def _at_step_end(node: Expr) -> Expr:
@@ -111,11 +122,49 @@ def _linear_inputs(roots: list[Expr], linear: tuple[str, ...]) -> list[Expr]:
     return substitute(roots, moving) if moving else roots
 
 
+@dataclass(frozen=True)
+class _Split:
+    """A held value that changes within a step: what it is, on the mean and before and after, and
+    for which share of the step it still is what it was before."""
+
+    mean: Expr
+    before: Expr
+    after: Expr
+    share: Expr
+
+    def mean_of(self, root: Expr) -> Expr:
+        """Mean over the step of what is made of the value."""
+        if _follows_straight(root, self.mean):
+            return root
+        (early,), (late,) = (
+            substitute([root], {self.mean: value}) for value in (self.before, self.after)
+        )
+        return late + self.share * (early - late)
+
+
+def _follows_straight(root: Expr, part: Expr) -> bool:
+    """Is the root a straight line over this part of it, or without it?"""
+    straight: dict[Expr, bool | None] = {}  # None: without it
+    for node in walk([root]):
+        found = [straight[a] for a in node.args]
+        if node is part:
+            straight[node] = True
+        elif all(f is None for f in found):
+            straight[node] = None
+        else:
+            once = node.op == "mul" and None in found
+            divided = node.op == "div" and found[1] is None
+            sums = node.op in ("add", "sub", "neg") and False not in found
+            straight[node] = False not in found and (once or divided or sums)
+    return straight[root] is not False
+
+
 class _MemoryExpansion:
     def __init__(self) -> None:
         self.new: dict[Expr, Expr] = {}
         self.cells: list[Cell] = []
         self.states: list[tuple[str, Expr]] = []
+        self.splits: list[_Split] = []
 
     def name(self, kind: str) -> str:
         return f"{kind}{len(self.cells) + len(self.states)}"
@@ -225,6 +274,8 @@ class _MemoryExpansion:
     def delay(self, x: Expr, seconds: Expr, longest_s: float) -> Expr:
         name = self.name("delay")
         now = symbol("cell", f"{name}_input")
+        if _is_held_over_step(x) and _is_settled(seconds):
+            return self.split_delay(name, x, seconds, longest_s)
         self.cells += [
             Cell(f"{name}_input", x, x),
             Cell(name, now, now, buffer_s=longest_s, seconds=seconds),
@@ -241,6 +292,21 @@ class _MemoryExpansion:
         )
         end = symbol("cell", f"{name}_end") + maximum(1.0 - seconds / h, 0.0) * rise
         return x + (1.0 - along) * (out - now) + along * (end - now - rise)
+
+    def split_delay(self, name: str, x: Expr, seconds: Expr, longest_s: float) -> Expr:
+        """A held value a fixed time late, of which a step sees two values, one after the other."""
+        h, now = tick("step"), symbol("cell", f"{name}_input")
+        steps = floor(seconds / h)
+        after, before = symbol("cell", f"{name}_near"), symbol("cell", f"{name}_far")
+        split = _Split(symbol("cell", name), before, after, seconds / h - steps)
+        self.cells += [
+            Cell(f"{name}_input", x, x),
+            Cell(f"{name}_near", now, now, buffer_s=longest_s, seconds=steps * h),
+            Cell(f"{name}_far", now, now, buffer_s=longest_s, seconds=(steps + 1.0) * h),
+            Cell(name, after + split.share * (before - after), now),
+        ]
+        self.splits.append(split)
+        return split.mean
 
     def integral(self, x: Expr) -> Expr:
         name = self.name("integral")
@@ -318,9 +384,12 @@ def expand_memory(
     rate_nodes = [next(found) for _ in rates]
     out_nodes = [next(found) for _ in outputs]
     done = [Cell(c.name, next(found), next(found), c.sampled) for c in cells]
+    rate_nodes += [e for _, e in work.states]
+    for split in work.splits:
+        rate_nodes = [split.mean_of(e) for e in rate_nodes]
     return StateEquations(
         (*rates, *(n for n, _ in work.states)),
-        (*rate_nodes, *(e for _, e in work.states)),
+        tuple(rate_nodes),
         tuple(out_nodes),
         _ordered(done + work.cells),
     )

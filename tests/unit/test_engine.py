@@ -228,6 +228,12 @@ MODELS: dict[str, Callable[[], Model]] = {
         [1.3, 0.0347],
         [0.3, -0.1],
     ),
+    "delay of a rectified input": lambda: (
+        {"x": V, "v": 80.0 * abs(A * delay(U, B, 0.1) - 0.1) - 40.0 * X - V},
+        {"x": X, "y": integral(abs(delay(U, 0.5 * B, 0.1)))},
+        [1.3, 0.0347],
+        [0.3, -0.1],
+    ),
     "integral": lambda: (
         {**_OSCILLATOR, "v": _OSCILLATOR["v"] - A * integral(X - B * 0.1)},
         {"x": X},
