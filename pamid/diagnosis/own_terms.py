@@ -57,12 +57,18 @@ def own_terms(
     }
     if not own or not null:
         return ()
+    # what the effect remembers is the effect's, too: gone with it
+    remembered = {
+        symbol(space, name): expression(0.0)
+        for space, name in symbols([q.result for q in passed])
+        if space == "state" and name.startswith(f"{label}.")
+    }
     # relative: by which a parameter is moved to see its term
     least = float(np.finfo(float).eps) ** 0.25
     steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
     wanted: list[Expr] = []
     for q in passed:
-        without = substitute([q.result], null)[0]
+        without = substitute([q.result], null | remembered)[0]
         moved = [
             substitute([q.value], {at: at + step})[0]
             for at, step in zip(

@@ -14,13 +14,13 @@ from pamid.diagnosis.own_terms import _acting_elsewhere, own_terms
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.background import RoughMap
-from pamid.model.effect import State
+from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import catalogue_rig, effects, rigs
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.symbolic.vocabulary import Number
+from pamid.symbolic.vocabulary import Expr, Number
 
 
 class DraggedCart(Rig):
@@ -50,6 +50,26 @@ class DraggedCart(Rig):
         return {"position_m": port("sensor", x.position)}
 
 
+class CreepingDrag(Effect):
+    """Drag that wears off while it lasts: more than the drag of the rig, by what it remembers."""
+
+    name = "creeping-drag"
+    family = "friction"
+    kinds = ("motion",)
+    signals = ("velocity",)
+    unit = "N"
+    states = (State("given", "N"),)
+    parameters = (
+        Parameter("drag", 3.0, 0.0, 30.0, "N s/m", spread=3.0, null=0.0, source="test"),
+        Parameter("time_constant", 0.3, 0.01, 3.0, "s", spread=2.0, log=True, source="test"),
+    )
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:
+        return value - p.drag * at.velocity + z.given / p.time_constant, {
+            "given": p.drag * at.velocity - z.given / p.time_constant
+        }
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
     path = record_cart(
@@ -66,7 +86,7 @@ def with_effect(
 ) -> CandidateModel:
     """The model with an effect of these amounts (SI), not fitted."""
     evidence, base = recorded
-    effect = attach(evidence.rig, name, effects())
+    effect = attach(evidence.rig, name, effects() | {CreepingDrag.name: CreepingDrag})
     assembly = model_with(evidence, (effect,), base.assembly.sizes)
     fitted = refit(evidence, assembly, base.fit)
     p = np.array(fitted.p)
@@ -96,6 +116,7 @@ def test_drag_once_more_is_told(
         ("directional-damping", {"forward": 4.0, "backward": 6.0}),
         ("quadratic-drag", {"drag": 4.0}),
         ("cubic-stiffness", {"hardening": 1.0}),
+        ("creeping-drag", {"drag": 4.0, "time_constant": 0.2}),
     ],
 )
 def test_what_no_parameter_of_the_rig_does_is_an_effect(
