@@ -10,17 +10,20 @@ applies to less.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import estimates
-from pamid.model.assembly import Assembly
+from pamid.model.effect import Effect
 from pamid.model.rig import Rig
+from pamid.model.trace import trace
 from pamid.symbolic.expression import substitute, symbol, symbols
-from pamid.symbolic.vocabulary import EquationError, Expr, expression
+from pamid.symbolic.vocabulary import Expr, Number, expression
 
 Array = NDArray[np.float64]
 
@@ -96,17 +99,29 @@ def own_terms(
     )
 
 
+class _Closed(Effect):
+    """Nothing comes out of the port."""
+
+    name = "closed"
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return 0.0
+
+
 @lru_cache(maxsize=64)  # asked of every effect that leads
 def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
-    """By port: parameters that the rig's equations read beside what passes it."""
-    traced = Assembly(rig).traced
-    roots = [*traced.rates.values(), *traced.outputs.values()]
+    """By port: parameters that the rig's equations read beside what passes it. The port is closed
+    for this, not its value left out: what a sensor reads may act in the machine as well."""
     found = {}
-    for port in rig.ports:
-        here = [q.value for q in traced.passages if q.port == port]
+    for closed in rig.ports:
+
+        def effects_at(port: str, _: str, closed: str = closed) -> list[tuple[str, Effect]]:
+            return [("", _Closed())] if port == closed else []
+
         try:
-            rest = substitute(roots, dict.fromkeys(here, expression(0.0)))
-        except EquationError:  # not defined there: nothing can be said of the port
-            rest = roots
-        found[port] = frozenset(name for space, name in symbols(rest) if space == "parameter")
+            rest = trace(rig, effects_at, {})
+        except FileError:  # not defined there: nothing can be said of the port
+            rest = trace(rig, lambda *_: [], {})
+        read = symbols([*rest.rates.values(), *rest.outputs.values()])
+        found[closed] = frozenset(name for space, name in read if space == "parameter")
     return found

@@ -137,3 +137,8 @@ def test_what_leaves_one_tank_for_the_next_acts_elsewhere_too() -> None:
     assert (
         tanks["upper"] and "loss" not in _acting_elsewhere(catalogue_rig("thermal-block"))["block"]
     )
+
+
+def test_what_a_sensor_reads_acts_in_the_machine_as_well() -> None:
+    """The current of a motor passes its ammeter, and drives it."""
+    assert "resistance" in _acting_elsewhere(catalogue_rig("dc-motor"))["ammeter"]
