@@ -21,7 +21,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import estimates
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
-from pamid.model.trace import trace
+from pamid.model.trace import Passage, trace
 from pamid.symbolic.expression import substitute, symbol, symbols
 from pamid.symbolic.vocabulary import Expr, Number, expression
 
@@ -38,21 +38,14 @@ def own_terms(
     parameter j with the states as they are, along the fitted windows: what the best combination of
     the d_j leaves of e is no more than `settings.own_terms` of it. A parameter that acts elsewhere,
     too, does something else: what a pipe takes out of one tank comes into the next, what a leak
-    takes does not. base: the model without effects; a parameter that ended at a bound there could
+    takes does not. Nor does one that would have to leave its data sheet for it: a ruler does not
+    err by a third. base: the model without effects; a parameter that ended at a bound there could
     do no more, and does not count.
     """
     (attached,) = (a for a in model.attached if a.label == label)
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
-    if len({q.port for q in passed}) != 1:
-        return ()
-    bounds, p = model.assembly.parameters, model.fit.p
-    entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
-    own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
-    if not own:
-        return ()
-    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
-    other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
-    own = [i for i in own if bounds[i].key not in other]
+    own = _own_parameters(model, passed, base)
+    bounds = model.assembly.parameters
     null = {
         symbol("parameter", b.key): expression(b.null)
         for b in bounds
@@ -61,42 +54,76 @@ def own_terms(
     if not own or not null:
         return ()
     # what the effect remembers is the effect's, too: gone with it
-    remembered = {
+    null |= {
         symbol(space, name): expression(0.0)
         for space, name in symbols([q.result for q in passed])
         if space == "state" and name.startswith(f"{label}.")
     }
+    added, terms = _along_fit(model, passed, null, own)
+    size = np.sqrt((terms**2).mean(axis=0))
+    own = [i for i, s in zip(own, size, strict=True) if s > 0.0]
+    terms, size = terms[:, size > 0.0], size[size > 0.0]
+    all_of_it = float(np.sqrt((added**2).mean()))
+    if not own or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
+        return ()
+    weight = np.linalg.lstsq(terms / size, added, rcond=None)[0]
+    left = float(np.sqrt(((added - terms / size @ weight) ** 2).mean()))
+    least = settings.own_terms * all_of_it
+    if left > least or _leaves_its_prior(model, own, weight / size, settings):
+        return ()
+    return tuple(bounds[i].name for i, w in zip(own, weight, strict=True) if abs(w) > least)
+
+
+def _own_parameters(
+    model: CandidateModel, passed: list[Passage], base: CandidateModel
+) -> list[int]:
+    """Places of the rig's fitted parameters that act at the port of these passages alone, and ended
+    at no bound without the effect."""
+    if len({q.port for q in passed}) != 1:
+        return []
+    bounds = model.assembly.parameters
+    entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
+    own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
+    if not own:
+        return []
+    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
+    other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
+    return [i for i in own if bounds[i].key not in other]
+
+
+def _along_fit(
+    model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], own: list[int]
+) -> tuple[Array, Array]:
+    """What the effect adds to these passages along the fit, and the derivatives of what enters them
+    by these parameters (samples; samples x own)."""
+    bounds, p = model.assembly.parameters, model.fit.p
     # relative: by which a parameter is moved to see its term
     least = float(np.finfo(float).eps) ** 0.25
     steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
+    moves = [
+        {at: at + step}
+        for at, step in zip((symbol("parameter", bounds[i].key) for i in own), steps, strict=True)
+    ]
     wanted: list[Expr] = []
     for q in passed:
-        without = substitute([q.result], null | remembered)[0]
-        moved = [
-            substitute([q.value], {at: at + step})[0]
-            for at, step in zip(
-                (symbol("parameter", bounds[i].key) for i in own), steps, strict=True
-            )
-        ]
-        wanted += [
-            q.result - without,
-            *((one - q.value) * (1.0 / s) for one, s in zip(moved, steps, strict=True)),
-        ]
+        (without,) = substitute([q.result], null)
+        wanted.append(q.result - without)
+        for move, step in zip(moves, steps, strict=True):
+            (moved,) = substitute([q.value], move)
+            wanted.append((moved - q.value) * (1.0 / step))
     rows = model.along_fit(wanted).reshape(-1, 1 + len(own))
-    added, terms = rows[:, 0], rows[:, 1:]
-    size = np.sqrt((terms**2).mean(axis=0))
-    terms = terms[:, size > 0.0] / size[size > 0.0]
-    all_of_it = float(np.sqrt((added**2).mean()))
-    if not terms.size or not np.isfinite(rows).all() or all_of_it == 0.0:
-        return ()
-    weight = np.linalg.lstsq(terms, added, rcond=None)[0]
-    left = float(np.sqrt(((added - terms @ weight) ** 2).mean()))
-    if left > settings.own_terms * all_of_it:
-        return ()
-    names = [bounds[i].name for i, s in zip(own, size, strict=True) if s > 0.0]
-    return tuple(
-        n for n, w in zip(names, weight, strict=True) if abs(w) > settings.own_terms * all_of_it
-    )
+    return rows[:, 0], rows[:, 1:]
+
+
+def _leaves_its_prior(model: CandidateModel, own: list[int], by: Array, settings: Settings) -> bool:
+    """Would one of these parameters, moved by so much (SI) from where the model has it, be farther
+    off its data sheet than what is called far off, and farther than it is?"""
+    scale, p = model.fit.problem.scale, model.fit.p.copy()
+    before = scale.inside(p[list(model.fit.problem.free)])
+    p[own] += by
+    after = scale.inside(p[list(model.fit.problem.free)])
+    most = np.maximum(settings.far_off, np.abs(before))
+    return bool((np.abs(after) > most).any())
 
 
 class _Closed(Effect):

@@ -125,6 +125,21 @@ def test_what_no_parameter_of_the_rig_does_is_an_effect(
     assert own_terms(with_effect(recorded, name, **amounts), name, recorded[1]) == ()
 
 
+def test_what_a_data_sheet_rules_out_is_an_effect(
+    recorded: tuple[DataSplit, CandidateModel],
+) -> None:
+    """Drag once more, by many times what the rig's own is uncertain by."""
+    assert own_terms(
+        with_effect(recorded, "viscous-friction", damping=4.0), "viscous-friction", recorded[1]
+    )
+    assert (
+        own_terms(
+            with_effect(recorded, "viscous-friction", damping=20.0), "viscous-friction", recorded[1]
+        )
+        == ()
+    )
+
+
 @pytest.mark.parametrize("name", list(rigs()))
 def test_every_rig_is_asked_what_acts_beside_its_ports(name: str) -> None:
     """Also where nothing may pass a port without dividing by zero."""
