@@ -118,7 +118,7 @@ def bristles(v: float, load: float, level: float, z: Array, f: Any, h: float) ->
     presses the surfaces together, in the unit that the sizes count it in."""
     force = 0.0
     own = f.dahl + f.load_share * abs(load) + f.level_share * level * level / (level + f.level_knee)
-    own += f.forward if v > 0.0 else f.backward
+    own += f.forward if z[BRISTLE] > 0.0 else f.backward  # at rest, too, as it was left
     if own > 0.0:
         y = z[BRISTLE]
         yielding = 1.0 - y * np.sign(v)
