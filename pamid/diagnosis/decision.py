@@ -235,9 +235,10 @@ def decide(
     settings: Settings = DEFAULT,
 ) -> Decision:
     """The verdict. weighed: effects of the best model; tied: where it has a single one, it and the
-    first of every other family that these recordings cannot tell from it; rivals: the first of
-    every family, of which some together may be probable where none is alone; doubt: why nothing
-    can be said of the model whatever the figures are ("" where there is no such reason)."""
+    first of every other family that these recordings cannot tell from it; rivals: the most
+    probable of every family, of which some together may be probable where none is alone; doubt: why
+    nothing can be said of the model whatever the figures are ("" where there is no such reason).
+    """
     c = calibration()
     gap, rest = (c.lines["missing"].probability(m.features()) for m in (before, after))
     yes = c.lines["cause"].yes

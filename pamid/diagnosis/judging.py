@@ -200,7 +200,7 @@ def _weighed_up(
         for one in c.ranking
         if one in alike or (halves and not halves.steady and one in halves.choices)
     ]
-    rivals = _of_families(c.ranking, best)
+    rivals = _most_probable_of_families(search, c, best)
     alone = {
         one: _placed(
             search, c, _member(search, one.attached[0], one, base, own, halves), one, alike
@@ -394,6 +394,17 @@ def _of_families(models: Sequence[CandidateModel], best: CandidateModel) -> list
     ties nor rivals are sought among several effects."""
     first = {c.family: c for c in reversed(models)}
     return [c for c in models if first[c.family] is c] if len(best.attached) == 1 else []
+
+
+def _most_probable_of_families(
+    search: Search, c: _Compared, best: CandidateModel
+) -> list[CandidateModel]:
+    """The same with the most probable of every family, which need not be the first of it: one of
+    those that ended at no bound, where there is one."""
+    chances = dict(zip(c.ranking, map(cause_probability, c.signatures), strict=True))
+    free = {one: not at_bounds(one, search.settings) for one in c.ranking}
+    ordered = sorted(c.ranking, key=lambda one: (free[one], chances[one]), reverse=True)
+    return _of_families(ordered, best)
 
 
 def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
