@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pamid.diagnosis.decision import is_material, is_ordinary_bend
+from pamid.diagnosis.decision import is_material, is_ordinary_bend, is_sure
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_words import MEASURE_MAP, RECORD_MORE
@@ -105,7 +105,10 @@ def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) 
     # an effect at several ports together is reported at what their names have in common
     here = [one for one in where.ports if one.port in together or one.port.startswith(cause.port)]
     evidence = max((one.at_port or 0.0 for one in own if one is not None), default=0.0)
-    plain = cause.removes is not None and cause.removes.low >= settings.port_overruled
+    sure = max(
+        (min(one.sure or 0.0, one.lead_sure or 0.0) for one in own if one is not None), default=0.0
+    )
+    plain = cause.removes is not None and is_sure(cause.removes.low, sure, settings)
     if max(sum(one.share for one in here), evidence) < settings.port_negligible and not plain:
         yield "next to nothing of the gap enters at its port"
 

@@ -56,7 +56,8 @@ class Weighed:
     cannot tell from it, or the evidence there over the largest at any port, whichever is more;
     bent: share of what passes by which it bends a characteristic, where it does nothing else;
     of_left: share that it removes of what the others leave; again: the rig's own parameters whose
-    terms do what it does
+    terms do what it does; sure: standard errors by which it removes something, and by which it
+    removes more than any other family does in its place, the fewer of both
     """
 
     effect: str
@@ -69,6 +70,7 @@ class Weighed:
     bent: float | None = None
     of_left: float = 0.0
     again: tuple[str, ...] = ()
+    sure: float = 0.0
 
     def objections(self, settings: Settings = DEFAULT) -> list[str]:
         """Why it must not be named whatever its probability; empty where nothing speaks against
@@ -82,9 +84,11 @@ class Weighed:
             found.append(f"{', '.join(self.vanished)} ended at nothing")
         if self.at_bound:
             found.append(f"{', '.join(self.at_bound)} ended at a bound")
-        # what removes most of the gap is there, whatever a slowly varying value at its port, as
-        # evidence is taken with, can make of it: a delay is none
-        if self.here < settings.port_negligible and self.removes.low < settings.port_overruled:
+        # what removes most of the gap, or is as sure as that, is there, whatever a slowly varying
+        # value at its port, as evidence is taken with, can make of it: a delay or a lag is none
+        if self.here < settings.port_negligible and not is_sure(
+            self.removes.low, self.sure, settings
+        ):
             found.append("next to nothing of the gap enters at its port")
         if is_ordinary_bend(self.bent, settings):
             found.append("it bends what passes its port by no more than ordinary machines do")
@@ -96,6 +100,12 @@ class Weighed:
 def is_material(removes: float, of_left: float, settings: Settings) -> bool:
     """Is so much of the gap, or of what other effects leave of it, worth a name?"""
     return removes >= settings.least_shrinkage or of_left >= settings.further_of_left
+
+
+def is_sure(least: float, sure: float, settings: Settings) -> bool:
+    """Is an effect there wherever the gap seems to enter? least: share of the gap that it removes
+    with 95 % confidence; sure: as in `Weighed`."""
+    return least >= settings.port_overruled or sure >= settings.port_overruled_sure
 
 
 def is_ordinary_bend(bent: float | None, settings: Settings) -> bool:

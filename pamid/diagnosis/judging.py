@@ -372,6 +372,7 @@ def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> 
         m.bent,
         m.signature.of_left,
         m.again,
+        min(m.signature.sure, m.signature.lead_sure),
     )
 
 

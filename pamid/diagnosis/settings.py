@@ -88,6 +88,12 @@ class Settings:
     port_overruled: float = setting(
         0.5, "share of the gap", "... unless it removes as much as this with 95 % confidence"
     )
+    port_overruled_sure: float = setting(
+        5.0,
+        "standard errors",
+        "... or removes something, and more than any other family, by so many",
+        "the usual five of a discovery, as for `further_sure`",
+    )
     black_box_samples: int = setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST
     )

@@ -79,6 +79,7 @@ def weighed_effects(draw: st.DrawFn, most: int = 3) -> list[Weighed]:
             draw(st.sampled_from([(), (), (), ("size",)])),
             draw(st.floats(0.0, 1.0)),
             bent=draw(st.sampled_from([None, None, 0.01, 0.2])),
+            sure=draw(st.floats(-3.0, 12.0)),
         )
         for effect, family in chosen
     ]
