@@ -143,7 +143,8 @@ def lag(x: Number, time_constant_s: Number) -> Expr:
 
 def delay(x: Number, seconds: Number, longest_s: float) -> Expr:
     """Transport delay of x by `seconds` (0 .. longest_s), linear between samples; equals x at delay
-    0."""
+    0. Of an input that is held over a sample, and comes within one, a rate sees one value after the
+    other, not their mean."""
     if not longest_s > 0.0:
         raise EquationError(f"a delay needs a longest value above 0 s, got {longest_s}")
     return Expr("delay", (expression(x), expression(seconds)), float(longest_s))
