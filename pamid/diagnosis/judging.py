@@ -131,7 +131,7 @@ def judge(
         leaders = [k[0] for k in located.classes]
         beside = locate(search.evidence, instead, search.pool, leaders, settings=settings)
         again = _weighed_up(search, compared, instead, beside)
-        weighed = again if again.decision.named else weighed
+        weighed = again if _stands(weighed, again) else weighed
     kept = {m.effect.label for m in weighed.members}
     together = everything.members if len(everything.members) > 1 else ()
     if weighed.best in ranking:
@@ -221,6 +221,14 @@ def _weighed_up(
         tied = [one for one in alone if one.label in decision.named]
     one_of = tuple((one, alone[one]) for one in tied)
     return _WeighedUp(best, after, grounds, halves, one_of, members, decision)
+
+
+def _stands(before: _WeighedUp, instead: _WeighedUp) -> bool:
+    """Does the other model name something, and of several effects what was named among them? One
+    that is nothing by itself is named in the company in which it was found."""
+    named = set(instead.decision.named)
+    single = len(before.best.attached) == 1 or before.decision.verdict == "ambiguous"
+    return bool(named) and (single or named >= set(before.decision.named))
 
 
 def _instead(search: Search, c: _Compared, weighed: _WeighedUp) -> CandidateModel | None:

@@ -1,4 +1,5 @@
-"""Which model stands for a family among those of which one may be there."""
+"""Which model stands for a family among those of which one may be there, and which one for the
+best, of which not everything may be named."""
 
 from __future__ import annotations
 
@@ -47,3 +48,30 @@ def test_one_that_is_pressed_against_a_bound_stands_back(monkeypatch: pytest.Mon
 
 def test_no_rivals_are_sought_among_several_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     assert stood_for(monkeypatch, Model("friction", 0.4, attached=("one", "other"))) == []
+
+
+def weighed_up(verdict: str, named: str, attached: int) -> Any:
+    """What is made of a best model with so many effects; named: one letter each."""
+    return SimpleNamespace(
+        best=SimpleNamespace(attached=range(attached)),
+        decision=SimpleNamespace(verdict=verdict, named=tuple(named)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("before", "instead", "stands"),
+    [
+        (("explained", "a", 2), ("explained", "a", 1), True),
+        # of a pair one may not be named, and the other is nothing by itself: a third would be named
+        (("partly-explained", "a", 2), ("ambiguous", "bc", 1), False),
+        (("partly-explained", "ab", 3), ("explained", "a", 2), False),
+        (("unknown-effect", "", 2), ("explained", "a", 1), True),
+        (("unknown-effect", "", 1), ("explained", "b", 1), True),
+        (("explained", "a", 2), ("unknown-effect", "", 1), False),
+        (("ambiguous", "ab", 1), ("explained", "a", 1), True),
+    ],
+)
+def test_a_model_that_names_less_does_not_take_the_place_of_a_pair(
+    before: tuple[str, str, int], instead: tuple[str, str, int], stands: bool
+) -> None:
+    assert judging._stands(weighed_up(*before), weighed_up(*instead)) is stands
