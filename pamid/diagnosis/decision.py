@@ -105,7 +105,7 @@ def is_material(removes: float, of_left: float, settings: Settings) -> bool:
 def is_sure(least: float, sure: float, settings: Settings) -> bool:
     """Is an effect there wherever the gap seems to enter? least: share of the gap that it removes
     with 95 % confidence; sure: as in `Weighed`."""
-    return least >= settings.port_overruled or sure >= settings.port_overruled_sure
+    return least >= settings.port_overruled or sure >= settings.further_sure
 
 
 def is_ordinary_bend(bent: float | None, settings: Settings) -> bool:

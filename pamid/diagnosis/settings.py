@@ -86,13 +86,9 @@ class Settings:
         0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"
     )
     port_overruled: float = setting(
-        0.5, "share of the gap", "... unless it removes as much as this with 95 % confidence"
-    )
-    port_overruled_sure: float = setting(
-        5.0,
-        "standard errors",
-        "... or removes something, and more than any other family, by so many",
-        "the usual five of a discovery, as for `further_sure`",
+        0.5,
+        "share of the gap",
+        "... unless it removes as much with 95 % confidence, or by `further_sure`",
     )
     black_box_samples: int = setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST
@@ -293,7 +289,7 @@ class Settings:
     further_sure: float = setting(
         5.0,
         "standard errors",
-        "surer ones that remove as much need no line",
+        "surer ones that remove as much need no line, and no slow value at their port",
         "the usual five of a discovery: the line alone had lost a right effect at 11.9",
     )
     subsets: int = setting(6, "combinations", "at most, of effects, refitted jointly", COST)

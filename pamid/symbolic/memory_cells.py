@@ -85,7 +85,7 @@ class StateEquations:
 
 
 _AT_STAGE = {("tick", "part"), ("tick", "along")}  # what moves within a step beside the states
-_SETTLED = {("tick", "step"), ("tick", "period")}  # what is the same at every step
+_SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}  # what is the same at every step
 
 
 def _is_held_over_step(node: Expr) -> bool:
@@ -103,7 +103,10 @@ def _is_driven(node: Expr) -> bool:
 
 def _is_settled(node: Expr) -> bool:
     """Is the value the same at every step?"""
-    return all(space == "parameter" or (space, name) in _SETTLED for space, name in symbols([node]))
+    return all(
+        space == "parameter" or (space, name) in _SAME_AT_EVERY_STEP
+        for space, name in symbols([node])
+    )
 
 
 def _at_step_end(node: Expr) -> Expr:

@@ -146,7 +146,7 @@ def test_what_speaks_against_a_cause() -> None:
     plain = replace(elsewhere, here=0.0, removes=Share(0.98, 0.9, 1.0))
     assert not plain.objections() and plain.objections(Settings(port_overruled=0.95))
     sure = replace(elsewhere, here=0.0, sure=6.9)
-    assert not sure.objections() and sure.objections(Settings(port_overruled_sure=7.0))
+    assert not sure.objections() and sure.objections(Settings(further_sure=7.0))
 
 
 def test_the_pull_from_which_a_background_is_named() -> None:

@@ -177,7 +177,10 @@ def file_of(
     real = bool(causes and found.remainder_real) or found.verdict == "unknown-effect"
     unsure = found.verdict == "cannot-tell" and found.gap_real
     probable, plain = decision.counts_from(left, DEFAULT)
-    signature = {"bounds": 0.0}
+
+    def signature(w: Weighed) -> dict[str, float]:
+        return {"bounds": float(len(w.at_bound)), "sure": w.sure, "lead_sure": w.sure}
+
     made |= {
         "verdict": found.verdict,
         "remark": "Check the columns." if found.why in ("units", "empty") else "",
@@ -201,7 +204,7 @@ def file_of(
                 "probability": w.probability,
                 "removes": vars(w.removes),
                 "bent": w.bent,
-                "signature": signature | {"bounds": float(len(w.at_bound))},
+                "signature": signature(w),
             }
             for w in weighed
         ],
@@ -233,6 +236,7 @@ def file_of(
                 "shrinkage": w.removes.share,
                 "low": w.removes.low,
                 "high": w.removes.high,
+                "signature": signature(w),
             }
             for w in known.values()
         ],
