@@ -86,9 +86,7 @@ class Settings:
         0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"
     )
     port_overruled: float = setting(
-        0.5,
-        "share of the gap",
-        "... unless it removes as much with 95 % confidence, or by `further_sure`",
+        0.5, "share of the gap", "... unless it surely removes as much, or by `further_sure`"
     )
     black_box_samples: int = setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST
