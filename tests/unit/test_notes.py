@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pamid.diagnosis.notes import _between, roughness
+from pamid.diagnosis.notes import _between, _fits, roughness
 from pamid.diagnosis.settings import DEFAULT
 from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Remainder
@@ -44,6 +44,20 @@ def test_other_delays_do_not(late: float) -> None:
 
 def test_nor_where_no_input_is_taken_so() -> None:
     assert told(0.5, {}) == []
+
+
+@pytest.mark.parametrize(("better", "said"), [(0.4, 1), (0.05, 0), (-2.0, 0), (float("nan"), 0)])
+def test_a_refit_that_predicts_worse_than_the_data_sheet_is_told(better: float, said: int) -> None:
+    """better: share of the refitted model's error that the data sheet does without."""
+    budget = SimpleNamespace(
+        baseline=SimpleNamespace(fit=SimpleNamespace(converged=True)),
+        data_sheet=None,
+        shrinkage=lambda _: better,
+        error_text=lambda: "angle_deg 2.92 -> 5.38 (floor 0.0403)",
+    )
+    d: Any = SimpleNamespace(budget=budget, settings=DEFAULT, cause=None)
+    found = _fits(d)
+    assert len(found) == said and all("2.92 -> 5.38" in note for note in found)
 
 
 LEFT = Remainder(
