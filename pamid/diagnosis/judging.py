@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -169,6 +170,11 @@ class _Compared:
     tried: tuple[CandidateModel, ...]  # models of several effects
     groups: tuple[tuple[str, ...], ...]  # of ports that the sensors cannot tell apart
     doubt: str
+
+    @cached_property
+    def chances(self) -> dict[CandidateModel, float]:
+        """Of every single effect, its probability."""
+        return dict(zip(self.ranking, map(cause_probability, self.signatures), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,14 +356,13 @@ def _placed(
     that cannot be told from the first of the ranking, where it is one of them."""
     if len(model.attached) > 1 or model not in alike:
         return m
-    chances = dict(zip(c.ranking, map(cause_probability, c.signatures), strict=True))
-    least = search.settings.ambiguous_share * chances[model]
+    least = search.settings.ambiguous_share * c.chances[model]
     others = (
         one.group
         for one in alike
         if one.family == model.family
         and not set(one.attached[0].ports) & set(m.effect.ports)
-        and chances[one] >= least
+        and c.chances[one] >= least
         and not at_bounds(one, search.settings)
     )
     return replace(m, or_at=tuple(g for g in dict.fromkeys(others) if g != model.group))
@@ -380,7 +385,7 @@ def _weighed(search: Search, c: _Compared, model: CandidateModel, m: Member) -> 
         m.bent,
         m.signature.of_left,
         m.again,
-        min(m.signature.sure, m.signature.lead_sure),
+        m.signature.surely,
     )
 
 
@@ -410,9 +415,8 @@ def _most_probable_of_families(
 ) -> list[CandidateModel]:
     """The same with the most probable of every family, which need not be the first of it: one of
     those that ended at no bound, where there is one."""
-    chances = dict(zip(c.ranking, map(cause_probability, c.signatures), strict=True))
     free = {one: not at_bounds(one, search.settings) for one in c.ranking}
-    ordered = sorted(c.ranking, key=lambda one: (free[one], chances[one]), reverse=True)
+    ordered = sorted(c.ranking, key=lambda one: (free[one], c.chances[one]), reverse=True)
     return _of_families(ordered, best)
 
 

@@ -118,10 +118,10 @@ def _along_fit(
 def _leaves_its_prior(model: CandidateModel, own: list[int], by: Array, settings: Settings) -> bool:
     """Would one of these parameters, moved by so much (SI) from where the model has it, be farther
     off its data sheet than what is called far off, and farther than it is?"""
-    scale, p = model.fit.problem.scale, model.fit.p.copy()
-    before = scale.inside(p[list(model.fit.problem.free)])
+    scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
+    before = scale.inside(p[free])
     p[own] += by
-    after = scale.inside(p[list(model.fit.problem.free)])
+    after = scale.inside(p[free])
     most = np.maximum(settings.far_off, np.abs(before))
     return bool((np.abs(after) > most).any())
 

@@ -42,6 +42,12 @@ class Signature:
     converged: float  # 1 or 0
     beside: float  # number of other effects in its model
 
+    @property
+    def surely(self) -> float:
+        """Standard errors by which it removes something, and by which it removes more than any
+        other family does, the fewer of both."""
+        return min(self.sure, self.lead_sure)
+
     def features(self) -> dict[str, float]:
         """As the logistic function takes them: within the range of the trial, what spans decades
         as a signed logarithm."""
@@ -139,7 +145,7 @@ def cause_probability(s: Signature, settings: Settings = DEFAULT) -> float:
     line = calibration().lines["cause"]
     evident = s.evidence_lead > settings.simpler_evidence
     at_floor = s.remaining < 1.0 + settings.gap_margin
-    plain = (evident or at_floor) and min(s.sure, s.lead_sure) >= settings.further_sure
+    plain = (evident or at_floor) and s.surely >= settings.further_sure
     return max(line.probability(s.features()), line.yes if plain else 0.0)
 
 

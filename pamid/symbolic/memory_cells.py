@@ -85,7 +85,7 @@ class StateEquations:
 
 
 _AT_STAGE = {("tick", "part"), ("tick", "along")}  # what moves within a step beside the states
-_SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}  # what is the same at every step
+_SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}
 
 
 def _is_held_over_step(node: Expr) -> bool:

@@ -24,9 +24,8 @@ class Model:
 
 
 def stood_for(monkeypatch: pytest.MonkeyPatch, *ranking: Model) -> list[Model]:
-    monkeypatch.setattr(judging, "cause_probability", lambda signature: signature)
     monkeypatch.setattr(judging, "at_bounds", lambda one, _: one.pressed)
-    compared = SimpleNamespace(ranking=ranking, signatures=[one.probability for one in ranking])
+    compared = SimpleNamespace(ranking=ranking, chances={one: one.probability for one in ranking})
     found = judging._most_probable_of_families(
         cast(Any, SimpleNamespace(settings=DEFAULT)), cast(Any, compared), cast(Any, ranking[0])
     )

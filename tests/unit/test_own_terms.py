@@ -129,15 +129,9 @@ def test_what_a_data_sheet_rules_out_is_an_effect(
     recorded: tuple[DataSplit, CandidateModel],
 ) -> None:
     """Drag once more, by many times what the rig's own is uncertain by."""
-    assert own_terms(
-        with_effect(recorded, "viscous-friction", damping=4.0), "viscous-friction", recorded[1]
-    )
-    assert (
-        own_terms(
-            with_effect(recorded, "viscous-friction", damping=20.0), "viscous-friction", recorded[1]
-        )
-        == ()
-    )
+    name = "viscous-friction"
+    assert own_terms(with_effect(recorded, name, damping=4.0), name, recorded[1])
+    assert own_terms(with_effect(recorded, name, damping=20.0), name, recorded[1]) == ()
 
 
 @pytest.mark.parametrize("name", list(rigs()))

@@ -345,7 +345,7 @@ def test_delay_of_a_held_input(samples: float, substeps: int) -> None:
 @pytest.mark.parametrize("late_s", [0.0, 0.004, 0.0254, 0.03, 0.0375])
 def test_a_held_command_that_comes_within_a_sample_is_not_smeared(late_s: float) -> None:
     """What is made of it counts by its mean over the sample: a command that changes its sign at
-    every sample opens a valve as far as one that stays. Against the same at a tenth of the step."""
+    every sample opens a valve as far as one that stays. Against a hundredth of the step."""
     u = np.random.default_rng(3).standard_normal(90)
     flow = where(U > 0.2, 3.0 * U, -U * U)
 
