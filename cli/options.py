@@ -120,7 +120,8 @@ def recording_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--held-out",
             multiple=True,
             type=click.Path(path_type=Path),
-            help="Recording nobody fits. [default: the last 30 % of every recording]",
+            help="Recording nobody fits. [default: the last 30 % of every recording; three tenths "
+            "spread over one that is at rest for a part of its length]",
         ),
         click.option(
             "--rig",

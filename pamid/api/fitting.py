@@ -49,7 +49,8 @@ def fit(
 ) -> FitResult:
     """Fit the parameters of a rig to recordings and judge the model on what was held out.
 
-    recordings   what is fitted; of each the last 30 % is held out, unless there is `held_out`
+    recordings   what is fitted; of each the last 30 % is held out (three tenths spread over one
+                 that is at rest for a part of its length), unless there is `held_out`
     rig          by name, by the path of a rig file (it is run), or a Rig; default: the one that the
                  recordings name, else one-dof
     held_out     recordings that only judge

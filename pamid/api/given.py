@@ -150,9 +150,10 @@ def evidence_of(
 def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
     """A sentence per column that the rig does not know: it is kept and not used."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
-    used = {match_column(recording.columns, name) for name in wanted}
+    found = {name: match_column(recording.columns, name) for name in wanted}
+    used, lacking = set(found.values()), [name for name, column in found.items() if not column]
     return [
-        f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, wanted)}".rstrip()  # noqa: E501
+        f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, lacking)}".rstrip()  # noqa: E501
         for c in recording.columns
         if c not in used
     ]

@@ -24,6 +24,7 @@ from pamid.base.metrics import FloatArray
 from pamid.base.units import (
     NONE,
     quotient,
+    si_symbol,
     size_to_si,
     split_column,
     suffix_of,
@@ -231,8 +232,7 @@ class RigSource:
         pair, own = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
         if pair is None or not pair.scaled:
             return own
-        symbol = split_column(pair.found)[1]
-        return "" if symbol == NONE else _si_symbol(symbol)
+        return si_symbol(split_column(pair.found)[1])
 
     def _may_lack(self, column: str) -> bool:
         return column not in self.by_wanted
@@ -280,7 +280,7 @@ class RigSource:
         if not pair.scaled:
             return None
         symbol, own = (
-            _si_symbol(split_column(pair.found)[1]),
+            si_symbol(split_column(pair.found)[1]),
             {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
         )
         span = float(np.ptp(to_si(self._values(pair), split_column(pair.found)[1]))) or 1.0
@@ -348,11 +348,6 @@ class RigSource:
             int(self.begins[node.lineno - 1]) + node.col_offset,
             int(self.begins[node.end_lineno - 1]) + node.end_col_offset,
         )
-
-
-def _si_symbol(symbol: str) -> str:
-    """The SI symbol of a raw signal: "mV" -> "V"."""
-    return {"mV": "V", "mA": "A"}.get(symbol, "" if symbol == NONE else symbol)
 
 
 def _short(value: float, digits: int = 2) -> float:

@@ -216,10 +216,11 @@ def slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
 
 
 def _missed(e: SheetComparison) -> NDArray[np.bool_]:
-    """Channels that the data sheet's run misses by more than they move, where they move beyond
-    their noise."""
+    """Channels that the data sheet's run misses by more than they move, with level and trend and
+    without, where they move beyond their noise."""
     return np.asarray(
-        (errors(e.y, e.model) > 1.0) & (e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y))
+        (_misses(e.y, e.model) > 1.0).all(axis=0)
+        & (e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y))
     )
 
 
@@ -256,7 +257,7 @@ def _tries(
 
 def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Where the data sheet's run misses by more than the signal moves, and what may be the slip."""
-    error = errors(e.y, e.model)
+    error = _misses(e.y, e.model).min(axis=0)
     columns = recorded_as(e.names, recording)
     missed = _missed(e)
     bad = [int(i) for i in np.argsort(-error) if missed[i]]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import seen_mean
+from pamid.base.metrics import few_entries_factor, seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
@@ -267,7 +267,9 @@ def refit(
 
 def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]:
     """Bootstrap rows (draws x count) in runs of `block` neighbouring windows, the last one a
-    neighbour of the first: the circular block bootstrap of Politis and Romano (1992)."""
+    neighbour of the first: the circular block bootstrap of Politis and Romano (1992). Of few
+    windows each is drawn by itself: of two, runs of two are always both."""
+    block = min(block, max(1, count // 3))
     random = np.random.default_rng(seed)
     starts = random.integers(0, count, size=(draws, -(-count // block)))
     return ((starts[:, :, None] + np.arange(block)) % count).reshape(draws, -1)[:, :count]
@@ -285,16 +287,21 @@ def bootstrap_losses(
     residual of channel c over the resampled windows: up to a constant, the negative log likelihood
     per sample of Gaussian residuals whose variance is profiled out. The held-out windows that are
     asked count and those of the fit, too: an effect adds few parameters to many samples, so its
-    gain where it was fitted is hardly optimistic. Efron and Tibshirani (1993), An Introduction to
-    the Bootstrap; blocks after Kuensch (1989), Ann. Stat. 17.
+    gain where it was fitted is hardly optimistic. Of few held-out windows the draws lie farther
+    apart (`few_entries_factor`). Efron and Tibshirani (1993), An Introduction to the Bootstrap;
+    blocks after Kuensch (1989), Ann. Stat. 17.
     """
     draws, block = settings.bootstrap_draws, settings.bootstrap_block
     own = resamples(int(asked.sum()), draws, seed, block)
     fitted = resamples(len(models[0].fitted_squares), draws, seed + 1, block)
+    wider = few_entries_factor(int(asked.sum()))
     out = np.empty((len(models), draws))
     for i, c in enumerate(models):
         held, trained = _drawn_means(c.squares[asked], own), _drawn_means(c.fitted_squares, fitted)
-        out[i] = 0.5 * (np.log(held) + np.log(trained)).sum(axis=1)
+        unseen = np.log(held).sum(axis=1)
+        if wider > 1.0:
+            unseen = unseen.mean() + wider * (unseen - unseen.mean())
+        out[i] = 0.5 * (unseen + np.log(trained).sum(axis=1))
     return out
 
 

@@ -13,7 +13,6 @@ from pamid.checks.scale_slips import advice, slips
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import spread_of
 
 
 def scale_doubt(
@@ -29,7 +28,13 @@ def scale_doubt(
     They are in doubt where the best model still misses by more than the spread, or where the
     refitted one does and a slip sets it right.
     """
-    spread = spread_of(base.replays)
+    # of all that was recorded: what is held out may lie on a plateau
+    spread = np.nanstd(
+        np.concatenate(
+            [t.y for held in (False, True) for t in evidence.tracks(base.assembly, held)]
+        ),
+        axis=0,
+    )
 
     def far(c: CandidateModel) -> dict[str, float]:
         error = np.sqrt(seen_mean(c.squares))

@@ -27,6 +27,7 @@ def notes(d: Diagnosis) -> list[str]:
         _between,
         _halves,
         _windows,
+        _split,
         _fits,
         _bounds,
         _background,
@@ -136,6 +137,19 @@ def _windows(d: Diagnosis) -> list[str]:
     return [
         f"Only {count} windows were held out, and {d.settings.few_windows} or more are wanted: "
         "another recording may say otherwise. Record for longer, or hold out more."
+    ]
+
+
+def _split(d: Diagnosis) -> list[str]:
+    if d.evidence.held_out_rests:
+        return [
+            "What was held out moves by less than a quarter of what was fitted: it judges the "
+            "model of such small motion alone. Hold out one that moves as much: --held-out."
+        ]
+    return [
+        f"{r.name} is at rest for a part of its length: three tenths spread over it were held out, "
+        "not its last three. A recording of its own tells more: --held-out."
+        for r in d.evidence.spread
     ]
 
 

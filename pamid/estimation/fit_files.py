@@ -193,7 +193,9 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
         table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
         table += loop_columns(g, s, loops)
         rows.append(np.stack(table, axis=1))
-    return header, np.concatenate(rows)
+    # a recording's parts in order of time
+    order = sorted(range(len(spans)), key=lambda i: (rows[i][0, 1], spans[i][1].start))
+    return header, np.concatenate([rows[i] for i in order])
 
 
 def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:

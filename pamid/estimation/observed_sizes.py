@@ -38,7 +38,7 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
     plain = Assembly(evidence.rig, outputs=evidence.channels)
     p, probes = plain.values(), port_probes(plain)
     problem = Problem(plain, evidence.tracks(plain), ())
-    time = {("", "timescale"): evidence.timescale_s} | longest_time(
+    time = {("", "timescale"): evidence.correlation_s} | longest_time(
         [len(t) * t.period_s for t in problem.tracks]
     )
     if not probes:

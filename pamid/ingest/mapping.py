@@ -202,9 +202,11 @@ def settle(
 def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
     """A sentence for every column that the rig does not know; they are kept."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
-    known = {split_column(name)[0] for name in wanted}
+    columns, known = list(columns), {split_column(name)[0] for name in wanted}
+    made = {split_column(name)[0] for name in columns}
+    lacking = [name for name in wanted if split_column(name)[0] not in made]
     return [
-        f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, wanted)}".rstrip()  # noqa: E501
+        f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, lacking)}".rstrip()  # noqa: E501
         for name in columns
         if split_column(name)[0] not in known
     ]

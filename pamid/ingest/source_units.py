@@ -203,6 +203,11 @@ def require_same_quantity(source: SourceUnit, symbol: str) -> None:
             + ", ".join(suffixes_for(symbol))
             + "."
         )
+    elif symbol == NONE:
+        hint = (
+            "Name the signal with its unit at the end, as in [signals.temperature_degc]; of a "
+            "sensor's raw signal give scale (made unit per unit of the source) and no unit."
+        )
     else:
         hint = (
             "If it is a sensor's raw signal, give scale (made unit per unit of the source) and "

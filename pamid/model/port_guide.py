@@ -117,8 +117,8 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
     # a balance is next to nothing where the parts of it that are rough are large
     first = [
-        f"what passes port {name} is a balance, so offer there, as load=, the part of it "
-        f"[{rig.ports[name].unit}] that the map gives, and state "
+        f"offer at port {name}, which passes a balance, the part of it that is rough (the force of "
+        f"the motor, the loss of a store) as load= [{rig.ports[name].unit}]; "
         for name in lacking
     ]
     return f"{''.join(first)}background = {{{maps}}}"

@@ -3,7 +3,9 @@ second, figures given on a third that neither has seen."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,12 @@ from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
 FEWEST_SAMPLES = 200  # samples of a recording
-HELD_OUT_SHARE = 0.3
+# tenths of a recording that are held out: its last three, or, where a part of it rests, three that
+# have what was fitted before and after them, the first where a motion that dies away is still large
+LAST, SPREAD = (7, 8, 9), (1, 4, 7)
+# a part in which everything moves by less than this share of its motion in the rest tells next to
+# nothing: the end of a step response, a swing that has died away
+QUIET = 0.25
 # correlation times before a held-out part, to find the state it begins in; a model with memories
 # that no time makes forget comes from the beginning of the recording
 LEAD = 10.0
@@ -61,7 +68,8 @@ class DataSplit:
     """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
     and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
     states may depart from what a window before has led to (SI); timescale_s: how long the
-    recordings remember, of which every horizon is a multiple."""
+    recordings remember, as far as they are long enough for it, of which every horizon is a
+    multiple; correlation_s: the same whatever their length, of which times of effects are."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -70,6 +78,7 @@ class DataSplit:
     noise: Array
     jump: Array
     timescale_s: float
+    correlation_s: float
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
@@ -92,12 +101,25 @@ class DataSplit:
         return [c for c in self.channels if not recording.has(c)]
 
     @property
+    def held_out_rests(self) -> bool:
+        """Does everything held out hardly move beside what was fitted?"""
+        moved = [(_motion(self.held_out, c), _motion(self.fit, c)) for c in self.channels]
+        return all(held < QUIET * fitted for held, fitted in moved)
+
+    @property
+    def spread(self) -> list[Recording]:
+        """Recordings of which tenths spread over them are held out, not their end."""
+        last = {id(s.recording): s.stop for s in self.held_out}
+        return [r for r in self.recordings if last.get(id(r), len(r)) < len(r)]
+
+    @property
     def recordings(self) -> list[Recording]:
         return list({id(s.recording): s.recording for s in (*self.fit, *self.held_out)}.values())
 
 
 def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> DataSplit:
-    """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
+    """Divide the recordings; without `held_out` the last 30 % of every recording is held out, or
+    three tenths spread over it where that part, or all but that part, hardly moves.
 
     DataError where the recordings cannot answer: too short, nothing moves, or two hold the same
     samples. An input or a channel may rest, as long as another one moves.
@@ -141,26 +163,61 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         fit = [Span(r, 0, len(r)) for r in recordings]
         held = [Span(r, 0, len(r)) for r in held_out]
     else:
-        edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
-        fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
-        held = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
+        parts = [_parts(r, output_table(seen[id(r)], r)) for r in recordings]
+        fit = [span for own, _ in parts for span in own]
+        held = [span for _, own in parts for span in own]
     # names and order must not matter, a sum depends on its order in the last digit
     place = {id(r): _place(rig, r) for r in everything}
-    order = sorted(range(len(fit)), key=lambda i: place[id(fit[i].recording)])
     by_content = sorted(everything, key=lambda r: place[id(r)])
+
+    def in_order(spans: list[Span]) -> tuple[Span, ...]:
+        return tuple(sorted(spans, key=lambda s: (*place[id(s.recording)], s.start)))
+
     stated = stated_noise(rig, channels)
     # no time scale is asked of these tracks: it is found from them
     whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
     noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
     jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
+    tables = [(t.y, noise, t.period_s) for t in whole]
+    timescale_s = rig.timescale_s or _timescale_s(tables, (fit, held))
     return DataSplit(
         rig,
-        tuple(fit[i] for i in order),
-        tuple(sorted(held, key=lambda s: (*place[id(s.recording)], s.start))),
+        in_order(fit),
+        in_order(held),
         channels,
         noise,
         jump,
-        rig.timescale_s or _timescale_s(whole, noise, (fit, held)),
+        timescale_s,
+        rig.timescale_s or max(timescale_s, timescale_of(tables, most_ringing_s=0.0)),
+    )
+
+
+def _parts(recording: Recording, y: Array) -> tuple[list[Span], list[Span]]:
+    """What of a recording is fitted and what is held out; y: its measured outputs (SI)."""
+    edges = [round(k / 10 * len(recording)) for k in range(11)]
+    held = SPREAD if _rests(y, edges[LAST[0]]) else LAST
+    parts: dict[bool, list[Span]] = {False: [], True: []}
+    for is_held, tenths in groupby(range(10), held.__contains__):
+        own = list(tenths)
+        parts[is_held].append(Span(recording, edges[own[0]], edges[own[-1] + 1]))
+    return parts[False], parts[True]
+
+
+def _motion(spans: Sequence[Span], channel: str) -> float:
+    """Standard deviation of a channel (SI), root mean square over the spans that have it."""
+    own = [s for s in spans if s.recording.has(channel)]
+    parts = [output_table((channel,), s.recording)[s.start : s.stop] for s in own]
+    count = sum(map(len, parts))
+    return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
+
+
+def _rests(y: Array, edge: int) -> bool:
+    """Does all that moves in a recording (samples x channels) rest before this sample, or from it
+    on, beside the other part?"""
+    moving = y.std(axis=0) > VISIBLE * noise_level(y)
+    before, after = y[:edge, moving].std(axis=0), y[edge:, moving].std(axis=0)
+    return bool(moving.any()) and bool(
+        (after < QUIET * before).all() or (before < QUIET * after).all()
     )
 
 
@@ -178,10 +235,11 @@ def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
     return round(total, ALIKE_DIGITS), recording.sha256
 
 
-def _timescale_s(whole: list[Track], noise: Array, parts: tuple[list[Span], list[Span]]) -> float:
+def _timescale_s(
+    tables: list[tuple[Array, Array, float]], parts: tuple[list[Span], list[Span]]
+) -> float:
     """Correlation time of the recordings, at most what leaves enough windows to fit; as far as it
     is that of the envelope, of either part."""
-    tables = [(t.y, noise, t.period_s) for t in whole]
     fitted, held = (
         sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
     )

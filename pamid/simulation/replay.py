@@ -25,7 +25,7 @@ from pamid.simulation.windows import Runner, Window, cut
 Array = NDArray[np.float64]
 
 LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recordings
-FEWEST_WINDOW_SAMPLES = 40  # samples of a window
+FEWEST_WINDOW_SAMPLES = 20  # samples of a window, the first 3 of which find its start
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
 WARM_UP = 0.15  # share of a window that only serves to find its start
 

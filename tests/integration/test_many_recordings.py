@@ -78,7 +78,7 @@ def test_what_is_asked_of_every_recording_takes_one_step_each() -> None:
     def asked(count: int) -> int:
         spans: list[Any] = [SimpleNamespace(recording=object()) for _ in range(count)]
         evidence = DataSplit(
-            rig_named(RIG), tuple(spans), tuple(spans), (), np.zeros(0), np.zeros(0), 1.0
+            rig_named(RIG), tuple(spans), tuple(spans), (), np.zeros(0), np.zeros(0), 1.0, 1.0
         )
         assert evidence.recordings == [s.recording for s in spans]
         return calls_of(lambda: evidence.recordings)

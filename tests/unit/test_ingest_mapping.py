@@ -148,10 +148,15 @@ def test_what_is_held_follows_the_rig_unless_the_mapping_says(tmp_path: Path) ->
 
 
 def test_an_unknown_column_is_kept_and_told() -> None:
-    assert unknown_to(ONE_DOF, ["angle_rad", "angel_deg", "spare"]) == [
-        "rig 'one-dof' does not know the column 'angel_deg'; it is kept. Did you mean 'angle_deg'?",
-        "rig 'one-dof' does not know the column 'spare'; it is kept.",
+    spare = "rig 'one-dof' does not know the column 'spare'; it is kept."
+    angel = "rig 'one-dof' does not know the column 'angel_deg'; it is kept."
+    assert unknown_to(ONE_DOF, ["angel_deg", "spare"]) == [
+        f"{angel} Did you mean 'angle_deg'?",
+        spare,
     ]
+    assert unknown_to(ONE_DOF, ["angle_rad", "angel_deg", "spare"]) == [angel, spare], (
+        "the angle is there, in another unit"
+    )
 
 
 # ---- units --------------------

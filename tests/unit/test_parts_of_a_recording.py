@@ -1,0 +1,124 @@
+"""What of a recording is held out: its end, unless a part of it rests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from small_cart import PERIOD_S, RIG
+
+from pamid.diagnosis.notes import notes
+from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.verdict_words import remark
+from pamid.estimation.fit_files import residual_table
+from pamid.estimation.grey_box import fit_model
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+Array = NDArray[np.float64]
+TIME = PERIOD_S * np.arange(1000)
+NOISE_MM = 0.05
+SWINGS = np.sin(9.0 * TIME) + np.sin(5.3 * TIME)
+FADES = np.exp(-TIME / 1.2)
+
+
+def moved(shape: Array, name: str = "rec", seed: int = 1) -> Recording:
+    """A recording of a cart whose position has this shape."""
+    noise = NOISE_MM * np.random.default_rng(seed).standard_normal(len(shape))
+    columns = {"force_n": np.sign(np.sin(7.0 * TIME)), "position_mm": 20.0 * shape + noise}
+    return recording_of(TIME, columns, name=name)
+
+
+def parts(e: DataSplit) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    fitted, held = ([(s.start, s.stop) for s in part] for part in (e.fit, e.held_out))
+    return fitted, held
+
+
+@pytest.mark.parametrize(
+    ("shape", "rests"),
+    [
+        (SWINGS, False),
+        (0.4 * SWINGS + TIME, False),
+        (FADES * SWINGS, True),  # it dies away
+        (1.0 - FADES, True),  # a step and its plateau
+        (np.where(TIME < 7.0, 0.0, SWINGS), True),  # it begins late
+    ],
+)
+def test_where_a_part_rests_tenths_spread_over_the_recording_are_held_out(
+    shape: Array, rests: bool
+) -> None:
+    recording = moved(shape)
+    evidence = split_recordings(rig_named(RIG), [recording], [])
+    spread = ([(0, 100), (200, 400), (500, 700), (800, 1000)], [(100, 200), (400, 500), (700, 800)])
+    assert parts(evidence) == (spread if rests else ([(0, 700)], [(700, 1000)]))
+    assert evidence.spread == ([recording] if rests else [])
+    assert not evidence.held_out_rests
+
+
+def test_each_recording_is_looked_at_by_itself_and_one_that_is_held_out_is_whole() -> None:
+    swings, fades = moved(SWINGS), moved(FADES * SWINGS, "fades", 2)
+    both = split_recordings(rig_named(RIG), [swings, fades], [])
+    assert both.spread == [fades]
+    given = split_recordings(rig_named(RIG), [swings], [fades])
+    assert given.spread == [] and parts(given) == ([(0, 1000)], [(0, 1000)])
+
+
+def test_noise_and_what_does_not_move_say_nothing_of_rest() -> None:
+    time, noise = TIME, np.random.default_rng(3).standard_normal((2, len(TIME)))
+    columns = {
+        "force_n": np.sign(np.sin(7.0 * time)),
+        "position_mm": 20.0 * SWINGS * FADES + 0.05 * noise[0],
+        "speed_mm_per_s": 0.05 * noise[1],
+    }
+    rig = rig_named(RIG)
+    evidence = split_recordings(rig, [recording_of(time, columns)], [])
+    assert len(evidence.held_out) == 3
+
+
+def test_a_step_response_is_judged(tmp_path: Path) -> None:
+    """A cart that is pushed, and braked: its last three tenths are a plateau, of which nothing can
+    be told."""
+    time = PERIOD_S * np.arange(1200)
+    push = 8.0 * ((time > 0.5) & (time < 0.8)) - 8.0 * ((time > 1.5) & (time < 1.8))
+    write_recording(tmp_path / "push.csv", time, {"force_n": push})
+    made = simulate_virtual_rig(
+        RIG,
+        read_recording(tmp_path / "push.csv"),
+        ("coulomb-friction",),
+        {},
+        {"mass_kg": 1.2},
+        1.0,
+        1,
+    )
+    recording = recording_of(time, made.columns, made.meta)
+    evidence = split_recordings(rig_named(RIG), [recording], [])
+    assert evidence.spread == [recording]
+    found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
+    assert remark(found) == "" and any("three tenths spread" in note for note in notes(found))
+    assert found.judged is not None and found.judged.ranking[0].label == "coulomb-friction"
+    header, rows = residual_table(fit_model(evidence))
+    columns = dict(zip(header, rows.T, strict=True))
+    assert (np.diff(columns["time_s"]) > 0.0).all() and len(rows) == len(time)
+    assert np.unique(np.diff(columns["part"])).tolist() == [-1.0, 0.0, 1.0]
+
+
+def test_what_was_held_out_and_rests_is_said_to_judge_little(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    push = np.repeat(random.choice([-1.0, 1.0], 40) * random.uniform(2.0, 6.0, 40), 25)
+    write_recording(tmp_path / "push.csv", TIME, {"force_n": push})
+    sent = read_recording(tmp_path / "push.csv")
+    made = simulate_virtual_rig(RIG, sent, ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, 1)
+    fitted = recording_of(TIME, made.columns, made.meta)
+    still = 1e-4 * random.standard_normal((2, len(TIME)))
+    columns = {c: v.std() * still[i] for i, (c, v) in enumerate(made.columns.items())}
+    evidence = split_recordings(
+        rig_named(RIG), [fitted], [recording_of(TIME, columns, made.meta, name="still")]
+    )
+    assert evidence.held_out_rests and evidence.spread == []
+    found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
+    assert any(note.startswith("What was held out moves by less") for note in notes(found))
+    assert remark(found) == "", "the model follows what it was fitted to"
