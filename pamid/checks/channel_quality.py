@@ -201,13 +201,14 @@ def covered(size: int, starts: Places, stops: Places) -> Mask:
 # ---- findings ----------------------------------------------------------------------------------
 
 
-def clipped(s: CheckedSignal) -> tuple[list[QualityIssue], Mask]:
-    """Stretches at the very extreme of a measured signal, and where they are."""
+def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
+    """Stretches at the very extreme of a measured signal, and where they are; idle: samples at
+    which the machine may rest."""
     found, where = [], np.zeros(s.values.size, dtype=bool)
     for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
         z = sign * s.values
         top = float(z.max())
-        starts, stops = runs_of(z >= top - 1e-9 * s.span)
+        starts, stops = runs_of((z >= top - 1e-9 * s.span) & ~idle)
         long = stops - starts >= max(SHORTEST_CLIP, shortest_repeat(s))
         starts, stops = starts[long], stops[long]
         if not s.white:

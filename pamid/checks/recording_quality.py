@@ -73,7 +73,8 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[QualityIssue,
     signals = signals_of(recording, rig)
     measured = [s for s in signals if not s.sent]
     found = _constant(recording, signals, rig)
-    found += _held_and_clipped([s for s in measured if s.span > 0.0])
+    sent = [s for s in signals if s.sent and s.span > 0.0]
+    found += _held_and_clipped([s for s in measured if s.span > 0.0], _nothing_sent(sent))
     found += _levels(measured, rig)
     found += _pressures(measured) + _sent(recording, rig)
     if rig is not None:
@@ -193,9 +194,14 @@ def _constant(
     return found
 
 
-def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
+def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
+    """Samples at which all that is sent is 0: the machine may well rest there."""
+    return np.logical_and.reduce([s.values == 0.0 for s in sent]) if sent else np.array(False)
+
+
+def _held_and_clipped(measured: Sequence[CheckedSignal], idle: Mask) -> list[QualityIssue]:
     """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then
-    bridges and spikes."""
+    bridges and spikes. idle: where nothing is sent, standing still is no fault."""
     found: list[QualityIssue] = []
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
@@ -220,11 +226,11 @@ def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
     free = [s for s in measured if s.name not in slow]
     if not free:
         return found
-    held = _rows_held(free)
+    held = _rows_held(free) & ~idle
     found += _dropped(free, held)
     for s in free:
-        issues, at_limit = clipped(s)
-        stuck, still = frozen(s, held | at_limit, [o for o in measured if o is not s])
+        issues, at_limit = clipped(s, idle)
+        stuck, still = frozen(s, held | at_limit | idle, [o for o in measured if o is not s])
         found += [*issues, *stuck, *bridged(s, held | at_limit | still), *spikes(s)]
     return found
 

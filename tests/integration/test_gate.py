@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,12 +21,12 @@ from pamid.api.given import evidence_of
 from pamid.base.errors import DataError, PamidError
 from pamid.base.progress import silent
 from pamid.checks.recording_quality import blocking, examine
-from pamid.diagnosis.candidate_model import candidate_from
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.verdict_words import remark
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
 from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
@@ -242,6 +243,24 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     judged: Any = SimpleNamespace(units=found)
     told: Any = SimpleNamespace(judged=judged, empty=False)
     assert "Check units and signs: " in remark(told) and "area" in remark(told)
+
+
+def test_a_plateau_is_no_doubt_of_the_scale(pushed: Recording) -> None:
+    """What is held out lies still, and the model misses it by more than it moves there: not by more
+    than the recording moves."""
+    place = 0.01 * (pushed.signal("position_m") - pushed.signal("position_m").mean())
+    columns = {**pushed.columns, "position_m": place}
+    still = recording_of(pushed.time, columns, name="still")
+    evidence = split_recordings(rig_named(RIG), [pushed], [still])
+    model = fit_model(evidence)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    moves = float(np.std(pushed.signal("position_m")))
+
+    def missing(share: float) -> CandidateModel:
+        return replace(base, squares=np.full_like(base.squares, (share * moves) ** 2))
+
+    assert scale_doubt(evidence, missing(0.5), None) is None
+    assert scale_doubt(evidence, missing(1.5), None) is not None
 
 
 def test_a_good_fit_is_in_no_doubt(pushed: Recording) -> None:

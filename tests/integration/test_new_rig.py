@@ -160,6 +160,22 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
     assert found["mae"]["level_v"]["refitted"] < 1.5 * found["mae"]["level_v"]["noise_floor"]
 
 
+def test_a_duty_in_percent_is_seen_as_a_share(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = small({"duty_percent": 50.0 + wave(1), "temperature_degc": 30.0 + wave(2)})
+    write_recording("duty.csv", given.time, given.columns)
+    said = run(
+        capsys,
+        *("new-rig", "duty.csv", "--like", "thermal-block", "--output", "oven.py"),
+        *("--column", "power_w=duty_percent", "--column", "temperature_degc=temperature_degc"),
+    )
+    assert said["like"] == "thermal-block"
+    text = Path("oven.py").read_text()
+    assert '"duty_percent": ""' in text and '"duty_gain"' in text and '"W"' in text
+    assert list(rig_named("./oven.py").inputs.values())[0] == ""
+
+
 def test_what_is_there_is_kept(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_recording(
         "rec.csv", 0.01 * np.arange(400), {"force_n": wave(1), "position_1_mm": wave(2)}

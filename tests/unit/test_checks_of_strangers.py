@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import pamid
 from pamid import Gain
+from pamid.api.given import unknown_columns
 from pamid.base.errors import FileError
 from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.conformance import rig_findings
@@ -319,3 +320,33 @@ def test_an_encoder_that_stands_still_has_lost_nothing() -> None:
         filled[start : start + 8] = filled[start]
     (issue,) = (i for i in examine(encoder_recording(filled)) if i.kind == "dropped")
     assert issue.figures["samples"] == 21 and len(issue.windows_s) == 3
+
+
+def test_a_winch_that_is_let_rest_is_neither_clipped_nor_frozen() -> None:
+    """While nothing is sent its encoder stands still at either end; rows that were filled while it
+    was driven are told."""
+    sent = np.tile(np.repeat([0.7, 0.0, -0.7, 0.0], [12, 30, 12, 25]), 12)
+    noise = np.random.default_rng(1).uniform(-1.0, 1.0, sent.size)
+    counts = np.round(np.cumsum(sent * (2000.0 + 150.0 * noise)))
+    time = 0.1 * np.arange(sent.size)
+
+    def told(counts: NDArray[np.float64]) -> set[str]:
+        columns = {"encoder": counts, "command": sent}
+        winch = Recording("winch", Path("winch.csv"), "", time, columns, 0.1, "open")
+        return {i.kind for i in examine(winch)} & {"dropped", "frozen", "clipped"}
+
+    assert told(counts) == set()
+    filled = counts.copy()
+    for start in (3, 82, 161, 240):
+        filled[start : start + 4] = filled[start]
+    assert told(filled) == {"dropped"}
+
+
+def test_a_column_that_is_there_is_not_proposed_for_another(rig: Path) -> None:
+    made = rig_named(str(rig))
+    time = np.arange(60.0)
+    there = {"drive_n_m": time, "speed_rad_per_s": time}
+    (said,) = unknown_columns(made, recording_of(time, {**there, "drive_2_n_m": time}))
+    assert "'drive_2_n_m'" in said and "'drive_n_m'" not in said
+    (said,) = unknown_columns(made, recording_of(time, {"driv_n_m": time, "speed_rad_per_s": time}))
+    assert said.endswith("Did you mean 'drive_n_m'?")
