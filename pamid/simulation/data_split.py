@@ -36,8 +36,8 @@ FEWEST_SAMPLES = 200  # samples of a recording
 # tenths of a recording that are held out: its last three, or, where a part of it rests, three that
 # have what was fitted before and after them, the first where a motion that dies away is still large
 LAST, SPREAD = (7, 8, 9), (1, 4, 7)
-# a part in which everything moves by less than this share of its motion in the rest tells next to
-# nothing: the end of a step response, a swing that has died away
+# a part in which all that is sent or measured moves by less than this share of its motion in the
+# rest tells next to nothing: the end of a step response, a swing that has died away
 QUIET = 0.25
 # correlation times before a held-out part, to find the state it begins in; a model with memories
 # that no time makes forget comes from the beginning of the recording
@@ -163,7 +163,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         fit = [Span(r, 0, len(r)) for r in recordings]
         held = [Span(r, 0, len(r)) for r in held_out]
     else:
-        parts = [_parts(r, output_table(seen[id(r)], r)) for r in recordings]
+        parts = [_parts(rig, r) for r in recordings]
         fit = [span for own, _ in parts for span in own]
         held = [span for _, own in parts for span in own]
     # names and order must not matter, a sum depends on its order in the last digit
@@ -192,10 +192,12 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     )
 
 
-def _parts(recording: Recording, y: Array) -> tuple[list[Span], list[Span]]:
-    """What of a recording is fitted and what is held out; y: its measured outputs (SI)."""
+def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
+    """What of a recording is fitted and what is held out."""
     edges = [round(k / 10 * len(recording)) for k in range(11)]
-    held = SPREAD if _rests(y, edges[LAST[0]]) else LAST
+    names = [name for name in (*rig.inputs, *rig.outputs) if recording.has(name)]
+    table = np.stack([recording.signal(name) for name in names], axis=1)
+    held = SPREAD if _rests(table, edges[LAST[0]]) else LAST
     parts: dict[bool, list[Span]] = {False: [], True: []}
     for is_held, tenths in groupby(range(10), held.__contains__):
         own = list(tenths)
@@ -211,11 +213,11 @@ def _motion(spans: Sequence[Span], channel: str) -> float:
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
 
 
-def _rests(y: Array, edge: int) -> bool:
-    """Does all that moves in a recording (samples x channels) rest before this sample, or from it
-    on, beside the other part?"""
-    moving = y.std(axis=0) > VISIBLE * noise_level(y)
-    before, after = y[:edge, moving].std(axis=0), y[edge:, moving].std(axis=0)
+def _rests(table: Array, edge: int) -> bool:
+    """Does all that moves in a recording, sent or measured (samples x signals), rest before this
+    sample, or from it on, beside the other part?"""
+    moving = table.std(axis=0) > VISIBLE * noise_level(table)
+    before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
     return bool(moving.any()) and bool(
         (after < QUIET * before).all() or (before < QUIET * after).all()
     )

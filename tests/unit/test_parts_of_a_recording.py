@@ -27,10 +27,10 @@ FADES = np.exp(-TIME / 1.2)
 
 
 def moved(shape: Array, name: str = "rec", seed: int = 1) -> Recording:
-    """A recording of a cart whose position has this shape."""
+    """A recording of a cart whose position has this shape, and whose force its slope."""
     noise = NOISE_MM * np.random.default_rng(seed).standard_normal(len(shape))
-    columns = {"force_n": np.sign(np.sin(7.0 * TIME)), "position_mm": 20.0 * shape + noise}
-    return recording_of(TIME, columns, name=name)
+    force = np.gradient(shape, TIME)
+    return recording_of(TIME, {"force_n": force, "position_mm": 20.0 * shape + noise}, name=name)
 
 
 def parts(e: DataSplit) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
@@ -67,16 +67,15 @@ def test_each_recording_is_looked_at_by_itself_and_one_that_is_held_out_is_whole
     assert given.spread == [] and parts(given) == ([(0, 1000)], [(0, 1000)])
 
 
-def test_noise_and_what_does_not_move_say_nothing_of_rest() -> None:
-    time, noise = TIME, np.random.default_rng(3).standard_normal((2, len(TIME)))
-    columns = {
-        "force_n": np.sign(np.sin(7.0 * time)),
-        "position_mm": 20.0 * SWINGS * FADES + 0.05 * noise[0],
-        "speed_mm_per_s": 0.05 * noise[1],
-    }
-    rig = rig_named(RIG)
-    evidence = split_recordings(rig, [recording_of(time, columns)], [])
-    assert len(evidence.held_out) == 3
+@pytest.mark.parametrize(("sent", "rests"), [(0.0, True), (1.0, True), (SWINGS, False)])
+def test_what_is_sent_rests_too_and_what_never_moves_says_nothing(
+    sent: float | Array, rests: bool
+) -> None:
+    """A motion that becomes small while the drive goes on is worth to be judged on."""
+    noise = NOISE_MM * np.random.default_rng(3).standard_normal(len(TIME))
+    columns = {"force_n": sent + 0.0 * TIME, "position_mm": 20.0 * SWINGS * FADES + noise}
+    recording = recording_of(TIME, columns)
+    assert bool(split_recordings(rig_named(RIG), [recording], []).spread) == rests
 
 
 def test_a_step_response_is_judged(tmp_path: Path) -> None:
