@@ -25,18 +25,20 @@ from pamid.simulation.windows import Runner, Window, cut
 Array = NDArray[np.float64]
 
 LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recordings
-FEWEST_WINDOW_SAMPLES = 20  # samples of a window, the first 3 of which find its start
+WINDOW_SAMPLES = 40  # of a window at least
+FEWEST_WINDOW_SAMPLES = 20  # where a record would not give 3 such; 3 of them find its start
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
 WARM_UP = 0.15  # share of a window that only serves to find its start
 
 
 def replay_windows(track: Track) -> list[Window]:
     """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
-    least 6 of them."""
+    least 6 of them, as long as they have 40 samples, or 3 of them that have 20."""
     own = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
     length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
-    return cut(len(track), max(FEWEST_WINDOW_SAMPLES, min(length, len(track) // 6)))
+    fewest = max(FEWEST_WINDOW_SAMPLES, min(WINDOW_SAMPLES, len(track) // 3))
+    return cut(len(track), max(fewest, min(length, len(track) // 6)))
 
 
 @dataclass(frozen=True, eq=False)
