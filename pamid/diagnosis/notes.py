@@ -136,7 +136,7 @@ def _windows(d: Diagnosis) -> list[str]:
         return []
     return [
         f"Only {count} windows were held out, and {d.settings.few_windows} or more are wanted: "
-        "another recording may say otherwise. Record for longer, or hold out more."
+        "another recording may say otherwise. Record for longer, or hold out another: --held-out."
     ]
 
 
