@@ -29,12 +29,8 @@ def scale_doubt(
     refitted one does and a slip sets it right.
     """
     # of all that was recorded: what is held out may lie on a plateau
-    spread = np.nanstd(
-        np.concatenate(
-            [t.y for held in (False, True) for t in evidence.tracks(base.assembly, held)]
-        ),
-        axis=0,
-    )
+    tracks = (*base.fit.problem.tracks, *(r.track for r in base.replays))
+    spread = np.nanstd(np.concatenate([t.y for t in tracks]), axis=0)
 
     def far(c: CandidateModel) -> dict[str, float]:
         error = np.sqrt(seen_mean(c.squares))

@@ -20,6 +20,7 @@ from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.own_names import own_columns
+from pamid.ingest.resampling import moves_in_steps
 from pamid.ingest.robot_names import (
     NameFit,
     chosen_by,
@@ -43,7 +44,6 @@ _LIKELY_TIME_UNITS = ("s", "ms", "us", "ns", "min")
 _RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
 _SI = ("rad", "m", "rad/s", "m/s", "N m", "N", NONE)
 _TURNING = (unit("rad").dimension, unit("rad/s").dimension)
-SELDOM, FAR = 0.1, 0.05  # of the samples; of the range: what moves in steps goes seldom, and far
 _RISING = 0.98  # share of steps up: then a channel may be the time
 
 
@@ -395,19 +395,9 @@ def _signal_lines(
         if not answers.pressures:
             left.append(f"signals.{column}.pressure")
         lines.append(f'pressure = "{answers.pressures or UNANSWERED}"')
-    if _moves_in_steps(channel.values):
+    if moves_in_steps(channel.values):
         lines.append('interpolation = "hold"  # it moves in steps')
     return [*lines, ""]
-
-
-def _moves_in_steps(values: FloatArray) -> bool:
-    """Does it mostly stay, and go far where it goes? What was sent does; a slow sensor of few bits
-    stays as well, and goes by one bit."""
-    found = values[np.isfinite(values)]
-    moves = np.abs(np.diff(found))
-    steps = moves[moves > 0.0]
-    rare = 0 < steps.size < SELDOM * moves.size
-    return rare and bool(np.median(steps) > FAR * np.ptp(found))
 
 
 def _unit(column: str, channel: Channel, angles: str, *, si: bool) -> tuple[str, str]:

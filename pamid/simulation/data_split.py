@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 FEWEST_SAMPLES = 200  # samples of a recording
 # tenths of a recording that are held out: its last three, or, where a part of it rests, three that
 # have what was fitted before and after them, the first where a motion that dies away is still large
-LAST, SPREAD = (7, 8, 9), (1, 4, 7)
+LAST_TENTHS, SPREAD_TENTHS = (7, 8, 9), (1, 4, 7)
 # a part in which all that is sent or measured moves by less than this share of its motion in the
 # rest tells next to nothing: the end of a step response, a swing that has died away
 QUIET = 0.25
@@ -197,7 +197,7 @@ def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
     edges = [round(k / 10 * len(recording)) for k in range(11)]
     names = [name for name in (*rig.inputs, *rig.outputs) if recording.has(name)]
     table = np.stack([recording.signal(name) for name in names], axis=1)
-    held = SPREAD if _rests(table, edges[LAST[0]]) else LAST
+    held = SPREAD_TENTHS if _rests(table, edges[LAST_TENTHS[0]]) else LAST_TENTHS
     parts: dict[bool, list[Span]] = {False: [], True: []}
     for is_held, tenths in groupby(range(10), held.__contains__):
         own = list(tenths)

@@ -25,7 +25,7 @@ from pamid.simulation.windows import Runner, Window, cut
 Array = NDArray[np.float64]
 
 LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recordings
-WINDOW_SAMPLES = 40  # of a window at least
+USUAL_WINDOW_SAMPLES = 40  # of a window at least
 FEWEST_WINDOW_SAMPLES = 20  # where a record would not give 3 such; 3 of them find its start
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
 WARM_UP = 0.15  # share of a window that only serves to find its start
@@ -37,7 +37,7 @@ def replay_windows(track: Track) -> list[Window]:
     own = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
     length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
-    fewest = max(FEWEST_WINDOW_SAMPLES, min(WINDOW_SAMPLES, len(track) // 3))
+    fewest = max(FEWEST_WINDOW_SAMPLES, min(USUAL_WINDOW_SAMPLES, len(track) // 3))
     return cut(len(track), max(fewest, min(length, len(track) // 6)))
 
 

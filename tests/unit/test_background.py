@@ -165,7 +165,7 @@ def test_a_map_of_a_balance_is_proposed_of_what_drives() -> None:
     """At a steady speed drive and drag add up to nothing, however rough the drive is: a share of
     the sum would leave all of it to an effect, friction by name."""
     (said,) = tolerance_words(Stage())
-    assert "what passes port carriage is a balance" in said
+    assert "offer at port carriage, which passes a balance," in said
     assert 'RoughMap("carriage_map", "position", of="load", tolerance=0.02)' in said
 
     class Whole(Stage):

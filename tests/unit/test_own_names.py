@@ -12,6 +12,8 @@ from pamid_cli import frame
 import pamid
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Channel
+from pamid.ingest.guessed_mapping import guess_without_rig
+from pamid.ingest.log_reader import read_log
 from pamid.ingest.own_names import own_columns
 from pamid.recording.recording import read_recording
 
@@ -108,3 +110,20 @@ def test_errors_on_the_way_name_the_cure(
     Path("rec.csv").write_text(recorded, encoding="utf-8")
     assert frame.run(["fit", "rec.csv", "--rig", "one-dof", "--output", "run"]) == 3
     assert "pamid new-rig rec.csv" in capsys.readouterr().err
+
+
+def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
+    """A duty that somebody set, not the reading of few bits that follows it slowly."""
+    random = np.random.default_rng(4)
+    duty = np.repeat(random.uniform(0.0, 100.0, 30), 30)
+    heat = np.convolve(duty, np.exp(-np.arange(400) / 90.0) / 90.0)[:COUNT]
+    heat = 0.32 * np.round(heat / 0.32)
+    rows = "".join(
+        f"{3 * k},{q:.2f},{t:.2f}\n" for k, (q, t) in enumerate(zip(duty, heat, strict=True))
+    )
+    path = tmp_path / "lab.csv"
+    path.write_text("Time (s),Heater,Sensor (degC)\n" + rows, encoding="utf-8")
+    text = guess_without_rig(read_log(path)).text
+    heater, sensor = text.partition("[signals.heater]")[2].split("[signals.sensor_degc]")
+    assert 'interpolation = "hold"' in heater and "interpolation" not in sensor
+    assert "name the unit" in heater
