@@ -43,9 +43,16 @@ def remark(d: Diagnosis) -> str:
     units = d.judged.units if d.judged else None
     if units and (units["slips"] or not d.empty):
         channel, share = max(units["error_over_spread"].items(), key=lambda pair: pair[1])
+        # no slip of the pen explains it: then the units may well be right
+        lost = (
+            ""
+            if units["slips"]
+            else " If they are right, the refit got nowhere: something large is missing, a prior "
+            "is far off, or a window begins in a state that no sensor reads."
+        )
         return (
             f"The refitted model misses {channel} by {times_text(share)} times what it moves. "
-            f"{units['advice']}"
+            f"{units['advice']}{lost}"
         )
     if not d.empty:
         return ""

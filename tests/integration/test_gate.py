@@ -243,6 +243,9 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     judged: Any = SimpleNamespace(units=found)
     told: Any = SimpleNamespace(judged=judged, empty=False)
     assert "Check units and signs: " in remark(told) and "area" in remark(told)
+    assert "got nowhere" not in remark(told)
+    judged.units = {**found, "slips": [], "advice": "Check units and signs."}
+    assert "If they are right, the refit got nowhere" in remark(told), "no slip explains it"
 
 
 def test_a_plateau_is_no_doubt_of_the_scale(pushed: Recording) -> None:
