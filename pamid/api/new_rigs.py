@@ -15,7 +15,7 @@ from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
 from pamid.base.files import make_folder, write_atomically
 from pamid.base.units import NONE, split_column
-from pamid.checks.sent_columns import held_by_jumps
+from pamid.recording.held_signal import held_by_jumps
 from pamid.schemas import new_rig_file as said
 
 _BY = {

@@ -20,7 +20,6 @@ from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.own_names import own_columns
-from pamid.ingest.resampling import moves_in_steps
 from pamid.ingest.robot_names import (
     NameFit,
     chosen_by,
@@ -34,6 +33,7 @@ from pamid.ingest.source_units import PRESSURE_DIMENSION, is_readable, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.model.rig import Loop, Rig
+from pamid.recording.held_signal import held_by_jumps, moves_in_steps
 from pamid.recording.recording import toml_string
 
 WHOLE_NAME = 100  # score of a channel that is called as the column is
@@ -395,7 +395,8 @@ def _signal_lines(
         if not answers.pressures:
             left.append(f"signals.{column}.pressure")
         lines.append(f'pressure = "{answers.pressures or UNANSWERED}"')
-    if moves_in_steps(channel.values):
+    values = channel.values[np.isfinite(channel.values)]
+    if values.size and (moves_in_steps(values) or held_by_jumps(values)):
         lines.append('interpolation = "hold"  # it moves in steps')
     return [*lines, ""]
 

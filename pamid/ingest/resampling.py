@@ -10,19 +10,7 @@ from pamid.base.metrics import FloatArray
 COARSER = 1.01  # a new period longer than this many old ones needs the filter
 HALF_TAPS = 30  # taps of the filter to either side, per old period in a new one
 FILTER_WINDOW = ("kaiser", 8.0)  # passes what it passes to 1e-4
-# what moves in steps goes in so few of its samples, and so far of its range
-SELDOM_MOVES, WIDE_STEP = 0.1, 0.05
 SAME_INSTANT = 1e-6  # of a period: an instant so close to a sample is that sample
-
-
-def moves_in_steps(values: FloatArray) -> bool:
-    """Does a signal mostly stay, and go far where it goes? What was sent does; a slow sensor of few
-    bits stays as well, and goes by one bit. NaN are left out."""
-    found = values[np.isfinite(values)]
-    moves = np.abs(np.diff(found))
-    steps = moves[moves > 0.0]
-    seldom = 0 < steps.size < SELDOM_MOVES * moves.size
-    return seldom and bool(np.median(steps) > WIDE_STEP * np.ptp(found))
 
 
 def hold(instants: FloatArray, values: FloatArray, base: FloatArray, step: float) -> FloatArray:
