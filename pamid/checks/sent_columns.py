@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from pamid.ingest.channel_words import says_sent
 from pamid.model.rig import Rig
-from pamid.recording.held_signal import held_by_jumps
+from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
 
-STEPPED = 0.9  # of the time a column stands still between jumps: it is sent
 # how columns begin that are sent, beside the words of `says_sent`
 SENT = ("command", "reference", "setpoint", "external")
 
@@ -34,8 +33,4 @@ def sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
 
 def _seems_sent(name: str, values: NDArray[np.float64]) -> bool:
     called = name.startswith(SENT) or says_sent(name)
-    return called or _stands(values) or held_by_jumps(values)
-
-
-def _stands(values: NDArray[np.float64]) -> bool:
-    return 0.0 < float(np.mean(values[1:] != values[:-1])) < 1.0 - STEPPED
+    return called or stands(values) or held_by_jumps(values)

@@ -12,8 +12,8 @@ ALONE = 0.9  # of the changes have a standstill before and after
 OF_ONE_STEP = 0.5  # of the changes at most: else it is a coarse sensor that creeps
 FEWEST_CHANGES = 5
 REGULAR = 0.8  # of the standstills last equally long: a sensor that is sampled more slowly
-# what moves in steps goes in so few of its samples, and so far of its range
-SELDOM_MOVES, WIDE_STEP = 0.1, 0.05
+STANDING_STILL = 0.9  # of the time it stands still between jumps
+WIDE_STEP = 0.05  # of its range: what moves in steps goes so far
 
 
 def held_by_jumps(values: NDArray[np.float64]) -> bool:
@@ -34,10 +34,16 @@ def held_by_jumps(values: NDArray[np.float64]) -> bool:
     return float(np.mean(jumps <= small)) < OF_ONE_STEP
 
 
+def stands(values: NDArray[np.float64]) -> bool:
+    """Do the values (n,) mostly stay, and change now and then?"""
+    changed = values[1:] != values[:-1]
+    return bool(changed.size) and 0.0 < float(np.mean(changed)) < 1.0 - STANDING_STILL
+
+
 def moves_in_steps(values: NDArray[np.float64]) -> bool:
     """Does a signal mostly stay, and go far where it goes? What was sent does; a slow sensor of few
     bits stays as well, and goes by one bit. values (n,) without NaN."""
+    if not stands(values):
+        return False
     moves = np.abs(np.diff(values))
-    steps = moves[moves > 0.0]
-    seldom = 0 < steps.size < SELDOM_MOVES * moves.size
-    return seldom and bool(np.median(steps) > WIDE_STEP * np.ptp(values))
+    return bool(np.median(moves[moves > 0.0]) > WIDE_STEP * np.ptp(values))
