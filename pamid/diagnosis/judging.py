@@ -21,7 +21,7 @@ from pamid.diagnosis.forward_selection import (
 )
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
-from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import at_bounds, vanished

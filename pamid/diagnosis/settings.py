@@ -23,7 +23,7 @@ class Settings:
     """See `described` for unit, meaning and evidence of each. UsageError for a value of another
     kind than the default, or one that is negative or not finite."""
 
-    # ---- is there a gap? (budget, decision, naive_forecast, misfit_beyond_range)
+    # ---- is there a gap? (budget, decision, input_response, misfit_beyond_range)
     gap_margin: float = setting(
         0.10,
         "share of the noise floor",

@@ -16,7 +16,7 @@ from pamid.diagnosis.cross_fitting import reported
 from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
 from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.judging import Judged, judge
-from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (

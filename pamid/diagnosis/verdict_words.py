@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT
@@ -56,12 +58,29 @@ def remark(d: Diagnosis) -> str:
         )
     if not d.empty:
         return ""
-    return (
-        "The recordings show nothing that this model could have made of its input: it predicts "
-        "them no better than their own mean or a straight line does. Check that every column is "
-        "the channel that it is named after, that all were recorded together on one clock, and "
-        "that the input acted on the rig."
+    sent = _moving_inputs(d)
+    channels = _joined(d.evidence.channels, "and")
+    verb = "does" if len(d.evidence.channels) == 1 else "do"
+    shown = (
+        f"{channels} {verb} not respond to {sent}: the model predicts no better with the recorded "
+        "input than without it."
+        if sent
+        else f"The model predicts {channels} no better than their mean or a straight line does."
     )
+    return (
+        f"The recordings do not show this machine. {shown} Check that every column is the channel "
+        "in its name, that one clock recorded all of them, and that the input acted on the rig."
+    )
+
+
+def _moving_inputs(d: Diagnosis) -> str:
+    """Names of the recorded inputs that move in any recording, joined; empty without any."""
+    moving = (
+        name
+        for name in d.evidence.rig.inputs
+        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
+    )
+    return _joined(moving, "or")
 
 
 def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:

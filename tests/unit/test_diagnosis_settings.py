@@ -20,7 +20,7 @@ from pamid.diagnosis import notes, ranges
 from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
 from pamid.diagnosis.decision import Share, at_noise_floor
-from pamid.diagnosis.naive_forecast import _better
+from pamid.diagnosis.input_response import _better
 from pamid.diagnosis.port_evidence import _Smoothing
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
 from pamid.diagnosis.search import Refitting, _Screening, _StepRefinement

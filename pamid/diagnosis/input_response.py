@@ -1,0 +1,187 @@
+"""Does a recording show this machine? The model's prediction with the recorded inputs is compared
+with that of the same model without them. An effect that switches an input off (a saturation, a
+dead zone, a gain of zero) may reproduce any smooth output by its free response, and explains
+nothing. Where no input moves, the comparison is with forecasts that need no model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import moving_block_interval, seen_mean
+from pamid.diagnosis.budget import Budget
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Window
+
+Array = NDArray[np.float64]
+
+#: Circular shifts that stand for "without the inputs", as shares of the track; 0 holds every input
+#: at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does not.
+SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8)
+#: An input rests in a part of the data where its spread is a smaller share of that of the whole.
+AT_REST = 1e-3
+
+
+def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
+    """Return True where the model explains no channel of the recordings.
+
+    Where inputs move, see `_responds`; where they rest, see `_beats_extrapolation`.
+    """
+    held_out = [r.full_track for r in model.replays]
+    fitted = list(model.fit.problem.tracks)
+    for tracks in (held_out, fitted):
+        if _inputs_move(tracks, [*held_out, *fitted]):
+            return not _responds(budget, model, tracks, seed)
+    return not _beats_extrapolation(budget, model, seed)
+
+
+def _inputs_move(tracks: Sequence[Track], everything: Sequence[Track]) -> bool:
+    """Whether an input moves in these tracks, compared with its motion in everything recorded."""
+    part, whole = (np.concatenate([t.u for t in ts]).std(axis=0) for ts in (tracks, everything))
+    return bool(((part > AT_REST * whole) & (whole > 0.0)).any())
+
+
+def _responds(
+    budget: Budget, model: CandidateModel, tracks: Sequence[Track], seed: int
+) -> bool:
+    """Whether the recorded inputs help the model to predict any channel.
+
+    They do if its error is smaller, by the margin and with 95 % confidence or by plainly more, than
+    those of the median and of the same model without its inputs. The comparison is made in windows,
+    and over one free run, since a window shows little of a slow machine.
+    """
+    settings, noise = budget.settings, budget.model.evidence.noise
+
+    def replays(shift: float | None) -> list[Replay]:
+        return [
+            replay_track(
+                model.assembly,
+                model.fit.p,
+                t if shift is None else _without_inputs(t, shift),
+                model.fit.stepping,
+                noise,
+            )
+            for t in tracks
+        ]
+
+    def losses(rs: list[Replay]) -> Array:
+        return np.concatenate([r.losses() for r in rs])
+
+    true = replays(None)
+    middle = np.concatenate([_guesses(r)[0] for r in true])
+    held, *shifted = (losses(replays(shift)) for shift in SHIFTS)
+    rivals = (middle, held, np.mean(shifted, axis=0))
+    error = losses(true)
+    for c in range(error.shape[1]):
+        seen = ~np.isnan(error[:, c])  # a recording may lack the channel
+        if all(_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals):
+            return True
+    errors = _free_run_errors(model, [(r.track, r.entered[0]) for r in true])
+    free, flat, *without = errors
+    return bool((free < settings.naive_plain * np.min([flat, *without], axis=0)).any())
+
+
+def _without_inputs(track: Track, shift: float) -> Track:
+    """The track with its inputs shifted by a share of its length, or held at their means (0)."""
+    if shift == 0.0:
+        return replace(track, u=np.tile(track.u.mean(axis=0), (len(track), 1)))
+    return replace(track, u=np.roll(track.u, round(shift * len(track)), axis=0))
+
+
+def _free_run_errors(model: CandidateModel, begun: Sequence[tuple[Track, Array]]) -> Array:
+    """Summed absolute errors per channel (SI) of one free run per track from its start: with the
+    recorded inputs, of the median, and without the inputs (rows; see `SHIFTS`)."""
+    total = np.zeros((2 + len(SHIFTS), begun[0][0].y.shape[1]))
+    for track, start in begun:
+        runs = [
+            run_windows(
+                model.assembly.program,
+                model.assembly,
+                model.fit.p,
+                t,
+                [Window(0, len(track))],
+                start[None],
+                model.fit.stepping,
+            )
+            for t in (track, *(_without_inputs(track, shift) for shift in SHIFTS))
+        ]
+        runs.insert(1, np.broadcast_to(np.median(track.y, axis=0), track.y.shape))
+        total += [np.nansum(np.abs(track.y - run), axis=0) for run in runs]
+    return total
+
+
+def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bool:
+    """Whether the model beats forecasts that need no model, in any channel.
+
+    It must be better, by the margin and with 95 % confidence or by plainly more, than the median of
+    everything scored. Unless it is near the noise floor it must also beat the forecasts from the
+    first part of a window, on which its start was estimated: the median of that part, and the line
+    through it. A model without states has not seen that part. A free run from single starts that
+    is plainly better than the median will do as well.
+    """
+    started = bool(model.assembly.rig.states)
+    middle, start, line = (
+        np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
+    )
+    for c, floor in enumerate(seen_mean(budget.floor)):
+        seen = ~np.isnan(model.absolutes[:, c])  # a recording may lack the channel
+        own, flat = model.absolutes[seen, c], middle[seen, c]
+        guess = min(line[seen, c], start[seen, c], key=np.sum)
+        near = own.mean() < budget.settings.naive_near_floor * floor
+        if _better(own, flat, seed, budget.settings) and (
+            not started or near or _better(own, guess, seed, budget.settings)
+        ):
+            return True
+    return _follows(model, budget.settings)
+
+
+def _follows(model: CandidateModel, settings: Settings) -> bool:
+    """Whether free runs from the first start of every recording leave plainly less than the median,
+    in any channel, in the held-out or in the fitted data."""
+    held_out = [(r.track, r.entered[0]) for r in model.replays]
+    fitted = [(t, x[0]) for t, x in zip(model.fit.problem.tracks, model.fit.starts, strict=True)]
+    for begun in (held_out, fitted):
+        free, flat, *_ = _free_run_errors(model, begun)
+        if (free < settings.naive_plain * flat).any():
+            return True
+    return False
+
+
+def _better(own: Array, guess: Array, seed: int, settings: Settings = DEFAULT) -> bool:
+    """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
+    guess is exact say nothing of a model."""
+    most = 1.0 - settings.naive_margin
+    if guess.sum() <= 0.0 or own.sum() >= most * guess.sum():
+        return False
+    if own.sum() < settings.naive_plain * guess.sum():
+        return True
+    beside = guess + 1e-9 * guess.mean()
+    # of few windows it is not shown that it explains nothing either
+    return bool(moving_block_interval(own, beside, seed=seed, widened=False)[1] < most)
+
+
+def _guesses(replay: Replay) -> tuple[Array, Array, Array]:
+    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that
+    of the window's first part, and of the line through it."""
+    y, scored = replay.track.y, replay.scored
+    middle, rows = np.median(y[scored], axis=0), []
+    for w in replay.windows:
+        t = np.arange(w.stop - w.start, dtype=float)
+        first, left = warm_up(w), y[w.start : w.stop]
+        slope, level = np.polyfit(t[:first], left[:first], 1)
+        rest = left[scored[w.start : w.stop]]
+        after = t[scored[w.start : w.stop], None]
+        rows.append(
+            [
+                np.abs(rest - guess).mean(axis=0)
+                for guess in (middle, np.median(left[:first], axis=0), level + slope * after)
+            ]
+        )
+    middles, starts, lines = np.array(rows).transpose(1, 0, 2)
+    return middles, starts, lines
