@@ -16,7 +16,7 @@ from pamid.diagnosis.cross_fitting import reported
 from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
 from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.judging import Judged, judge
-from pamid.diagnosis.input_response import explains_nothing
+from pamid.diagnosis.input_response import explains_nothing, inputs_predict
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
@@ -47,7 +47,9 @@ class Diagnosis:
     budget: Budget
     half: NDArray[np.bool_]  # of the held-out windows
     seed: int = 0
-    empty: bool = False  # the best model predicts no better than a guess without a model
+    empty: bool = False  # no model explains anything: see `explains_nothing`
+    # whether inputs predict outputs without any model of the rig; None where none moves
+    inputs_predict: bool | None = None
     located: PortEvidence | None = None
     judged: Judged | None = None
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
@@ -137,8 +139,13 @@ def diagnose(
     progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
-    if at_noise_floor(budget, seed):
-        return Diagnosis(evidence, budget, half, seed, explains_nothing(budget, base, seed))
+    predict = inputs_predict(evidence, settings)
+    # an output that neither the model nor any lag of the inputs predicts needs no search: whatever
+    # effect reproduces it does so without the inputs
+    nothing_responds = predict is False and explains_nothing(budget, base, seed)
+    if nothing_responds or at_noise_floor(budget, seed):
+        empty = nothing_responds or explains_nothing(budget, base, seed)
+        return Diagnosis(evidence, budget, half, seed, empty, predict)
     search = Search(
         evidence,
         budget,
@@ -181,6 +188,7 @@ def diagnose(
         half,
         seed,
         judged.empty,
+        predict,
         located,
         judged,
         tuple(failed),

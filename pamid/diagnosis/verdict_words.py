@@ -58,15 +58,20 @@ def remark(d: Diagnosis) -> str:
         )
     if not d.empty:
         return ""
-    sent = _moving_inputs(d)
-    channels = _joined(d.evidence.channels, "and")
-    verb = "does" if len(d.evidence.channels) == 1 else "do"
-    shown = (
-        f"{channels} {verb} not respond to {sent}: the model predicts no better with the recorded "
-        "input than without it."
-        if sent
-        else f"The model predicts {channels} no better than their mean or a straight line does."
-    )
+    sent, channels = _moving_inputs(d), _joined(d.evidence.channels, "and")
+    one = len(d.evidence.channels) == 1
+    if not sent:
+        shown = f"The model predicts {channels} no better than their mean or a straight line does."
+    elif d.inputs_predict:
+        shown = (
+            f"A linear model with lags predicts {channels} better with {sent}, but no model of "
+            "this machine does. Check signs, delays and the direction of time."
+        )
+    else:
+        shown = (
+            f"{channels} {'does' if one else 'do'} not respond to {sent}: the model predicts no "
+            "better with the recorded input than without it."
+        )
     return (
         f"The recordings do not show this machine. {shown} Check that every column is the channel "
         "in its name, that one clock recorded all of them, and that the input acted on the rig."
