@@ -15,7 +15,6 @@ import argparse
 import contextlib
 import io
 import json
-import os
 import sys
 import tempfile
 import time
@@ -25,9 +24,6 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-for library in ("OPENBLAS", "OMP", "MKL"):
-    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,7 +261,9 @@ GENUINE: dict[str, Variation] = {
     "parabola": Variation(lambda b: _swept(b, lambda t: (t / t[-1]) ** 2)),
     "sine, slow": Variation(lambda b: _swept(b, lambda t: np.sin(0.5 * t))),
     "sine, fast": Variation(lambda b: _swept(b, lambda t: np.sin(3.0 * t))),
-    "two sines": Variation(lambda b: _swept(b, lambda t: 0.5 * (np.sin(0.7 * t) + np.sin(1.9 * t)))),
+    "two sines": Variation(
+        lambda b: _swept(b, lambda t: 0.5 * (np.sin(0.7 * t) + np.sin(1.9 * t)))
+    ),
     "chirp": Variation(lambda b: _swept(b, lambda t: np.sin(0.3 * t * (1.0 + t / t[-1])))),
     "decay": Variation(lambda b: _swept(b, lambda t: np.exp(-3.0 * t / t[-1]))),
     "rise to a plateau": Variation(lambda b: _swept(b, lambda t: -np.exp(-6.0 * t / t[-1]))),
@@ -341,7 +339,9 @@ def outcome_of(name: str, kind: str, genuine: bool, folder: Path) -> Outcome:
     from pamid_cli.frame import run
 
     bench = BENCHES[name]
-    stem = f"{name}-{kind}-{'genuine' if genuine else 'nonsense'}".replace(" ", "-").replace(",", "")
+    stem = f"{name}-{kind}-{'genuine' if genuine else 'nonsense'}".replace(" ", "-").replace(
+        ",", ""
+    )
     time_s, columns = columns_of(name, kind, genuine)
     write_recording(folder / f"{stem}.csv", time_s, columns)
     words = ["diagnose", str(folder / f"{stem}.csv"), "--rig", bench.rig, "--output"]
@@ -378,7 +378,9 @@ def main() -> int:
     parser.add_argument("--only", choices=("nonsense", "genuine"))
     parser.add_argument("--output", type=Path, help="keep recordings and runs here")
     options = parser.parse_args()
-    roles = [role for role in (False, True) if options.only in (None, ("nonsense", "genuine")[role])]
+    roles = [
+        role for role in (False, True) if options.only in (None, ("nonsense", "genuine")[role])
+    ]
     counts: dict[bool, Counter[str]] = {False: Counter(), True: Counter()}
     begun, cpu_s = time.monotonic(), 0.0
     with contextlib.ExitStack() as stack:

@@ -5,19 +5,17 @@ nothing. Where no input moves, the comparison is with forecasts that need no mod
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import block_sums, moving_block_interval, seen_mean
+from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.lagged_linear import inputs_move
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.model.assembly import Assembly
-from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
@@ -27,12 +25,6 @@ Array = NDArray[np.float64]
 #: Circular shifts that stand for "without the inputs", as shares of the track; 0 holds every input
 #: at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does not.
 SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8)
-#: The lagged linear model: longest lag as a share of the recording, regressors that are past
-#: outputs, parts of the cross-validation, rows (two horizons) whose error counts as one.
-LONGEST_LAG = 0.2
-PAST_OUTPUTS = 3
-FOLDS = 5
-BLOCK = 8
 
 
 def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
@@ -42,109 +34,12 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
     """
     held_out = [r.full_track for r in model.replays]
     for tracks in (held_out, list(model.fit.problem.tracks)):
-        if _inputs_move(tracks):
+        if inputs_move(tracks):
             return not _responds(budget, model, tracks, seed)
     return not _beats_extrapolation(budget, model, seed)
 
 
-def inputs_predict(data: DataSplit, settings: Settings = DEFAULT) -> bool | None:
-    """Return whether the inputs help a lagged linear model to predict an output; None where none
-    moves.
-
-    For every channel the increment y(t + h) - y(t) is regressed on y(t), on the increments before
-    it, and on means of the inputs u (and of their squares) over lags from 0 to a fifth of the
-    recording, h being the correlation time. Every fifth of each recording is predicted from the rest, with and without the inputs. No
-    model of the rig takes part: the machine may be far from its model.
-    """
-    plain = Assembly(data.rig)
-    tracks = [*data.tracks(plain), *data.tracks(plain, held_out=True)]
-    tracks = [t.part(t.lead, len(t)) for t in tracks]
-    if not _inputs_move(tracks):
-        return None
-    lags_s = _lag_edges(data.timescale_s, LONGEST_LAG * max(len(t) * t.period_s for t in tracks))
-    centre = np.concatenate([t.u for t in tracks]).mean(axis=0)
-    for c in range(len(data.channels)):
-        rows = [_lagged(t, c, data.timescale_s, lags_s, centre) for t in tracks if t.seen[c]]
-        without = _cross_validated([(x[:, :PAST_OUTPUTS], y) for x, y in rows])
-        linear = PAST_OUTPUTS + (rows[0][0].shape[1] - PAST_OUTPUTS) // 2
-        for columns in (linear, None):
-            with_inputs = _cross_validated([(x[:, :columns], y) for x, y in rows])
-            if with_inputs.sum() < (1.0 - settings.naive_margin) * without.sum():
-                return True
-    return False
-
-
-def _lag_edges(first_s: float, last_s: float) -> Array:
-    """Edges of lag intervals (s): 0, then doubling from an eighth of `first_s` up to `last_s`."""
-    count = max(1, int(np.ceil(np.log2(max(8.0 * last_s / first_s, 2.0)))))
-    return np.concatenate([[0.0], first_s / 8.0 * 2.0 ** np.arange(count + 1)])
-
-
-def _lagged(
-    track: Track, c: int, horizon_s: float, lags_s: Array, centre: Array
-) -> tuple[Array, Array]:
-    """Regressors (past outputs, then inputs over lags, then their squares) and increments of
-    channel c, four rows per horizon. Before the beginning every signal keeps its first value."""
-    n = len(track)
-    h = min(max(2, round(horizon_s / track.period_s)), max(2, n // 8))
-    at = np.arange(h, n, max(1, h // 4))  # the increments end here
-    last, half, whole = (track.y[np.maximum(at - k, 0), c] for k in (h, h + h // 2, 2 * h))
-    u = track.u - centre
-    features = np.stack([u, u**2])
-    sums = np.concatenate([np.zeros_like(features[:, :1]), features.cumsum(axis=1)], axis=1)
-    edges = np.unique(np.round(lags_s / track.period_s).astype(int))
-    stops = np.maximum(at[:, None] + 1 - edges[:-1], 1)
-    starts = np.minimum(np.maximum(at[:, None] + 1 - edges[1:], 0), stops - 1)
-    means = (sums[:, stops] - sums[:, starts]) / (stops - starts)[..., None]
-    linear, squares = means.reshape(2, len(at), -1)
-    return np.column_stack([last, last - half, last - whole, linear, squares]), track.y[at, c] - last
-
-
-def _cross_validated(rows: Sequence[tuple[Array, Array]]) -> Array:
-    """Mean absolute errors over blocks of `BLOCK` rows, each fifth of a recording predicted from
-    everything else."""
-    errors = []
-    for fold in range(FOLDS):
-        inside = [np.arange(len(y)) * FOLDS // len(y) == fold for _, y in rows]
-        x, y = (
-            np.concatenate([part[k][~m] for part, m in zip(rows, inside, strict=True)])
-            for k in (0, 1)
-        )
-        predict = _ridge(x, y)
-        for (w, v), m in zip(rows, inside, strict=True):
-            if m.any():
-                left = np.abs(v[m] - predict(w[m]))
-                errors.append(block_sums(left, min(BLOCK, len(left))) / BLOCK)
-    return np.concatenate(errors)
-
-
-def _ridge(x: Array, y: Array) -> Callable[[Array], Array]:
-    """Linear prediction from standardised regressors, weakly damped (Hoerl and Kennard 1970)."""
-    centre, spread = x.mean(axis=0), x.std(axis=0)
-    spread = np.where(spread > 1e-12 * np.abs(x).max(axis=0, initial=0.0), spread, np.inf)
-    z = (x - centre) / spread
-    gram = z.T @ z + 1e-3 * len(z) * np.eye(z.shape[1])
-    weights = np.linalg.solve(gram, z.T @ (y - y.mean()))
-    # within the range of what it has seen: an extrapolation would be the error of the comparison
-    return lambda rows: np.clip(
-        y.mean() + (rows - centre) / spread @ weights, y.min(initial=np.inf), y.max(initial=-np.inf)
-    )
-
-
-def _inputs_move(tracks: Sequence[Track]) -> bool:
-    """Whether an input moves to and fro: from the lower half of its range to the upper one and
-    back. After one step any smooth output looks like a response."""
-    for u in (np.concatenate(columns) for columns in zip(*(t.u.T for t in tracks), strict=True)):
-        off = u - 0.5 * (u.min() + u.max())
-        sides = np.sign(off[np.abs(off) > 0.25 * np.abs(off).max()])
-        if np.count_nonzero(np.diff(sides)) > 1:
-            return True
-    return False
-
-
-def _responds(
-    budget: Budget, model: CandidateModel, tracks: Sequence[Track], seed: int
-) -> bool:
+def _responds(budget: Budget, model: CandidateModel, tracks: Sequence[Track], seed: int) -> bool:
     """Whether the recorded inputs help the model to predict any channel.
 
     They do if its error is smaller, by the margin and with 95 % confidence or by plainly more, than
@@ -175,7 +70,7 @@ def _responds(
     error = losses(true)
     for c in range(error.shape[1]):
         seen = ~np.isnan(error[:, c])  # a recording may lack the channel
-        if all(_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals):
+        if all(_is_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals):
             return True
     errors = _free_run_errors(model, [(r.track, r.entered[0]) for r in true])
     free, flat, *without = errors
@@ -229,8 +124,8 @@ def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bo
         own, flat = model.absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
         near = own.mean() < budget.settings.naive_near_floor * floor
-        if _better(own, flat, seed, budget.settings) and (
-            not started or near or _better(own, guess, seed, budget.settings)
+        if _is_better(own, flat, seed, budget.settings) and (
+            not started or near or _is_better(own, guess, seed, budget.settings)
         ):
             return True
     return _follows(model, budget.settings)
@@ -248,7 +143,7 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     return False
 
 
-def _better(own: Array, guess: Array, seed: int, settings: Settings = DEFAULT) -> bool:
+def _is_better(own: Array, guess: Array, seed: int, settings: Settings = DEFAULT) -> bool:
     """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
     guess is exact say nothing of a model."""
     most = 1.0 - settings.naive_margin

@@ -19,9 +19,9 @@ from pamid.diagnosis.forward_selection import (
     refitted_with,
     select_forward,
 )
+from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
-from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import at_bounds, vanished
@@ -75,7 +75,7 @@ class Judged:
     halves: Crossed | None  # what either half of the held-out windows would have chosen
     classes: tuple[tuple[str, ...], ...]
     selection: ForwardSelection
-    empty: bool  # the best model predicts no better than a guess without a model
+    empty: bool  # no model explains anything, and the outputs do not respond to the inputs
     units: dict[str, Any] | None  # why units and signs are in doubt
 
     @property
@@ -113,7 +113,9 @@ def judge(
     )
     signatures = alone(search, ranking, located)
     units = scale_doubt(search.evidence, base, best, settings)
-    empty = explains_nothing(search.budget, best, search.seed)
+    unused = explains_nothing(search.budget, best, search.seed)
+    response = search.response
+    empty = unused and (response is None or not response.is_there or response.is_reversed)
     doubt = "units" if units else "empty" if empty else ""
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
     compared = _Compared(
@@ -125,6 +127,7 @@ def judge(
         found.tried,
         groups,
         doubt,
+        unused,
     )
     weighed = everything = _weighed_up(search, compared, best, after)
     instead = _instead(search, compared, weighed)
@@ -170,6 +173,7 @@ class _Compared:
     tried: tuple[CandidateModel, ...]  # models of several effects
     groups: tuple[tuple[str, ...], ...]  # of ports that the sensors cannot tell apart
     doubt: str
+    unused: bool  # the best model does without the inputs, to which the outputs respond
 
     @cached_property
     def chances(self) -> dict[CandidateModel, float]:
@@ -214,12 +218,17 @@ def _weighed_up(
         for one, own in zip(c.ranking, c.signatures, strict=True)
         if one in tied or one in rivals
     }
+    nameable: list[list[Weighed]] = [[], [], []]
+    if not c.unused:
+        nameable = [
+            [_weighed(search, c, best, m) for m in members],
+            [_weighed(search, c, one, alone[one]) for one in _of_families(tied, best)],
+            [_weighed(search, c, one, alone[one]) for one in rivals],
+        ]
     decision = decide(
         grounds.before,
         grounds.after(c.forward_steps),
-        [_weighed(search, c, best, m) for m in members],
-        [_weighed(search, c, one, alone[one]) for one in _of_families(tied, best)],
-        [_weighed(search, c, one, alone[one]) for one in rivals],
+        *nameable,
         doubt=c.doubt,
         settings=search.settings,
     )

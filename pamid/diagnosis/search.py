@@ -21,6 +21,7 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
+from pamid.diagnosis.lagged_linear import LaggedResponse
 from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.ranges import is_plain_inside, mirrored, vanished, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
@@ -56,6 +57,7 @@ class Search:
     seed: int
     pool: WorkerPool
     progress: Progress
+    response: LaggedResponse | None = None  # of outputs to inputs
 
     @property
     def settings(self) -> Settings:

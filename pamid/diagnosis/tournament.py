@@ -15,8 +15,9 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.cross_fitting import reported
 from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
 from pamid.diagnosis.family_forms import FreeForm, free_forms
+from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.judging import Judged, judge
-from pamid.diagnosis.input_response import explains_nothing, inputs_predict
+from pamid.diagnosis.lagged_linear import LaggedResponse, lagged_response
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
@@ -48,8 +49,7 @@ class Diagnosis:
     half: NDArray[np.bool_]  # of the held-out windows
     seed: int = 0
     empty: bool = False  # no model explains anything: see `explains_nothing`
-    # whether inputs predict outputs without any model of the rig; None where none moves
-    inputs_predict: bool | None = None
+    response: LaggedResponse | None = None  # of outputs to inputs; None where no input moves
     located: PortEvidence | None = None
     judged: Judged | None = None
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
@@ -139,13 +139,14 @@ def diagnose(
     progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
-    predict = inputs_predict(evidence, settings)
+    response = lagged_response(evidence, settings)
     # an output that neither the model nor any lag of the inputs predicts needs no search: whatever
     # effect reproduces it does so without the inputs
-    nothing_responds = predict is False and explains_nothing(budget, base, seed)
+    absent = response is not None and not response.is_there
+    nothing_responds = absent and explains_nothing(budget, base, seed)
     if nothing_responds or at_noise_floor(budget, seed):
         empty = nothing_responds or explains_nothing(budget, base, seed)
-        return Diagnosis(evidence, budget, half, seed, empty, predict)
+        return Diagnosis(evidence, budget, half, seed, empty, response)
     search = Search(
         evidence,
         budget,
@@ -156,6 +157,7 @@ def diagnose(
         seed,
         pool,
         progress,
+        response,
     )
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
@@ -188,7 +190,7 @@ def diagnose(
         half,
         seed,
         judged.empty,
-        predict,
+        response,
         located,
         judged,
         tuple(failed),

@@ -62,10 +62,10 @@ def remark(d: Diagnosis) -> str:
     one = len(d.evidence.channels) == 1
     if not sent:
         shown = f"The model predicts {channels} no better than their mean or a straight line does."
-    elif d.inputs_predict:
+    elif d.response and d.response.is_reversed:
         shown = (
-            f"A linear model with lags predicts {channels} better with {sent}, but no model of "
-            "this machine does. Check signs, delays and the direction of time."
+            f"{channels} {'precedes' if one else 'precede'} {sent}: the rows seem to be in reverse "
+            "order of time."
         )
     else:
         shown = (

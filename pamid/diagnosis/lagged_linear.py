@@ -1,0 +1,154 @@
+"""Lagged linear regression of outputs on inputs: is there a response, whatever the rig's model?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.model.assembly import Assembly
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.tracks import Track
+
+Array = NDArray[np.float64]
+
+LONGEST_LAG = 0.2  # of the longest recording
+FOLDS = 5  # of the cross-validation
+RIDGE = 1e-3  # damping per row, of standardised regressors
+GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of regressors
+STANDARDISED = 1e-12  # a regressor that varies by less of its size is a constant
+
+
+@dataclass(frozen=True)
+class LaggedResponse:
+    """Error of the regression with inputs over that without, of the channel where it is least;
+    `backwards`: the same with time reversed."""
+
+    ratio: float
+    backwards: float
+    margin: float  # by which a ratio has to be less
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the inputs help to predict an output."""
+        return self.ratio < 1.0 - self.margin
+
+    @property
+    def is_reversed(self) -> bool:
+        """Whether outputs precede inputs: the inputs help more with time reversed. The memory of a
+        machine that forgets makes the forward direction the better one."""
+        return self.backwards < (1.0 - self.margin) * min(self.ratio, 1.0)
+
+
+def lagged_response(data: DataSplit, settings: Settings = DEFAULT) -> LaggedResponse | None:
+    """Return how much the inputs help to predict the outputs; None where no input moves.
+
+    For every channel y the increment y(t + h) - y(t) is regressed on y(t), on the increments before
+    it, and on means of the inputs u (and of their squares) over lags from 0 to a fifth of the
+    recording, h being the correlation time. Every fifth of each recording is predicted from the
+    rest.
+    """
+    plain = Assembly(data.rig)
+    tracks = [
+        t.part(t.lead, len(t)) for held in (False, True) for t in data.tracks(plain, held_out=held)
+    ]
+    if not inputs_move(tracks):
+        return None
+    u = np.concatenate([t.u for t in tracks])
+    centre, spread = u.mean(axis=0), np.where(np.ptp(u, axis=0) > 0.0, np.ptp(u, axis=0), 1.0)
+    edges_s = _lag_edges(data.timescale_s, LONGEST_LAG * max(len(t) * t.period_s for t in tracks))
+
+    def ratio(c: int, direction: int) -> float:
+        parts = [
+            _regressors(
+                t.y[::direction, c],
+                (t.u[::direction] - centre) / spread,
+                t.period_s,
+                data.timescale_s,
+                edges_s,
+            )
+            for t in tracks
+            if t.seen[c]
+        ]
+        without, *with_inputs = (_cross_validated(parts, groups) for groups in GROUPS)
+        return min(with_inputs) / without if without > 0.0 else 1.0
+
+    channels = range(len(data.channels))
+    forward, backwards = (min(ratio(c, direction) for c in channels) for direction in (1, -1))
+    return LaggedResponse(forward, backwards, settings.naive_margin)
+
+
+def inputs_move(tracks: Sequence[Track]) -> bool:
+    """Return whether an input moves to and fro, from the lower third of its range to the upper one
+    and back. After a single step any smooth output looks like a response."""
+    for u in np.concatenate([t.u for t in tracks]).T:
+        low, high = np.quantile(u, (0.05, 0.95))  # one outlier is no range
+        if low == high:
+            low, high = u.min(), u.max()
+        third = (high - low) / 3.0
+        sides = np.where(u < low + third, -1, np.where(u > high - third, 1, 0))
+        if third > 0.0 and np.count_nonzero(np.diff(sides[sides != 0])) > 1:
+            return True
+    return False
+
+
+def _lag_edges(first_s: float, last_s: float) -> Array:
+    """Edges of lag intervals (s): 0, then doubling from an eighth of `first_s` up to `last_s`."""
+    count = max(1, int(np.ceil(np.log2(max(8.0 * last_s / first_s, 2.0)))))
+    return np.concatenate([[0.0], first_s / 8.0 * 2.0 ** np.arange(count + 1)])
+
+
+class _Rows(NamedTuple):
+    """Regressors of one recording (rows x columns), and the increments they are to predict."""
+
+    past: Array
+    linear: Array
+    squares: Array
+    increments: Array
+
+
+def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: Array) -> _Rows:
+    """Four rows per horizon. Before the beginning every signal keeps its first value."""
+    n = len(y)
+    h = min(max(2, round(horizon_s / period_s)), max(2, n // 8))
+    end = np.arange(h, n, max(1, h // 4))
+    last, half, whole = (y[np.maximum(end - k, 0)] for k in (h, h + h // 2, 2 * h))
+    edges = np.unique(np.round(edges_s / period_s).astype(int))
+    stops = np.maximum(end[:, None] + 1 - edges[:-1], 1)
+    starts = np.minimum(np.maximum(end[:, None] + 1 - edges[1:], 0), stops - 1)
+
+    def means(signal: Array) -> Array:
+        sums = np.concatenate([np.zeros((1, u.shape[1])), signal.cumsum(axis=0)])
+        mean = (sums[stops] - sums[starts]) / (stops - starts)[..., None]
+        return np.asarray(mean.reshape(len(end), -1))
+
+    return _Rows(
+        np.column_stack([last, last - half, last - whole]), means(u), means(u**2), y[end] - last
+    )
+
+
+def _cross_validated(parts: Sequence[_Rows], groups: tuple[str, ...]) -> float:
+    """Summed absolute error, each fifth of a recording predicted from everything else."""
+    folds = [np.arange(len(p.increments)) * FOLDS // max(len(p.increments), 1) for p in parts]
+    x = np.concatenate([np.concatenate([getattr(p, g) for g in groups], axis=1) for p in parts])
+    y, fold = np.concatenate([p.increments for p in parts]), np.concatenate(folds)
+    return sum(_ridge_error(x, y, fold == k) for k in range(FOLDS))
+
+
+def _ridge_error(x: Array, y: Array, held: NDArray[np.bool_]) -> float:
+    """Summed absolute error on the held-out rows of a ridge regression (Hoerl and Kennard 1970) on
+    the others. Predictions stay within the range of the others: extrapolation would decide."""
+    if held.all() or not held.any():
+        return 0.0
+    fitted = x[~held]
+    centre, spread = fitted.mean(axis=0), fitted.std(axis=0)
+    spread = np.where(spread > STANDARDISED * np.abs(fitted).max(axis=0), spread, np.inf)
+    z, target = (fitted - centre) / spread, y[~held]
+    gram = z.T @ z + RIDGE * len(z) * np.eye(z.shape[1])
+    weights = np.linalg.solve(gram, z.T @ (target - target.mean()))
+    predicted = target.mean() + (x[held] - centre) / spread @ weights
+    return float(np.abs(y[held] - np.clip(predicted, target.min(), target.max())).sum())
