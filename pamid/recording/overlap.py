@@ -1,5 +1,5 @@
 """Samples that stand in two recordings: a copy, whatever its name, the order and unit of its
-columns or the digits it was printed with, or a stretch that two files share.
+columns, the digits it was printed with or an offset and a scale, or a stretch that two files share.
 
 Found by content alone, as copies of text are (Manber 1994, USENIX Winter Conference; Schleimer,
 Wilkerson and Aiken 2003, SIGMOD). Every measured signal is read as a sequence of (level, dwell).
@@ -8,12 +8,18 @@ in all recordings at once, so that the same words are chosen wherever a copy beg
 places that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not
 count. Noise never repeats itself, so that the same experiment made twice on a real rig is no copy;
 simulated twice without noise it is one.
+
+A copy with another offset, scale or sign shares no level, but the signs of its noise. Those of the
+differences are hashed in the same way, and the recordings are then compared after a straight line
+has been fitted to one over the other. Only channels that show noise or a step can prove such a
+copy: without them the response to a doubled input is a scaled copy, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +27,12 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column, to_si
+from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, quantisation_step
 from pamid.recording.recording import Recording, match_column
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
+Words = tuple[NDArray[np.uint64], Places]  # hashes that are looked up, and where each begins
 
 # steps of print to a level; odd, so that no number of the coarser print lies between two levels
 STEPS_PER_LEVEL = (63, 15, 3, 1)
@@ -39,25 +47,46 @@ TELLING_SAMPLES = 100
 BROKEN = 10
 PRINTED = 300  # values whose digits are looked at
 CONVERSION_TOLERANCE = 1e-12  # of a value: conversion between units
+DIFFERENCE_ORDER = 4  # of the differences whose signs are hashed: motion leaves little in them
+SIGN_DOUBLINGS = 6  # a word is the signs of 64 differences
+NO_SIGN = 0.01  # of the noise: smaller differences are 0
+MOST_ZEROS = 0.75  # of a word's differences: a channel at rest shows nothing
+LINE_SAMPLES = 64  # of a block to which a straight line is fitted
+# of the noise: root mean square of what a copy differs by, around every sample. Two independent
+# readings differ by sqrt(2), and a rounding that falls out differently once in a block by 0.4
+COPY_SHARE = 0.25
 MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True)
 class Overlap:
     """So many samples of recording `first` from its sample `start` on are those of recording
-    `second` from `again`."""
+    `second` from `again`; rescaled: apart from an offset or a scale."""
 
     first: int
     second: int
     start: int
     again: int
     samples: int
+    rescaled: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
     values: Array  # SI
     step: float  # of its print at its largest values, SI
+
+    @cached_property
+    def noise(self) -> float:
+        """Its white noise, at least that of its step, SI."""
+        return float(noise_level(self.values[:, None])[0])
+
+    @cached_property
+    def shows_noise(self) -> bool:
+        """Does it show noise or a step of its own, which no other recording has?"""
+        return self.noise > MAY_BE_NOISE * float(self.values.std()) and (
+            quantisation_step(self.values) > 0.0 or is_white(self.values)
+        )
 
 
 def require_apart(
@@ -82,7 +111,7 @@ def require_apart(
         ]
         message = (
             f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s "
-            f"of them: {why}"
+            f"of them{', apart from an offset or a scale' if found.rescaled else ''}: {why}"
         )
     raise DataError(
         f"{message}.",
@@ -106,13 +135,18 @@ def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterato
         else:
             fresh.append(i)
     tables = {i: _signals(recordings[i], outputs) for i in fresh}
-    tried: dict[tuple[int, int], int] = {}
-    for i, j, shift in _candidates(outputs, tables):
-        tried[i, j] = tried.get((i, j), 0) + 1
-        stretch = _shared(tables[i], tables[j], shift) if tried[i, j] <= SHIFTS else None
-        if stretch is not None:
-            tried[i, j] = SHIFTS
-            yield Overlap(i, j, stretch[0], stretch[0] - shift, stretch[1])
+    ways = ((_levels_of, _shared, False), (_signs_of, _shared_but_scaled, True))
+    copies: set[tuple[int, int]] = set()
+    for words, shared, rescaled in ways:
+        tried: dict[tuple[int, int], int] = {}
+        for i, j, shift in _candidates(outputs, tables, words):
+            tried[i, j] = tried.get((i, j), 0) + 1
+            if (i, j) in copies or tried[i, j] > SHIFTS:
+                continue
+            stretch = shared(tables[i], tables[j], shift)
+            if stretch is not None:
+                copies.add((i, j))
+                yield Overlap(i, j, stretch[0], stretch[0] - shift, stretch[1], rescaled)
 
 
 def _signals(recording: Recording, outputs: Sequence[str]) -> dict[str, _Signal]:
@@ -142,20 +176,18 @@ def _printed_step(values: Array) -> float:
 
 
 def _candidates(
-    outputs: Sequence[str], tables: dict[int, dict[str, _Signal]]
+    outputs: Sequence[str],
+    tables: dict[int, dict[str, _Signal]],
+    words_of: Callable[[dict[int, _Signal]], dict[int, Words]],
 ) -> Iterator[tuple[int, int, int]]:
     """Pairs of recordings (i, j) and the shift, place in i minus place in j, at which they share
     words; those that share most come first."""
     votes = []
     for name in outputs:
         having = {i: signals[name] for i, signals in tables.items() if name in signals}
-        if len(having) > 1:
-            step = max(s.step for s in having.values())
-            narrow = min(float(np.ptp(s.values)) for s in having.values())
-            cell = step * next(
-                (m for m in STEPS_PER_LEVEL if narrow >= FEWEST_LEVELS * m * step), 1
-            )
-            votes.append(_matches({i: _words(s.values, cell) for i, s in having.items()}))
+        words = words_of(having) if len(having) > 1 else {}
+        if len(words) > 1:
+            votes.append(_matches(words))
     if not votes:
         return
     pairs, counts = np.unique(np.concatenate(votes), axis=0, return_counts=True)
@@ -165,23 +197,52 @@ def _candidates(
         yield i, j, shift
 
 
-def _words(values: Array, cell: float) -> tuple[NDArray[np.uint64], Places]:
-    """Hashes of the words that are looked up, and the sample at which each begins."""
+def _levels_of(having: dict[int, _Signal]) -> dict[int, Words]:
+    """Words of levels and dwells, in cells that all recordings of a signal share."""
+    step = max(s.step for s in having.values())
+    narrow = min(float(np.ptp(s.values)) for s in having.values())
+    cell = step * next((m for m in STEPS_PER_LEVEL if narrow >= FEWEST_LEVELS * m * step), 1)
+    return {i: _level_words(s.values, cell) for i, s in having.items()}
+
+
+def _level_words(values: Array, cell: float) -> Words:
     level = np.rint(values / cell).astype(np.int64)
     begins = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
     # the last one is cut short by the end of the file
     dwell = np.diff(begins).astype(np.uint64)
     word = (level[begins[:-1]].astype(np.uint64) * MIX ^ dwell) * MIX
-    word ^= word >> np.uint64(29)
-    for doubling in range(DOUBLINGS):
-        half = 1 << doubling
-        word = word[:-half] * MIX + word[half:] if word.size > half else word[:0]
-        word ^= word >> np.uint64(31)
+    word = _hashed(word ^ (word >> np.uint64(29)), DOUBLINGS)
     sampled = np.flatnonzero(word % np.uint64(ONE_WORD_IN) == 0)
     return word[sampled], begins[sampled]
 
 
-def _matches(found: dict[int, tuple[NDArray[np.uint64], Places]]) -> Places:
+def _signs_of(having: dict[int, _Signal]) -> dict[int, Words]:
+    """Words of the signs of differences, of signals that show noise."""
+    return {i: _sign_words(s) for i, s in having.items() if s.shows_noise}
+
+
+def _sign_words(signal: _Signal) -> Words:
+    d = np.diff(signal.values, n=DIFFERENCE_ORDER)
+    sign = np.where(np.abs(d) > NO_SIGN * signal.noise, np.sign(d), 0.0).astype(np.int64)
+    # a signal and its opposite have the same word
+    both = [_hashed((s * sign + 2).astype(np.uint64) * MIX, SIGN_DOUBLINGS) for s in (1, -1)]
+    word = np.minimum(*both)
+    zeros = np.convolve(sign == 0, np.ones(1 << SIGN_DOUBLINGS), "valid")[: word.size]
+    telling = zeros <= MOST_ZEROS * (1 << SIGN_DOUBLINGS)
+    sampled = np.flatnonzero((word % np.uint64(ONE_WORD_IN) == 0) & telling)
+    return word[sampled], sampled
+
+
+def _hashed(word: NDArray[np.uint64], doublings: int) -> NDArray[np.uint64]:
+    """Hashes of every 2^doublings successive items."""
+    for doubling in range(doublings):
+        half = 1 << doubling
+        word = word[:-half] * MIX + word[half:] if word.size > half else word[:0]
+        word ^= word >> np.uint64(31)
+    return word
+
+
+def _matches(found: dict[int, Words]) -> Places:
     """(i, j, shift) for every word that recordings i < j share; of those that share one, each with
     the next."""
     word = np.concatenate([w for w, _ in found.values()])
@@ -211,6 +272,62 @@ def _shared(
         near = 0.5 * (one[n].step + other[n].step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
         same &= np.abs(a - b) <= 1.000001 * near
         moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
+    return _longest(same, moves, start)
+
+
+def _shared_but_scaled(
+    one: dict[str, _Signal], other: dict[str, _Signal], shift: int
+) -> tuple[int, int] | None:
+    """As `_shared`, where every signal of the other is a straight line over that of the one."""
+    names = [n for n in one if n in other]
+    size = min(len(one[names[0]].values), len(other[names[0]].values) + shift)
+    start = max(0, shift)
+    same, moves = np.ones(size - start, bool), np.zeros(size - start, bool)
+    for n in names:
+        a, b = one[n].values[start:size], other[n].values[start - shift : size - shift]
+        line = _line(a, b, one[n].noise)
+        if line is None:
+            return None
+        gain, offset = line
+        noise = min(one[n].noise, abs(gain) * other[n].noise)
+        same &= _around(((a - offset - gain * b) / noise) ** 2) <= COPY_SHARE**2
+        if one[n].shows_noise and other[n].shows_noise:
+            moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
+    return _longest(same, moves, start)
+
+
+def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
+    """Gain and offset of a over b in the blocks where a straight line leaves less than noise; None
+    where there are none."""
+    count = len(a) // LINE_SAMPLES
+    if not count:
+        return None
+    x, y = (z[: count * LINE_SAMPLES].reshape(count, -1) for z in (b, a))
+    dx, dy = (z - z.mean(axis=1, keepdims=True) for z in (x, y))
+    size = (dx * dx).sum(axis=1)
+    gain = (dx * dy).sum(axis=1) / np.where(size > 0.0, size, 1.0)
+    left = np.sqrt(((dy - gain[:, None] * dx) ** 2).mean(axis=1))
+    alike = (left < COPY_SHARE * noise) & (np.ptp(y, axis=1) > 2.0 * noise)
+    if not alike.any():
+        return None
+    x, y = x[alike].ravel(), y[alike].ravel()
+    dx = x - x.mean()
+    slope = float(dx @ (y - y.mean()) / (dx @ dx))
+    return slope, float(y.mean() - slope * x.mean())
+
+
+def _around(values: Array) -> Array:
+    """Mean over half a block around every sample."""
+    window = np.ones(min(LINE_SAMPLES // 2 + 1, len(values)))
+    return np.asarray(
+        np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same")
+    )
+
+
+def _longest(
+    same: NDArray[np.bool_], moves: NDArray[np.bool_], start: int
+) -> tuple[int, int] | None:
+    """First sample and length of the stretch that tells most; None where it tells too little."""
     starts, stops = runs_of(same)
     levels_before = np.concatenate([[0], np.cumsum(moves)])
     count = levels_before[stops] - levels_before[starts]

@@ -113,6 +113,73 @@ def test_a_stretch_shared_by_two_slices_is_found(noise: float, step: float, tmp_
     assert not list(overlaps(OUTPUTS, [a, made(tmp_path, "c", noise=noise, step=step, first=5000)]))
 
 
+def scaled(
+    gain: float, offset: float, extra: float = 0.0, column: str = "angle_deg"
+) -> Callable[[dict[str, Array]], dict[str, Array]]:
+    """Every value by gain and offset, with further noise, as a share of the sensor's 0.04."""
+
+    def change(columns: dict[str, Array]) -> dict[str, Array]:
+        random = np.random.default_rng(9)
+        return {
+            k: (gain * v + offset if k == column else v)
+            + 0.04 * extra * random.standard_normal(v.size)
+            for k, v in columns.items()
+        }
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"change": scaled(1.0, 1e-6)},
+        {"change": scaled(1.0, 2.5)},
+        {"change": scaled(1.001, 0.0)},
+        {"change": scaled(-1.0, 0.0)},
+        {"change": scaled(-57.3, 12.0)},
+        {"change": scaled(1.0, 0.0, 1e-3)},
+        {"change": scaled(1.0, 1.0, 0.1)},
+        {"change": scaled(1.0, 1e-3), "first": 3000, "last": 5000},
+        {"change": scaled(1.0, 1e-3), "first": 6000},
+        {"change": scaled(1.7, 0.3), "digits": 5},
+    ],
+    ids=[
+        "1e-6",
+        "offset",
+        "per mille",
+        "sign",
+        "gain",
+        "dither",
+        "noise",
+        "slice",
+        "end",
+        "5 digits",
+    ],
+)
+@pytest.mark.parametrize("step", [0.0, 0.02])
+def test_a_copy_is_found_apart_from_an_offset_and_a_scale(
+    other: dict[str, object], step: float, tmp_path: Path
+) -> None:
+    first = made(tmp_path, "a", digits=17, step=step)
+    second = made(tmp_path, "b", **{"digits": 17, "step": step, **other})  # type: ignore[arg-type]
+    for recordings in ([first, second], [second, first]):
+        (found,) = overlaps(OUTPUTS, recordings)
+        assert found.samples > 0.98 * len(second)
+
+
+@pytest.mark.parametrize("kind", [{"noise": 0.0}, {"noise": 0.0, "step": 0.2}])
+def test_a_doubled_response_is_no_copy(kind: dict[str, float], tmp_path: Path) -> None:
+    """Without noise a linear machine answers a doubled input with a scaled copy."""
+
+    def doubled(columns: dict[str, Array]) -> dict[str, Array]:
+        return {k: np.round(2.0 * v / step) * step if step else 2.0 * v for k, v in columns.items()}
+
+    step = kind.get("step", 0.0)
+    first = made(tmp_path, "a", noise=0.0, step=step)
+    second = made(tmp_path, "b", noise=0.0, change=doubled)
+    assert not list(overlaps(OUTPUTS, [first, second]))
+
+
 @pytest.mark.parametrize(
     "kind",
     [
@@ -208,3 +275,20 @@ def test_the_same_file_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     for given in ([one, one], [one, "--held-out", one]):
         assert run(["fit", *given, "--rig", RIG, "--output", str(tmp_path / "run"), "--json"]) == 4
         assert "given twice (12 s)" in json.loads(capsys.readouterr().out)["message"]
+
+
+def test_the_commands_name_a_copy_that_was_moved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Stamps moved by 100 s and values by 1e-6."""
+    one = cart(tmp_path, "one", 1)
+    recording = read_recording(one)
+    moved = {
+        "force_n": recording.columns["force_n"],
+        "position_m": recording.columns["position_m"] + 1e-6,
+    }
+    write_recording(tmp_path / "copy.csv", recording.time + 100.0, moved, digits=17)
+    given = ["fit", str(one), "--held-out", str(tmp_path / "copy.csv"), "--rig", RIG]
+    assert run([*given, "--output", str(tmp_path / "run"), "--json"]) == 4
+    message = json.loads(capsys.readouterr().out)["message"]
+    assert "apart from an offset or a scale" in message and "100 .. 111.99 s" in message
