@@ -117,11 +117,14 @@ def _against(
     values alone: kind of issue -> columns. thorough: also what takes many runs of the model."""
     from pamid.checks import rig_consistency as quality_rig  # the engine is needed only here
     from pamid.checks import scale_slips as quality_scale  # the engine is needed only here
+    from pamid.checks.input_echo import echoed_inputs
 
     evidence = quality_rig.compared_with_sheet(recording, rig)
     found = quality_scale.clock(recording, rig, evidence)
     if found:
         return found, {}
+    if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
+        return echoes, {}  # signs and units would mislead
     found, judged, mended = quality_rig.contradictions(recording, rig, evidence)
     if mended is not None:
         dead = quality_scale.unplugged(recording, rig, mended)

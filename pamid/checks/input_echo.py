@@ -1,0 +1,153 @@
+"""Measured columns that carry the signal of an input: exported twice, or read before the machine.
+
+Such an echo is a scaled, shifted, slightly delayed or smoothed input with nothing but white noise
+added. A stiff, fast machine looks the same, so that an echo is called one only where the rig's
+model has dynamics that could not follow the input so closely, at the data sheet's parameters and
+at `ECHO_DRAWS` others within their bounds.
+
+    y(t) = offset + gain * F(u)(t - delay),  F: first-order lag, lag and delay up to the correlation
+                                             time of u
+    echo of a recording   residual below ECHO_NOISE of the noise or ECHO_CLOSE of the motion
+    echo by a model       residual below MODEL_CLOSE of the motion
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.checks.channel_quality import QualityIssue
+from pamid.checks.rig_consistency import SheetComparison, recorded_as
+from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording, match_column
+from pamid.simulation.correlation_time import correlation_samples
+
+Array = NDArray[np.float64]
+
+ECHO_NOISE, ECHO_CLOSE = 1.5, 0.1
+LEAST_EXPLAINED = 0.5  # residual over motion: more is no echo, however large the noise
+MODEL_CLOSE = 0.2
+UNRELATED = 0.9  # residual over motion without a lag
+ECHO_LAGS = 12  # tried, in geometric steps from a quarter of a sample
+ECHO_DRAWS, STEPPED_DRAWS = 16, 4  # parameters tried; of a rig that steps by itself
+MOST_ECHO_SAMPLES, MOST_STEPPED_ECHO = 4000, 500
+WIDE_BOUNDS = 10.0  # ratio of bounds from which parameters are drawn in their logarithm
+
+
+def echoed_inputs(
+    recording: Recording, rig: Rig, comparison: SheetComparison
+) -> list[QualityIssue]:
+    """Measured columns that carry the same signal as an input or a reference.
+
+    A controller makes its command of the reading, so that inputs of a closed loop are not compared.
+    """
+    found = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
+    followed = any(recording.has(loop.reference) for loop in rig.loops)
+    if recording.loop == "closed" or (followed and recording.loop != "open"):
+        return found
+    outputs = recorded_as(comparison.names, recording)
+    inputs = recorded_as(comparison.inputs, recording)
+    for k, output in enumerate(outputs):
+        y = comparison.y[:, k]
+        noise, motion = float(noise_level(y[:, None])[0]), float(y.std())
+        least = min(max(ECHO_NOISE * noise, ECHO_CLOSE * motion), LEAST_EXPLAINED * motion)
+        for j, source in enumerate(inputs):
+            left = echo_residual(comparison.u[:, j], y)
+            if left <= least and not _model_echoes(comparison, j, k):
+                found.append(_issue(output, source, left / motion, rig))
+                break
+    return found
+
+
+def echo_residual(u: Array, y: Array) -> float:
+    """Root mean square of what the closest echo of u leaves of y; both (samples,)."""
+    size = min(len(u), MOST_ECHO_SAMPLES)
+    u, y = u[:size] - u[0], y[:size] - y[:size].mean()
+    best = float(y.std())
+    if not float(np.ptp(u)) > 0.0 or not best > 0.0:
+        return np.inf
+    most = correlation_samples(u)[0]
+    best = min(best, _delayed_residual(u, y, round(most)))
+    if best > UNRELATED * float(y.std()):
+        return best  # no short lag makes an echo of it
+    for lag in np.geomspace(0.25, most, ECHO_LAGS):
+        kernel = np.exp(-np.arange(min(size, int(8.0 * lag) + 2)) / lag)
+        smooth = np.convolve(u, kernel / kernel.sum())[:size]
+        best = min(best, _delayed_residual(smooth, y, round(most)))
+    return best
+
+
+def _delayed_residual(u: Array, y: Array, most: int) -> float:
+    """Root mean square that gain and offset leave at the best delay of 0..most samples."""
+    most = min(most, len(y) // 4)
+    a, b = u - u.mean(), y - y.mean()
+    size = 2 * len(b)
+    product = np.fft.irfft(np.fft.rfft(b, size) * np.fft.rfft(a, size).conj(), size)[: most + 1]
+    delay = int(np.argmax(np.abs(product)))
+    a, b = a[: len(a) - delay], b[delay:]
+    a, b = a - a.mean(), b - b.mean()
+    power = float(a @ a)
+    gain = float(a @ b) / power if power > 0.0 else 0.0
+    return float(np.sqrt(np.mean((b - gain * a) ** 2)))
+
+
+def _model_echoes(comparison: SheetComparison, source: int, output: int) -> bool:
+    """Does the rig's model follow this input as closely, somewhere within its bounds?"""
+    stepped = isinstance(comparison.assembly.rig, StepRig)
+    size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
+    u = comparison.u[:size]
+    for p in _parameters(comparison, STEPPED_DRAWS if stepped else ECHO_DRAWS):
+        model = comparison.simulate(u, p)
+        if model is None:
+            continue
+        y = model[:, output]
+        if float(y.std()) > 0.0 and echo_residual(u[:, source], y) < MODEL_CLOSE * float(y.std()):
+            return True
+    return False
+
+
+def _parameters(comparison: SheetComparison, draws: int) -> Iterator[Array]:
+    """The data sheet's, then draws between the bounds."""
+    yield comparison.p
+    random = np.random.default_rng(0)
+    for _ in range(draws):
+        p = comparison.p.copy()
+        for k, b in enumerate(comparison.assembly.parameters):
+            if b.fitted and not b.nuisance:
+                share = random.uniform()
+                wide = b.low > 0.0 and b.high > WIDE_BOUNDS * b.low
+                p[k] = (
+                    b.low * (b.high / b.low) ** share if wide else b.low + share * (b.high - b.low)
+                )
+        yield p
+
+
+def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, str]]:
+    """Readings that equal their loop's reference in every sample."""
+    for loop in rig.loops:
+        reading = match_column(recording.columns, loop.reading)
+        reference = match_column(recording.columns, loop.reference)
+        if reading is None or reference is None or reading == reference:
+            continue
+        y, r = recording.si(reading), recording.si(reference)
+        if float(np.ptp(y)) > 0.0 and np.array_equal(y, r):
+            yield reading, reference
+
+
+def _issue(output: str, source: str, share: float, rig: Rig) -> QualityIssue:
+    return QualityIssue(
+        "echo",
+        (output, source),
+        "wrong",
+        f"{output} and {source} carry the same signal: apart from scale, offset and delay they "
+        f"differ by {100.0 * share:.2g} % of the motion, where the model of rig {rig.name!r} has "
+        "dynamics between them",
+        f"Export the measured column as {output}; it seems to hold {source} again. If a controller "
+        f'computes {source} from it, write loop = "closed" below [recording] in the TOML.',
+        (),
+        {"residual_over_motion": share},
+    )

@@ -1,0 +1,151 @@
+"""A measured column that repeats an input is named; a machine that follows its input is not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from small_cart import PERIOD_S, RIG, record_cart
+
+from cli.frame import run
+from pamid.checks.recording_quality import QualityIssue, blocking
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import rig_named
+from pamid.model.rig import Loop, Port, Rig
+from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.symbolic.vocabulary import Number
+
+Array = NDArray[np.float64]
+
+
+class StiffServo(Rig):
+    """A drive with its own position controller, which follows what it is sent."""
+
+    inputs = {"target_mm": "m"}
+    outputs = {"position_mm": "m"}
+    ports = {"sensor": Port("reading", "m")}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (
+        Parameter("bandwidth_per_s", 30.0, low=5.0, high=200.0, log=True, source="manual"),
+        Parameter("damping", 0.8, low=0.3, high=2.0, source="manual"),
+    )
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        w = p.bandwidth_per_s
+        return {
+            "position": x.velocity,
+            "velocity": w * w * (u.target_mm - x.position) - 2.0 * p.damping * w * x.velocity,
+        }
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"position_mm": port("sensor", x.position)}
+
+
+class Regulated(StiffServo):
+    """A drive whose controller is recorded, too."""
+
+    loops = (Loop("target_mm", "reference_mm", "position_mm"),)
+
+
+def levels(count: int = 1500, seed: int = 1) -> Array:
+    random = np.random.default_rng(seed)
+    return np.repeat(random.uniform(-3.0, 3.0, count // 25), 25)
+
+
+def smoothed(u: Array, share: float) -> Array:
+    y = np.zeros_like(u)
+    for k in range(1, len(u)):
+        y[k] = y[k - 1] + share * (u[k] - y[k - 1])
+    return y
+
+
+def servo(u: Array, bandwidth: float, period: float, fine: int = 50) -> Array:
+    """The machine's own integration; position (mm)."""
+    x = v = 0.0
+    y = np.empty_like(u)
+    for k, target in enumerate(u):
+        y[k] = x
+        for _ in range(fine):
+            v += (bandwidth**2 * (target - x) - 1.4 * bandwidth * v) * period / fine
+            x += v * period / fine
+    return y
+
+
+def kinds(u: Array) -> dict[str, Array]:
+    white = u.std() * np.random.default_rng(2).standard_normal(u.size)
+    return {
+        "itself": u,
+        "turned and shifted": 5.0 - 57.3 * u,
+        "noise": u + 0.01 * white,
+        "much noise": u + 0.3 * white,
+        "late": np.concatenate([np.full(3, u[0]), u[:-3]]),
+        "filtered": smoothed(u, 0.3) + 1e-3 * white,
+        "slowly filtered": smoothed(u, 0.1) + 1e-3 * white,
+        "mean of five": np.convolve(u, np.full(5, 0.2))[: u.size],
+    }
+
+
+def issues(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
+    return tuple(i for i in blocking(recording, rig) if i.kind == "echo")
+
+
+@pytest.mark.parametrize("kind", list(kinds(levels())))
+@pytest.mark.parametrize("period", [0.01, 36.0])
+def test_an_echo_of_the_input_is_named(kind: str, period: float) -> None:
+    u = levels()
+    columns = {"force_n": u, "position_m": kinds(u)[kind]}
+    (issue,) = blocking(recording_of(period * np.arange(u.size), columns, {}), rig_named(RIG))
+    assert issue.kind == "echo" and issue.columns == ("position_m", "force_n")
+    assert "position_m and force_n carry the same signal" in issue.text
+    assert "Export the measured column as position_m" in issue.text
+    assert "opposite" not in issue.text
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 60.0, 150.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_stiff_machine_that_follows_its_input_is_genuine(bandwidth: float, noise: float) -> None:
+    u, random = levels(), np.random.default_rng(3)
+    y = servo(u, bandwidth, 0.02) + noise * random.standard_normal(u.size)
+    recording = recording_of(0.02 * np.arange(u.size), {"target_mm": u, "position_mm": y}, {})
+    assert not issues(recording, StiffServo())
+
+
+def test_a_cart_is_genuine(tmp_path: Path) -> None:
+    assert not issues(read_recording(record_cart(tmp_path)), rig_named(RIG))
+
+
+def test_a_command_that_is_computed_from_the_reading_is_none() -> None:
+    """A proportional controller at a constant reference sends a scaled reading."""
+    y = 10.0 * np.random.default_rng(1).standard_normal(1500).cumsum()
+    columns = {"force_n": -3.0 * y, "position_m": y}
+    time = PERIOD_S * np.arange(y.size)
+    assert issues(recording_of(time, columns, {}), rig_named(RIG))
+    closed = recording_of(time, columns, {"recording": {"loop": "closed"}})
+    assert not issues(closed, rig_named(RIG))
+
+
+@pytest.mark.parametrize("copied", [True, False])
+def test_a_reading_that_equals_its_reference_is_an_echo(copied: bool) -> None:
+    u = levels()
+    y = u if copied else servo(u, 60.0, 0.02)
+    columns = {"reference_mm": u, "target_mm": u + 0.1 * (u - y), "position_mm": y}
+    found = issues(recording_of(0.02 * np.arange(u.size), columns, {}), Regulated())
+    assert [i.columns for i in found] == [("position_mm", "reference_mm")] * copied
+
+
+@pytest.mark.parametrize("command", ["check", "diagnose", "fit"])
+def test_the_commands_refuse_an_echo(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    u = levels()
+    file = tmp_path / "rec.csv"
+    write_recording(file, PERIOD_S * np.arange(u.size), {"force_n": u, "position_m": u})
+    into = [] if command == "check" else ["--output", str(tmp_path / "run")]
+    assert run([command, str(file), "--rig", RIG, *into, "--json"]) == 3
+    assert "carry the same signal" in json.loads(capsys.readouterr().out)["message"]
+    assert not (tmp_path / "run").exists()
