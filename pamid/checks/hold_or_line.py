@@ -120,6 +120,16 @@ def tried_both_ways(
     return _both_ways(recording, rig, columns, screened=False)
 
 
+def short_fit_errors(recording: Recording, rig: Rig) -> Array | None:
+    """Per measured output that moves: root mean square error of a short refit, in its weights (one
+    over noise); None where the rig cannot be fitted."""
+    try:
+        trial = _trial_of(recording, rig)
+        return None if trial is None else np.sqrt(trial.fitted(rig).point.errors.mean(axis=0))
+    except (PamidError, FloatingPointError, np.linalg.LinAlgError):
+        return None
+
+
 def _both_ways(
     recording: Recording, rig: Rig, columns: Iterable[str] | None, screened: bool
 ) -> list[HoldOrLine]:

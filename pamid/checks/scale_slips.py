@@ -1,24 +1,27 @@
 """What is off by orders of magnitude between a recording and its rig: the clock, a parameter, a
 column, a sign; and sensors that show nothing.
 
-A data sheet is off by tens of per cent, a slip of the pen by powers of ten. So a slip is looked for
-where the data sheet's run misses by as much as the signal moves, and believed where setting it
-right brings run and recording together. Shapes are compared, block by block without level and
-trend: what integrates drifts away with the best of data sheets.
+A data sheet is off by tens of per cent, a slip of the pen by powers of ten or the ratio of two
+units. A slip is looked for where the sizes of the data sheet's run and of the recording are far
+apart, in either direction, and believed where setting it right brings the run, or a refit, and the
+recording together. Shapes are compared, block by block without level and trend: what integrates
+drifts away with the best of data sheets.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, from_si, split_column, suffixes_for, unit
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
-from pamid.checks.likeness import blind_sides, shapes
+from pamid.checks.hold_or_line import short_fit_errors
+from pamid.checks.likeness import blind_sides, correlation, shapes
 from pamid.checks.rig_consistency import SheetComparison, recorded_as
 from pamid.model.rig import Rig
 from pamid.model.sampling import stated_period
@@ -42,12 +45,24 @@ NEAR_CLOCK = {True: 20.0, False: 3.0}
 # error with a slip set right: of that of a run that rests, and of the error before
 MENDED_OF_REST, MENDED_OF_BEFORE = 0.9, 0.3
 LIVELY = 20.0  # times its noise and print: what moves so much in the model is no rest
-POWERS = (1, 2, 3, 4, 5, 6)
+# ratios of units that are mistaken for each other -> these units; and powers of ten: prefixes
+UNIT_RATIOS = {
+    60.0: "minutes and seconds",
+    3.6: "km/h and m/s",
+    180.0 / math.pi: "degrees and radians",
+    2.0 * math.pi: "revolutions and radians",
+}
+LARGE_FACTORS = sorted((*(10.0**p for p in range(1, 7)), *UNIT_RATIOS))
+FACTORS = (*(1.0 / f for f in reversed(LARGE_FACTORS)), *LARGE_FACTORS)
+# recording over data sheet: a ratio of sizes that is looked at, how near to it a factor has to be,
+# and how much nearer than another
+FAR_SIZE, NEAR_SIZE, AS_NEAR = 3.0, 2.0, 1.1
+LIKE_SHEET = 0.5  # correlation with the data sheet's run from which sizes are compared
 LEAST_ERROR, MOST_ERROR = (
     1e-3,
     1e12,
 )  # errors, as shares of the signal's motion, are held within these
-MOST_SLIPS = 3  # named in one finding
+MOST_SLIPS = 3  # columns and parameters named in one finding
 LEAST_MOTION = 2.0  # times its noise: a channel that shows something
 LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
 # samples on which they are looked for; of a stepped rig, a sample of which costs many times as much
@@ -68,13 +83,19 @@ class ScaleSlip:
 
     @property
     def words(self) -> str:
-        text = f"the {self.kind} {self.name} times {self.factor:g}"
+        return f"the {self.kind} {self.name} times {self.factor_words}"
+
+    @property
+    def factor_words(self) -> str:
+        """The factor, and the units that have this ratio."""
+        text = f"{self.factor:g}"
         symbol = split_column(self.name)[1]
         for other in (split_column(f"signal_{s}")[1] for s in suffixes_for(symbol)):
             factor = unit(other).factor / unit(symbol).factor
             if math.isclose(factor, abs(self.factor), rel_tol=1e-9):
                 return f"{text} (as if written in {other})"
-        return text
+        ratio = max(abs(self.factor), 1.0 / abs(self.factor))
+        return f"{text} (as between {UNIT_RATIOS[ratio]})" if ratio in UNIT_RATIOS else text
 
 
 def errors(y: Array, model: Array | None) -> Array:
@@ -190,9 +211,58 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
 
 
 def slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
-    """What, multiplied by a power of ten, of either sign, takes away most of the error where the
-    data sheet's run misses by more than the signal moves; the best first, those that are as good
-    beside it. Empty where nothing does, or nothing is so far off.
+    """Slips that explain a recording whose size is far from the data sheet's run, in either
+    direction; the best first. Empty where nothing does, or nothing is so far off."""
+    return sheet_slips(e, recording) or refitted_slips(e, recording)
+
+
+def refitted_slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
+    """Columns that a factor of the table brings to the size of the data sheet's run, and without
+    which a short refit leaves most of the error."""
+    tries = _near_factors(e, recording) if e.ran else []
+    before = short_fit_errors(recording, e.assembly.rig) if tries else None
+    if before is None:
+        return []
+    found = []
+    for column, factor in tries:
+        scaled = {**recording.columns, column: recording.columns[column] * factor}
+        after = short_fit_errors(replace(recording, columns=scaled), e.assembly.rig)
+        if after is None or not np.isfinite(after).all():
+            continue
+        left = size_of(after) / size_of(np.minimum(before, MOST_ERROR))
+        if left ** len(after) < MENDED_OF_BEFORE:  # of one channel, if the others stay as they are
+            found.append(ScaleSlip("column", column, factor, left))
+    return _best(found)
+
+
+def _near_factors(e: SheetComparison, recording: Recording) -> list[tuple[str, float]]:
+    """Columns and the factors of the table nearest to what makes an output as large as the data
+    sheet's run: the output's, and its inverse for every input."""
+    found = []
+    inputs = [
+        c
+        for c, moves in zip(
+            recorded_as(e.inputs, recording), np.ptp(e.u, axis=0) > 0.0, strict=True
+        )
+        if moves and c in recording.columns
+    ]
+    columns = recorded_as(e.names, recording)
+    for column, ours, theirs in zip(columns, shapes(e.y), shapes(e.model), strict=True):
+        if correlation(ours, theirs) < LIKE_SHEET:
+            continue
+        ratio = math.sqrt(float((ours * ours).sum() / (theirs * theirs).sum()))
+        off = {f: abs(math.log(ratio * f)) for f in FACTORS}
+        nearest = min(off.values())
+        if abs(math.log(ratio)) >= math.log(FAR_SIZE) and nearest <= math.log(NEAR_SIZE):
+            near = [f for f in FACTORS if off[f] <= nearest + math.log(AS_NEAR)]
+            found += [(column, f) for f in near]
+            found += [(name, 1.0 / f) for name in inputs for f in near]
+    return list(dict.fromkeys(found))
+
+
+def sheet_slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
+    """What, multiplied by a factor of the table, of either sign, takes away most of the error where
+    the data sheet's run misses by more than the signal moves.
 
     A model at rest misses by just as much as the signal moves. A factor that only brings the model
     to rest explains nothing, so a slip has to come nearer than that.
@@ -204,15 +274,22 @@ def slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
     if not bad.any():
         return []
     before, silent = _misses(e.y, e.model)[:, bad], _misses(e.y, np.zeros_like(e.y))[:, bad]
-    found: dict[str, ScaleSlip] = {}
+    found = []
     for kind, name, factor, y, model in _tries(e, recording):
         after = _misses(y, model)[:, bad]
         share = float((after / np.minimum(before, silent)).max(axis=1).min())
         small = bool((after < MENDED_OF_BEFORE * before).all(axis=1).any())
-        if share < MENDED_OF_REST and small and (name not in found or share < found[name].left):
-            found[name] = ScaleSlip(kind, name, factor, share)
-    ranked = sorted(found.values(), key=lambda s: s.left)
-    return [s for s in ranked if s.left < 1.5 * ranked[0].left][:MOST_SLIPS]
+        if share < MENDED_OF_REST and small:
+            found.append(ScaleSlip(kind, name, factor, share))
+    return _best(found)
+
+
+def _best(found: Iterable[ScaleSlip]) -> list[ScaleSlip]:
+    """The best first, and those that are as good."""
+    ranked = sorted(found, key=lambda s: s.left)
+    as_good = [s for s in ranked if s.left < 1.5 * ranked[0].left]
+    named = list(dict.fromkeys((s.kind, s.name) for s in as_good))[:MOST_SLIPS]
+    return [s for name in named for s in as_good if (s.kind, s.name) == name]
 
 
 def _missed(e: SheetComparison) -> NDArray[np.bool_]:
@@ -236,10 +313,11 @@ def _misses(y: Array, model: Array | None) -> Array:
 def _tries(
     e: SheetComparison, recording: Recording
 ) -> Iterator[tuple[str, str, float, Array, Array | None]]:
-    powers = [10.0**k for p in POWERS for k in (-p, p)]
-    either = [-1.0, *powers, *(-f for f in powers)]
+    # smaller ones a data sheet may be off by: they have to prove themselves in a refit
+    far = [f for f in FACTORS if abs(math.log(f)) > math.log(2.0 * math.pi) + 1e-9]
+    either = [-1.0, *far, *(-f for f in far)]
     for k, b in enumerate(e.assembly.parameters):
-        for factor in (either if b.low < 0.0 else powers) if e.p[k] else ():
+        for factor in (either if b.low < 0.0 else far) if e.p[k] else ():
             changed = e.p.copy()
             changed[k] *= factor
             yield "parameter", b.full_name, factor, e.y, e.simulate(e.u, changed)
@@ -256,16 +334,27 @@ def _tries(
 
 
 def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Where the data sheet's run misses by more than the signal moves, and what may be the slip."""
+    """Where the size of the data sheet's run is far from what was recorded, and what may be the
+    slip: it misses by more than the signal moves, or another unit explains why it moves so little.
+    """
     error = _misses(e.y, e.model).min(axis=0)
     columns = recorded_as(e.names, recording)
     missed = _missed(e)
+    found = slips(e, recording)
     bad = [int(i) for i in np.argsort(-error) if missed[i]]
-    if not bad:
+    if not bad and not found:
         return []
+    if not bad:  # the slip may be an input's: the output that is the furthest off shows it
+        with np.errstate(divide="ignore"):
+            ratio = np.abs(np.log(e.model.std(axis=0) / e.y.std(axis=0)))
+        bad = [int(np.argmax(ratio))]
     most = float(error[bad[0]])
     miss = (
-        "runs away" if most == MOST_ERROR else f"misses by {most:.2g} times what the signal moves"
+        "runs away"
+        if most == MOST_ERROR
+        else f"misses by {most:.2g} times what the signal moves"
+        if missed[bad[0]]
+        else f"is {np.std(e.model[:, bad[0]]) / np.std(e.y[:, bad[0]]):.2g} times as large"
     )
     return [
         QualityIssue(
@@ -273,7 +362,7 @@ def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityI
             tuple(columns[i] for i in bad),
             "advice",
             f"{columns[bad[0]]}: the data sheet of rig {rig.name!r} {miss}",
-            advice(slips(e, recording)) + _blind(columns[bad[0]], e, bad[0]),
+            advice(found) + _blind(columns[bad[0]], e, bad[0]),
             (),
             {"error": most},
         )
@@ -293,5 +382,9 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 
 def advice(found: list[ScaleSlip]) -> str:
     """The sentence that sends a reader to units and signs."""
-    named = f": {' or '.join(s.words for s in found)} would bring them together" if found else ""
+    parts = [
+        " or ".join([first.words, *(s.factor_words for s in more)])
+        for _, (first, *more) in groupby(found, key=lambda s: (s.kind, s.name))
+    ]
+    named = f": {', or '.join(parts)} would bring them together" if found else ""
     return f"Check units and signs{named}."

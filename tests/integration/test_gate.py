@@ -248,6 +248,52 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     assert "If they are right, the refit got nowhere" in remark(told), "no slip explains it"
 
 
+def position_times(factor: float, r: Recording) -> Recording:
+    columns = {**r.columns, "position_m": factor * r.columns["position_m"]}
+    return recording_of(r.time, columns, name="scaled", digits=15)
+
+
+@pytest.mark.parametrize(
+    ("factor", "named"),
+    [
+        (np.degrees(1.0), "0.0174533 (as between degrees and radians)"),
+        (np.radians(1.0), "57.2958 (as between degrees and radians)"),
+        (60.0, "0.0166667 (as between minutes and seconds)"),
+        (1.0 / 60.0, "60 (as between minutes and seconds)"),
+        (1e5, "1e-05"),
+        (1e-4, "10000"),
+    ],
+)
+def test_another_unit_is_named_in_both_directions(
+    factor: float, named: str, pushed: Recording
+) -> None:
+    rig, recording = rig_named(RIG), position_times(factor, pushed)
+    (issue,) = [i for i in examine(recording, rig) if i.kind == "far-off"]
+    assert "the column position_m times" in issue.hint and named in issue.hint
+    assert not blocking(recording, rig)
+    evidence = split_recordings(rig, [recording], [])
+    model = fit_model(evidence)
+    doubt = scale_doubt(evidence, candidate_from(model.assembly, model.fit, model.held_out), None)
+    assert doubt is not None and named in doubt["advice"]
+
+
+def test_a_force_in_another_unit_is_named(pushed: Recording) -> None:
+    columns = {**pushed.columns, "force_n": pushed.columns["force_n"] / 1e4}
+    recording = recording_of(pushed.time, columns, name="scaled")
+    (issue,) = [i for i in examine(recording, rig_named(RIG)) if i.kind == "far-off"]
+    assert "the column force_n times 10000" in issue.hint
+    assert "the column position_m times 0.0001" in issue.hint
+
+
+@pytest.mark.parametrize("share", [0.8, 1.0, 2.0, 3.6, 5.0])
+def test_a_machine_that_the_refit_explains_has_the_right_units(
+    share: float, pushed: Recording
+) -> None:
+    """As large as a machine of another mass within the bounds of the rig."""
+    rig, recording = rig_named(RIG), position_times(share, pushed)
+    assert not [i for i in examine(recording, rig) if i.kind == "far-off"]
+
+
 def test_a_plateau_is_no_doubt_of_the_scale(pushed: Recording) -> None:
     """What is held out lies still, and the model misses it by more than it moves there: not by more
     than the recording moves."""
