@@ -1,10 +1,11 @@
 """Starting values from the gap: the strongest lines of its spectrum, how far the signals at a port
-reach, where a motion port of the general catalogue offers its position the lines over it, and the
-plateaus on which a reading rests."""
+reach, where a motion port of the general catalogue offers its position the lines over it, the
+plateaus on which a reading rests, and its extremes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,7 +29,8 @@ class GapHints:
     """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
     periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
     correlation time of the recordings; plateaus: by reading, the spacing of those on which what it
-    returns rests, and one of them (SI); period_s: sampling period."""
+    returns rests, and one of them (SI); period_s: sampling period; extremes: by reading, the lowest
+    and highest value that it returns, per recording (SI)."""
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
@@ -36,11 +38,13 @@ class GapHints:
     timescale_s: float = math.nan
     plateaus: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     period_s: float = math.nan
+    extremes: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
     def at(self, port: str) -> Hints:
         reach, periods = self.reach.get(port, {}), self.periods.get(port, ())
         steps = self.plateaus.get(port, ())
-        return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps, self.period_s)
+        ends = self.extremes.get(port, ())
+        return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps, self.period_s, ends)
 
 
 def gather_hints(
@@ -49,31 +53,43 @@ def gather_hints(
     """From the windows of a model's fit, its held-out replays, and what was recorded."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
     periods = _periods(evidence, base, settings)
-    rests = _plateaus(evidence.channels, base)
-    sampled_s = base.assembly.rig.period_s
-    return GapHints(peaks, _reach(base), periods, evidence.timescale_s, rests, sampled_s)
+    rests: dict[str, set[tuple[float, float]]] = {}
+    ends: dict[str, set[tuple[float, float]]] = {}
+    for port, scale, y in _readings(evidence.channels, base):
+        zero, slope = scale
+        spacing, level = plateaus(y)
+        if spacing > 0.0:
+            there = (spacing / abs(slope), (level - zero) / slope)
+            rests.setdefault(port, set()).add(there)
+        low, high = sorted((float(end) - zero) / slope for end in (y.min(), y.max()))
+        ends.setdefault(port, set()).add((low, high))
+    return GapHints(
+        peaks,
+        _reach(base),
+        periods,
+        evidence.timescale_s,
+        {port: tuple(sorted(found)) for port, found in rests.items()},
+        base.assembly.rig.period_s,
+        {port: tuple(sorted(found)) for port, found in ends.items()},
+    )
 
 
-def _plateaus(
+def _readings(
     channels: tuple[str, ...], base: CandidateModel
-) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Plateaus of what is recorded, by the reading that returns it."""
-    found: dict[str, set[tuple[float, float]]] = {}
+) -> Iterator[tuple[str, tuple[float, float], Array]]:
+    """Readings that an output is a straight line over: port, zero and slope of that line, and what
+    was recorded of the output in each recording (SI)."""
+    traced = base.assembly.traced
+    lines = [
+        (q.port, channels.index(name), scale)
+        for q in traced.passages
+        for name, output in traced.outputs.items()
+        if name in channels and (scale := _scale(output, q.result))
+    ]
     for track in base.fit.problem.tracks:
-        rests = {
-            name: plateaus(y)
-            for name, y, seen in zip(channels, track.y.T, track.seen, strict=True)
-            if seen
-        }
-        for q in base.assembly.traced.passages:
-            for name, output in base.assembly.traced.outputs.items():
-                spacing, level = rests.get(name, (0.0, 0.0))
-                scale = _scale(output, q.result) if spacing > 0.0 else None
-                if scale:
-                    zero, slope = scale
-                    there = (spacing / abs(slope), (level - zero) / slope)
-                    found.setdefault(q.port, set()).add(there)
-    return {port: tuple(sorted(rests)) for port, rests in found.items()}
+        for port, channel, scale in lines:
+            if track.seen[channel]:
+                yield port, scale, track.y[:, channel]
 
 
 def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:

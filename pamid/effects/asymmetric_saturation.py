@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum
 
@@ -55,6 +55,10 @@ class AsymmetricSaturation(Effect):
         Parameter("share", 1.0, low=0.0, high=1.0, spread=0.1, null=0.0, source="1: hard limits"),
     )
     look_alikes = ("saturation", "rectification", "gain-error", "asymmetric-dead-zone")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """A limited reading rests at its extremes."""
+        return [{"upper": high, "lower": low, "share": 1.0} for low, high in hints.extremes]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         beyond = maximum(value - p.upper, 0.0) + minimum(value - p.lower, 0.0)

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum
 
@@ -46,6 +46,11 @@ class Saturation(Effect):
         Parameter("share", 1.0, low=0.0, high=1.0, spread=0.5, null=0.0, source="1: a hard limit"),
     )
     look_alikes = ("gain-error", "dead-zone", "quadratic-drag", "end-stop")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """A limited reading rests at its extremes."""
+        ends = {abs(end) for both in hints.extremes for end in both}
+        return [{"limit": end, "share": 1.0} for end in sorted(ends)]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         beyond = maximum(value - p.limit, 0.0) + minimum(value + p.limit, 0.0)

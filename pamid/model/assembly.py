@@ -112,6 +112,12 @@ class Assembly:
         return replace(self, sensitive=frozenset(b.key for b in self.parameters if b.fitted))
 
     @cached_property
+    def with_plain_readings(self) -> Assembly | None:
+        """The same without the effects at its readings; None where there are none."""
+        others = tuple(a for a in self.attachments if self.rig.ports[a.ports[0]].kind != "reading")
+        return replace(self, attachments=others) if len(others) < len(self.attachments) else None
+
+    @cached_property
     def keys(self) -> dict[str, int]:
         return {b.key: i for i, b in enumerate(self.parameters)}
 

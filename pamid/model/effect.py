@@ -163,7 +163,8 @@ class Hints:
     over the position at the port, strongest first (unit of the position); timescale_s: correlation
     time of the recordings, of which parameters in time are multiples (nan: not known); plateaus:
     spacing of those on which the recorded values of a reading rest, where they do, and one of them
-    (SI); period_s: sampling period of the recordings (nan: not known).
+    (SI); period_s: sampling period of the recordings (nan: not known); extremes: lowest and highest
+    recorded value of a reading, per recording (SI).
     """
 
     peaks_hz: tuple[float, ...] = ()
@@ -172,6 +173,7 @@ class Hints:
     timescale_s: float = math.nan
     plateaus: tuple[tuple[float, float], ...] = ()
     period_s: float = math.nan
+    extremes: tuple[tuple[float, float], ...] = ()
 
 
 RIG_SECTIONS = ("What it is", "Equations", "Typically missing", "References")

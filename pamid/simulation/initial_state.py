@@ -9,7 +9,7 @@ Rawlings and Mayne (2003), IEEE Trans. Autom. Control 48(2), 246-258.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 # what the squared residuals have to fall by for a sign to be turned that no reading shows: as three
 # standard deviations would say it
 TURNED = 9.0
+FLAT = 0.05  # of the slopes without effects: a limit may let a part through
+MISSED = 3.0  # residual over noise at which a flat reading is followed by other slopes than its own
 CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
 
 
@@ -61,11 +63,16 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
             return _StatePoint(x, np.inf, np.zeros((n, n)), np.zeros(n))
         r = ((Y - self.y) * self.weight).ravel()
         cost = float(r @ r) + float((away**2 * self.known).sum())
-        H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
+        A = self.slopes(x, A, r)
+        H, g = A.T @ A, A.T @ r
         # a state that this window does not show stays where it was carried to, by a pull too weak
         # to count in the cost
         holds = np.maximum(CARRIED_INFORMATION * H.diagonal(), self.known)
         return _StatePoint(x, cost, H + np.diag(holds), g + holds * away)
+
+    def slopes(self, x: Array, A: Array, r: Array) -> Array:
+        """Those that the steps follow, of those that the outputs have at x: samples x states."""
+        return A[:, : self.runner.start_states]
 
     def step(self, at: _StatePoint, damping: float) -> Array | None:
         if not np.isfinite(at.H).all():
@@ -97,7 +104,9 @@ def estimate_initial_state(
     memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from
     the carried value (standard deviation; None or infinite where nothing is known of it: a weak
     pull remains). Where a reading does not show the sign of a state (a speed read as |v|), both
-    signs are tried: no derivative leads from one to the other. Returns the state, and whether it is
+    signs are tried: no derivative leads from one to the other. The same holds where an effect
+    flattens a reading, as a limit does beyond it: if that fits badly, a start is sought with the
+    slopes of the rig without the effects at its readings. Returns the state, and whether it is
     usable.
     """
     own = Runner(
@@ -120,4 +129,64 @@ def estimate_initial_state(
         if np.isfinite(begun.cost):
             other = iterate(turned, Iteration(begun, turned.rule.start), steps).point
             best = other if other.cost < best.cost - TURNED else best
+    followed = _Followed.of(problem) if best.cost > TURNED * y.size else None
+    if followed is not None:
+        for x in (carried, _plain_start(followed)):
+            begun = followed.at(x)
+            if np.isfinite(begun.cost):
+                x = iterate(followed, Iteration(begun, followed.rule.start), steps).point.x
+                other = iterate(problem, Iteration(problem.at(x), problem.rule.start), steps).point
+                best = other if other.cost < best.cost - TURNED else best
     return best.x, True
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed(_InitialState):
+    """The same with the slopes that the rig has without the effects at its readings, at samples
+    that a flat reading misses: beyond a limit its own slope leads nowhere. What it does not miss
+    says nothing there, as it should.
+
+    plain: runs the rig without these effects; plain_memory: at its start; plain_p: its parameters.
+    """
+
+    plain: Runner
+    plain_memory: Memory
+    plain_p: Array
+
+    @classmethod
+    def of(cls, problem: _InitialState) -> _Followed | None:
+        """None where no effect acts at a reading, or a step is too expensive to be tried twice."""
+        runner = problem.runner
+        plain = runner.assembly.with_plain_readings
+        if plain is None or plain.program.keeps_slopes:
+            return None
+        values = plain.values()
+        for key, place in plain.keys.items():
+            values[place] = problem.p[runner.assembly.keys[key]]
+        own = Runner(plain, runner.track, runner.stepping)
+        given = {f.name: getattr(problem, f.name) for f in fields(problem)}
+        return cls(**given, plain=own, plain_memory=own.memory(values), plain_p=values)
+
+    def slopes(self, x: Array, A: Array, r: Array) -> Array:
+        m = self.plain.widened(self.plain_memory)
+        self.plain.enter(m, x)
+        _, B, fine = self.plain.run(m, self.window, self.plain_p, True, self.weight)
+        if not fine:
+            return A
+        n = self.runner.start_states
+        missed = np.abs(r) > MISSED
+        flat = (np.abs(A[:, :n]) < FLAT * np.abs(B[:, :n])).any(axis=1)
+        return np.where((flat & missed)[:, None], B[:, :n], A[:, :n])
+
+
+def _plain_start(followed: _Followed) -> Array:
+    """The start at which the rig without the effects at its readings fits the window."""
+    return estimate_initial_state(
+        followed.plain,
+        followed.plain_memory,
+        followed.window,
+        followed.plain_p,
+        followed.weight,
+        followed.carried,
+        None,
+    )[0]
