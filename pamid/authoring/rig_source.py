@@ -20,7 +20,7 @@ import numpy as np
 
 from pamid.authoring.column_match import Match, Pair
 from pamid.base.errors import FileError
-from pamid.base.metrics import FloatArray
+from pamid.base.metrics import FloatArray, motion
 from pamid.base.units import (
     NONE,
     quotient,
@@ -283,7 +283,7 @@ class RigSource:
             si_symbol(split_column(pair.found)[1]),
             {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
         )
-        span = float(np.ptp(to_si(self._values(pair), split_column(pair.found)[1]))) or 1.0
+        span = motion(to_si(self._values(pair), split_column(pair.found)[1])) or 1.0
         usual = self._usual_span(pair.wanted) or 1.0
         above, below = (own, symbol) if pair.role == "input" else (symbol, own)
         ratio = usual / span if pair.role == "input" else span / usual

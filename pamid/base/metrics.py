@@ -69,6 +69,24 @@ def block_sums(loss: ArrayLike, block: int) -> FloatArray:
     return np.add.reduceat(values, starts)
 
 
+#: of the largest value: digits of a file and the rounding of a conversion, no motion
+SAME_DIGITS = 1e-9
+
+
+def motion(values: ArrayLike) -> float:
+    """Range of a signal (n,), in its unit; 0 where it spans no more than the last digits of its
+    largest value. What divides or bins by a range asks this one: one unit in the last place is
+    neither a range to divide by nor one that can be cut into bins."""
+    signal = np.asarray(values, dtype=float)
+    span = float(np.ptp(signal))
+    return span if span > SAME_DIGITS * float(np.abs(signal).max()) else 0.0
+
+
+def relative(part: float, whole: float, least: float = 1e-9) -> float:
+    """part / whole, taking the whole as at least `least`: finite also where there is no whole."""
+    return float(part) / max(float(whole), least)
+
+
 PROBABILITY_BINS = 10
 
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import runs_of
+from pamid.base.metrics import motion, runs_of
 from pamid.base.units import NONE, split_column
 from pamid.recording.file_checks import HUGE, TINY
 from pamid.recording.noise import (
@@ -126,7 +126,7 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
     """Measure step and noise of a column, shape (n,); all 0 where `measurable` is not."""
     if not measurable(values):
         return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
-    span = float(np.ptp(values))
+    span = motion(values)
     step = 0.0 if sent else quantisation_step(values)
     noise = float(noise_level(values[:, None])[0]) if span > 0.0 else 0.0
     last_digit = (
@@ -282,8 +282,12 @@ def repeat_chance(s: CheckedSignal) -> float:
 
 
 def shortest_repeat(s: CheckedSignal) -> float:
-    """Samples that must be equal before noise cannot have made them so; 1 where no noise shows."""
-    return 1.0 + math.log(CHANCE) / math.log(repeat_chance(s)) if s.white else 1.0
+    """Samples that must be equal before noise cannot have made them so; 1 where no noise shows,
+    without end where noise makes all of them equal: it is smaller than a step."""
+    if not s.white:
+        return 1.0
+    chance = repeat_chance(s)
+    return 1.0 + math.log(CHANCE) / math.log(chance) if chance < 1.0 else math.inf
 
 
 def frozen(

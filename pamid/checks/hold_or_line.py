@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
+from pamid.base.metrics import motion
 from pamid.base.units import NONE, split_column, to_si
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Memory, Program, Stepping
@@ -166,7 +167,7 @@ def _open_inputs(recording: Recording, rig: Rig, columns: Iterable[str]) -> list
     return [
         c
         for c in columns
-        if c not in sent and recording.has(c) and float(np.ptp(recording.signal(c))) > 0.0
+        if c not in sent and recording.has(c) and motion(recording.signal(c)) > 0.0
     ]
 
 
@@ -177,10 +178,14 @@ def _tried(
     first and the others beside it."""
     found: dict[str, HoldOrLine] = {}
     base = trial.fitted(trial.rig, problem=problem)
+    if not np.isfinite(base.error):
+        return []  # the model runs away either way
     while True:
         left = [c for c in names if c not in found]
         worth = trial.worth_trying(base, left) if screened else left
         tried = {c: trial.compared(base, c) for c in worth}
+        # where it runs away the other way there is nothing to compare
+        tried = {c: t for c, t in tried.items() if np.isfinite([t[0].held, t[0].linear]).all()}
         wrong = [c for c, (one, _) in tried.items() if one.wrong]
         if len(wrong) < 2:
             found |= {c: one for c, (one, _) in tried.items()}
@@ -313,7 +318,7 @@ def _clear(one: _Fitted, rest: _Fitted) -> bool:
 
 def _trial_of(recording: Recording, rig: Rig) -> _TriedOn | None:
     names = measured_outputs(Assembly(rig), recording)
-    names = tuple(n for n in names if float(np.ptp(recording.signal(n))) > 0.0)
+    names = tuple(n for n in names if motion(recording.signal(n)) > 0.0)
     if not names:
         return None
     assembly = Assembly(rig, outputs=names)

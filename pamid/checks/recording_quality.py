@@ -43,6 +43,7 @@ from pamid.checks.channel_quality import (
 )
 from pamid.checks.input_ranges import beyond_range
 from pamid.checks.sent_columns import sent_columns
+from pamid.checks.standstill import standstill
 from pamid.excitation.aprbs import coverage
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
@@ -75,6 +76,7 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[QualityIssue,
     found = _constant(recording, signals, rig)
     sent = [s for s in signals if s.sent and s.span > 0.0]
     found += _held_and_clipped([s for s in measured if s.span > 0.0], _nothing_sent(sent))
+    found += standstill(measured, sent)
     found += _levels(measured, rig)
     found += _pressures(measured) + _sent(recording, rig)
     if rig is not None:

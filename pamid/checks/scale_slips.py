@@ -18,6 +18,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.metrics import motion
 from pamid.base.units import NONE, from_si, split_column, suffixes_for, unit
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
 from pamid.checks.hold_or_line import short_fit_errors
@@ -104,8 +105,9 @@ def errors(y: Array, model: Array | None) -> Array:
     if model is None or not np.isfinite(model).all():
         return np.full(y.shape[1], MOST_ERROR)
     ours, theirs = shapes(y), shapes(model)
-    size, off = (np.sqrt((z * z).sum(axis=(1, 2))) for z in (ours, ours - theirs))
-    return np.clip(off / np.maximum(size, 1e-300), LEAST_ERROR, MOST_ERROR)
+    with np.errstate(over="ignore"):  # of a model that runs away: the most, all the same
+        size, off = (np.sqrt((z * z).sum(axis=(1, 2))) for z in (ours, ours - theirs))
+        return np.clip(off / np.maximum(size, 1e-300), LEAST_ERROR, MOST_ERROR)
 
 
 def size_of(error: Array) -> float:
@@ -179,7 +181,7 @@ def _better_clock(e: SheetComparison) -> float | None:
 def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Sensors that show one number throughout while another one moves, and should move
     themselves."""
-    still = np.ptp(e.y, axis=0) == 0.0
+    still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []
     found = []
@@ -187,7 +189,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
         if (
             still[k]
-            and np.ptp(recording.columns[column]) == 0.0
+            and motion(recording.columns[column]) == 0.0
             and moves > LIVELY * rig.noise.get(name, 0.0)
         ):
             value, symbol = float(recording.columns[column][0]), split_column(column)[1]
@@ -306,7 +308,8 @@ def _misses(y: Array, model: Array | None) -> Array:
     the values."""
     if model is None or not np.isfinite(model).all():
         return np.full((2, y.shape[1]), MOST_ERROR)
-    plain = np.sqrt(((y - model) ** 2).mean(axis=0)) / np.maximum(y.std(axis=0), 1e-300)
+    with np.errstate(over="ignore"):
+        plain = np.sqrt(((y - model) ** 2).mean(axis=0)) / np.maximum(y.std(axis=0), 1e-300)
     return np.stack([errors(y, model), np.clip(plain, LEAST_ERROR, MOST_ERROR)])
 
 
@@ -322,7 +325,7 @@ def _tries(
             changed[k] *= factor
             yield "parameter", b.full_name, factor, e.y, e.simulate(e.u, changed)
     for j, column in enumerate(recorded_as(e.inputs, recording)):
-        for factor in either if np.ptp(e.u[:, j]) > 0.0 else ():
+        for factor in either if motion(e.u[:, j]) > 0.0 else ():
             changed = e.u.copy()
             changed[:, j] *= factor
             yield "column", column, factor, e.y, e.simulate(changed)

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.files import MAP, read_lines
-from pamid.base.metrics import rms
+from pamid.base.metrics import motion, rms
 from pamid.base.progress import Progress, silent
 from pamid.base.units import compatible, from_si, split_column, to_si
 from pamid.correction.monotone_law import constrained
@@ -192,7 +192,7 @@ def read_map(path: Path) -> ForceMap:
             code="unit",
         )
     for name, values in zip(used, (contraction, pressure, force), strict=True):
-        if np.ptp(values) <= 1e-9 * np.abs(values).max():
+        if motion(values) == 0.0:
             raise DataError(
                 f"{path}: {name} is the same at all {len(values)} points ({values[0]:g}).",
                 "A force map covers several contractions and several pressures.",

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, read_data
+from pamid.base.metrics import motion
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
@@ -251,7 +252,7 @@ def _model_of(
     for block in loops:
         if replay or block[1] != derived(channel, "loop"):
             continue
-        if all(np.ptp(columns[block[2]][s.rows]) > 0 for s in spans):
+        if all(motion(columns[block[2]][s.rows]) > 0.0 for s in spans):
             return "loop", (block[0], block[4], block[1], block[2], block[3]), ()
         return (
             "replay",
@@ -321,7 +322,7 @@ def _inputs(
     for name in sorted({n for n in wanted if wanted.count(n) > 1}):
         raise UsageError(f"--inputs {name} is given twice.")
     rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in stretches if s.part == 0])
-    flat = [n for n in wanted if np.ptp(columns[n][rows]) <= 1e-12 * np.abs(columns[n][rows]).max()]
+    flat = [n for n in wanted if motion(columns[n][rows]) == 0.0]
     varying = tuple(n for n in wanted if n not in flat)
     if not varying:
         raise DataError(

@@ -41,15 +41,16 @@ class CandidateModel:
 
     @cached_property
     def fitted_squares(self) -> Array:
-        """Mean squared residual per window of the fit and channel (SI); empty where the fit
-        failed."""
+        """Mean squared residual per window of the fit and channel (SI), at least that of the least
+        error as of held-out windows; empty where the fit failed."""
         problem = self.fit.problem
-        return np.concatenate(
+        means = np.concatenate(
             [
                 [(r[w.start : w.stop] ** 2).mean(axis=0) for w in problem.windows(t)]
                 for t, r in zip(problem.tracks, self.fit.residuals, strict=True)
             ]
         )
+        return np.maximum(means, self.replays[0].least_error ** 2)
 
     def along_fit(self, wanted: list[Expr]) -> Array:
         """Values of further expressions of the model's equations, in SI, at every sample of the

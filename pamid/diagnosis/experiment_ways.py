@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
+from pamid.base.metrics import motion
 from pamid.base.units import split_column, to_si
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.proposal import FILE
@@ -124,7 +125,7 @@ def carried_texts(bench: Bench) -> list[str]:
     """How what is carried is sent."""
     return [
         f"beside it {name} is held at {values[0]:.4g}, as recorded"
-        if np.ptp(values) == 0.0
+        if motion(values) == 0.0
         else f"beside it {name} is varied as recorded ({values.min():.4g} .. {values.max():.4g})"
         for name, values in bench.carried.items()
     ]

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
+from pamid.base.metrics import relative
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors, transferred
 from pamid.diagnosis.effect_subsets import (
     ScreenedResponses,
@@ -277,12 +278,12 @@ def _weighed(
     found = ForwardStep(
         newest.attached[-1].label,
         newest.family,
-        removed / max(gap, 1e-9),
-        removed / max(left, 1e-9),
+        relative(removed, gap),
+        relative(removed, left),
         float(gain.mean()) / newest.squares.shape[1],
         in_errors(gain),
         in_errors(margin),
-        here / after.most,
+        here / after.most if after.most > 0.0 else 1.0,
         after.most / best.samples,
         search.nats(newest) - search.nats(best),
         tried=tuple(dict.fromkeys(_families(search, c) for c in larger)),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.engine.program import Stepping
@@ -19,6 +20,8 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
+
+Array = NDArray[np.float64]
 
 
 def candidate_plain(c: CandidateModel) -> Plain:
@@ -36,7 +39,8 @@ def candidate_restored(evidence: DataSplit, assembly: Assembly, found: Plain) ->
     assembly = replace(assembly, ranges=ranges) if ranges else assembly
     held = evidence.tracks(assembly, held_out=True)
     return candidate_from(
-        assembly, _fit_of(evidence, assembly, found["fit"]), _replays_of(held, found["replays"])
+        assembly, _fit_of(evidence, assembly, found["fit"]),
+        _replays_of(held, found["replays"], evidence.noise),
     )
 
 
@@ -58,7 +62,8 @@ def grey_box_restored(evidence: DataSplit, found: Plain) -> GreyBox:
     )
     held = evidence.tracks(assembly, held_out=True)
     replays, sheet, floor = (
-        _replays_of(held, found[part]) for part in ("held_out", "data_sheet", "floor")
+        _replays_of(held, found[part], evidence.noise)
+        for part in ("held_out", "data_sheet", "floor")
     )
     return GreyBox(
         evidence,
@@ -120,7 +125,9 @@ def _replay_plain(r: Replay) -> Plain:
     }
 
 
-def _replays_of(tracks: tuple[Track, ...], found: list[Plain]) -> tuple[Replay, ...]:
+def _replays_of(
+    tracks: tuple[Track, ...], found: list[Plain], noise: Array
+) -> tuple[Replay, ...]:
     return tuple(
         Replay(
             _measured(t, f),
@@ -129,6 +136,7 @@ def _replays_of(tracks: tuple[Track, ...], found: list[Plain]) -> tuple[Replay, 
             f["carried"],
             f["starts"],
             f["finite"],
+            noise,
         )
         for t, f in zip(tracks, found, strict=True)
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamid.base.metrics import seen_mean
+from pamid.base.metrics import relative, seen_mean
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors
 from pamid.diagnosis.judgement import calibration, decades, signed_decades, within
 from pamid.diagnosis.port_evidence import PortEvidence
@@ -84,7 +84,7 @@ def signature(
     """Of an effect of `model`; without: the model less it; rival: the best of another
     family, or the model without; opposed: the most evidence of any model without its family, nats;
     located: latent evidence before any effect."""
-    gap = max(search.excess(search.budget.baseline), 1e-9)
+    gap = search.excess(search.budget.baseline)
     before, after = search.excess(without), search.excess(model)
     losses = search.losses([without, model, rival])
     rows = search.asked
@@ -94,18 +94,18 @@ def signature(
     )
     most = located.most
     return Signature(
-        removed=(before - after) / gap,
-        of_left=(before - after) / max(before, 1e-9),
+        removed=relative(before - after, gap),
+        of_left=relative(before - after, before),
         sure=in_errors(losses[0] - losses[1]),
         steady=float(smaller.mean()),
-        lead=(search.excess(rival) - after) / gap,
+        lead=relative(search.excess(rival) - after, gap),
         lead_sure=in_errors(losses[2] - losses[1]),
         wins=wins,
         at_port=max(located.gains[p] for p in effect.ports) / most if most > 0.0 else 1.0,
         evidence=search.nats(model) - search.nats(without),
         evidence_lead=search.nats(model) - opposed,
         eased=_strain(without) - _strain(model),
-        left=after / gap,
+        left=relative(after, gap),
         remaining=float(
             np.nanmax(seen_mean(model.absolutes[rows]) / seen_mean(search.budget.floor[rows]))
         ),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import seen_mean
+from pamid.base.metrics import relative, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel, bootstrap_losses, in_errors
 from pamid.diagnosis.forward_selection import ForwardStep
@@ -143,14 +143,15 @@ def verdict_statistics(
         visible=float(np.nanmax(error / seen_mean(budget.floor[rows]))),
         gap=gap,
         of_signal=float(np.nanmax(error / spread)),
-        left=budget.excess(best.absolutes, rows) / gap if gap > 0.0 else 0.0,
-        ceiling=budget.excess(budget.black_box, rows) / gap if gap > 0.0 else 0.0,
+        left=relative(budget.excess(best.absolutes, rows), gap) if gap > 0.0 else 0.0,
+        ceiling=relative(budget.excess(budget.black_box, rows), gap) if gap > 0.0 else 0.0,
         shrinkage=budget.shrinkage(best.absolutes, rows),
         gain=float(gain.mean()) / channels,
         sure=in_errors(gain),
         helps=float((losses[2] < losses[0]).mean()),
-        margin=(budget.excess(other.absolutes, rows) - budget.excess(first.absolutes, rows))
-        / max(gap, 1e-9),
+        margin=relative(
+            budget.excess(other.absolutes, rows) - budget.excess(first.absolutes, rows), gap
+        ),
         margin_gain=float(margin.mean()) / channels,
         margin_sure=in_errors(margin),
         wins=float(np.mean(np.array(families)[everyone])) if ranking else 0.0,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError, UsageError
+from pamid.base.metrics import motion
 
 FloatArray = NDArray[np.float64]
 
@@ -253,7 +254,7 @@ def coverage(
     if values.ndim != 1 or values.size < 8 or not np.isfinite(values).all():
         raise DataError("Coverage needs at least 8 finite samples in a row.", code="too-short")
     low, high = span if span is not None else (float(values.min()), float(values.max()))
-    if not high > low or np.ptp(values) == 0:
+    if not high > low or motion((low, high)) == 0.0 or motion(values) == 0.0:
         raise DataError(
             f"The signal is constant ({values[0]:g}): it excites nothing.", code="not-excited"
         )

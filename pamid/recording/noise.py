@@ -19,9 +19,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.metrics import SAME_DIGITS, motion
+
 Array = NDArray[np.float64]
 
-DIGITS = 1e-9  # of the largest value: levels closer than this differ by digits of the file
 ALIKE_GAPS = 0.2  # of the smallest gap between levels: gaps this close to it are one step
 MOST_LEVELS = 20000  # levels looked at, those in the middle
 # steps from one level to the next: over wider gaps an error of the step adds up
@@ -35,6 +36,9 @@ MANY_GAPS, FINEST = 30, 16
 STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
 BLOCK = 40  # samples over which differences are squared
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
+# of the noise: a model that is off by less is not told from one that is exact. Noise that is read
+# from a recording may be several times too large, but not a hundred times.
+NEGLIGIBLE_ERROR = 0.01
 MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
 # plateaus further apart than the recorder's own steps: cycles of their spacing in the span of a
@@ -53,7 +57,7 @@ def quantisation_step(values: Array) -> float:
     levels = np.unique(values)
     levels = levels[max(0, levels.size - MOST_LEVELS) // 2 :][:MOST_LEVELS]
     gaps = np.diff(levels)
-    own = gaps > DIGITS * float(np.abs(levels).max(initial=0.0))
+    own = gaps > SAME_DIGITS * float(np.abs(levels).max(initial=0.0))
     levels, gaps = levels[np.concatenate([[True], own])], gaps[own]
     if gaps.size < 2:
         return float(gaps.sum())
@@ -112,7 +116,7 @@ def plateaus(values: Array) -> tuple[float, float]:
     exp(-2 (pi w f)^2) where plateaus have the width w (standard deviation); its phase tells where
     the levels are.
     """
-    low, span, own = float(values.min()), float(np.ptp(values)), quantisation_step(values)
+    low, span, own = float(values.min()), motion(values), quantisation_step(values)
     if not span > 0.0:
         return 0.0, 0.0
     counts = np.histogram(values, HISTOGRAM_BINS, (low, low + span))[0]

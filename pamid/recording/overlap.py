@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
-from pamid.base.metrics import runs_of
+from pamid.base.metrics import motion, runs_of
 from pamid.base.units import split_column, to_si
 from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, quantisation_step
 from pamid.recording.recording import Recording, match_column
@@ -154,7 +154,7 @@ def _signals(recording: Recording, outputs: Sequence[str]) -> dict[str, _Signal]
     found = {}
     for name in outputs:
         column = match_column(recording.columns, name)
-        if column is None or np.ptp(recording.columns[column]) == 0.0:
+        if column is None or motion(recording.columns[column]) == 0.0:
             continue
         values, symbol = recording.columns[column], split_column(column)[1]
         factor = abs(float(to_si(1.0, symbol)) - float(to_si(0.0, symbol)))

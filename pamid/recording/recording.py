@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.base.card import Cells, card, html_table, interval, text_table
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
+from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
     compatible,
@@ -382,8 +383,7 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
 def require_excited(recording: Recording, column: str) -> None:
     """DataError if the signal never changes: nothing can be learnt from it."""
     values = recording.signal(column)
-    span = float(np.ptp(values))
-    if span <= 1e-9 * float(np.max(np.abs(values))):
+    if motion(values) == 0.0:
         hint = (
             "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the "
             "range."

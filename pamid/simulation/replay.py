@@ -18,6 +18,7 @@ from pamid.base.metrics import seen_mean
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.executable import Executable
+from pamid.recording.noise import NEGLIGIBLE_ERROR
 from pamid.simulation.initial_state import estimate_initial_state
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut
@@ -45,7 +46,8 @@ def replay_windows(track: Track) -> list[Window]:
 class Replay:
     """A model run over a track window by window, its lead-in included.
 
-    full_track, full_outputs (samples x channels, SI), full_windows: lead-in included;
+    full_track, full_outputs (samples x channels, SI), full_windows: lead-in included; noise: of the
+    sensors, per channel (SI);
     carried, starts: the rig's states to which the window before has led and at which the window was
     entered (windows x states); finite: nothing of what is scored became unstable.
     """
@@ -56,6 +58,7 @@ class Replay:
     carried: Array = field(repr=False)
     starts: Array = field(repr=False)
     finite: bool
+    noise: Array
 
     @cached_property
     def track(self) -> Track:
@@ -98,14 +101,24 @@ class Replay:
         """Which channels were recorded."""
         return self.full_track.seen
 
+    @property
+    def least_error(self) -> Array:
+        """Errors below it are not told from none, per channel (SI)."""
+        return NEGLIGIBLE_ERROR * self.noise
+
     def losses(self, power: int = 1) -> Array:
-        """Mean |residual|^power per window and channel over the scored part (windows x channels);
-        NaN where a channel was not recorded."""
+        """Mean |residual|^power per window and channel over the scored part (windows x channels),
+        at least that of the least error; NaN where a channel was not recorded.
+
+        Losses are divided by each other and their logarithms compared. Where recording and model
+        rest at exactly the same number the residual is 0, which no sensor can show.
+        """
         r = np.abs(self.residual) ** power
         r[:, ~self.seen] = np.nan
-        return np.array(
-            [r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows]
-        )
+        means = [
+            r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows
+        ]
+        return np.maximum(means, self.least_error**power)
 
 
 def warm_up(window: Window) -> int:
@@ -154,7 +167,7 @@ def replay_track(
             # what the effects remember has run away, too: it begins anew
             memory = runner.memory(values)
         full_outputs[window.start : window.stop] = Y
-    return Replay(track, full_outputs, full_windows, carried, starts, finite)
+    return Replay(track, full_outputs, full_windows, carried, starts, finite, noise)
 
 
 def run_windows(
@@ -207,6 +220,8 @@ def channel_mae(replays: list[Replay]) -> Array:
 
 
 def spread_of(replays: Sequence[Replay]) -> Array:
-    """Standard deviation of every measured channel over all scored samples that have it (SI)."""
+    """Standard deviation of every measured channel over all scored samples that have it (SI), at
+    least its noise: a channel that rests in what is held out has none to divide by."""
     y = np.concatenate([r.track.y[r.scored] for r in replays])
-    return np.array([np.std(column[~np.isnan(column)]) for column in y.T])
+    spread = np.array([np.std(column[~np.isnan(column)]) for column in y.T])
+    return np.maximum(spread, replays[0].noise)
