@@ -9,7 +9,7 @@ import click
 from . import frame
 from .hints import unused
 from .options import noise_factor, parse_known, seed_option
-from .terminal import quoted, told_progress
+from .terminal import quoted, told_progress, warning
 
 PLACE = 20
 EXAMPLE = """
@@ -118,6 +118,8 @@ def command(
             output=output,
             overwrite=overwrite,
         )
+    for text in made.warnings:
+        warning(text)
     # said here, to who asked for it; a recording names rigs of the catalogue only
     ran = rig or made.rig
     found = SimulatedFile(

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from pamid.base.errors import PamidError, UsageError, nearest
+from pamid.base.errors import FileError, PamidError, UsageError, nearest
 from pamid.base.files import PathLike, sha256_of
 from pamid.checks.hold_or_line import unstated, wrongly_taken
 from pamid.checks.inspection import require_sound
+from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
+from pamid.model.known_bounds import CURE
 from pamid.model.registry import RigLike, as_file, catalogue_rig, rig_given, rig_named, rig_of
 from pamid.model.rig import Rig
 from pamid.recording.recording import (
@@ -121,7 +123,8 @@ def evidence_of(
     named = named or rig_of(read)
     made = made or catalogue_rig(str(named))
     for recording in read:
-        for text in (*recording.warnings, *unknown_columns(made, recording)):
+        odd = (*unknown_columns(made, recording), *_known_remarks(made, recording))
+        for text in (*recording.warnings, *odd):
             warn(f"{recording.path}: {text}")
     evidence = split_recordings(made, read[: len(fitted)], read[len(fitted) :])
     made = evidence.rig
@@ -157,6 +160,17 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
         for c in recording.columns
         if c not in used
     ]
+
+
+def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
+    """A sentence per known value outside the bounds of its parameter; FileError where one cannot
+    be, or is of no parameter."""
+    plain = Assembly(rig)
+    try:
+        plain.values(recording.known)
+    except FileError as error:
+        raise FileError(f"{recording.path}: {error.message}", error.hint, code=error.code) from None
+    return [f"{fault.text}. {CURE}" for fault in plain.known_objections(recording.known)]
 
 
 def _between_remarks(rig: Rig, recording: Recording) -> list[str]:

@@ -49,4 +49,5 @@ def recorded(
         make_folder(output.parent)
         write_recording(output, excitation.time, made.columns, made.meta, digits=digits)
         found = read_recording(output)
-    return replace(found, effects=tuple(made.effects))
+    warnings = (*found.warnings, *made.remarks)
+    return replace(found, effects=tuple(made.effects), warnings=warnings)

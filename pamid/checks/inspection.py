@@ -24,6 +24,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
+from pamid.model.known_bounds import CURE
 from pamid.model.port_guide import TOLERANCES, driving_words, ports_of, tolerance_words
 from pamid.model.rig import Rig, check_rig
 from pamid.model.step_rig import StepRig
@@ -228,27 +229,36 @@ def _against_rig(
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
-    found = _column_findings(recording, rig, wanted)
+    found = _column_findings(recording, rig, wanted) + _known_findings(recording, rig)
     runs = not any(f.wrong for f in found)
     if runs:
         found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
-    plain = Assembly(rig)
-    known = [p.outside_name for p in rig.parameters]
-    found += [
-        CheckOutcome(
-            "known",
-            False,
-            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
-        )
-        for key in recording.known
-        if not plain.knows(key)
-    ]
     if runs:
         try:
             require_informative(rig, recording)
         except DataError as error:
             found.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
     return rig, found or [CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")]
+
+
+def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
+    """Known values of parameters that the rig does not have, and those outside their bounds."""
+    plain = Assembly(rig)
+    names = [p.outside_name for p in rig.parameters]
+    strange = [key for key in recording.known if not plain.knows(key)]
+    found = [
+        CheckOutcome(
+            "known",
+            False,
+            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, names)}".rstrip(),
+        )
+        for key in strange
+    ]
+    known = {key: value for key, value in recording.known.items() if key not in strange}
+    return found + [
+        CheckOutcome("known", False, f"{fault.text}. {CURE}", advice=not fault.impossible)
+        for fault in plain.known_objections(known)
+    ]
 
 
 def _column_findings(

@@ -195,15 +195,10 @@ class Identified:
         """The same model where these parameters (outside names and units) are known to be
         otherwise."""
 
-        def put(assembly: Assembly, values: Array) -> Array:
-            out = values.copy()
-            for name, value in known.items():
-                i, factor = assembly.place_of(name)
-                out[i] = value * factor
-            return out
-
-        beside = None if self.beside is None else (self.beside[0], put(*self.beside))
-        return replace(self, values=put(self.assembly, self.values), beside=beside)
+        beside = self.beside
+        if beside is not None:
+            beside = beside[0], beside[0].with_known(beside[1], known)
+        return replace(self, values=self.assembly.with_known(self.values, known), beside=beside)
 
     def closed(self, controller: Mapping[str, float]) -> Identified:
         """The same model with this controller in its loop: references in the place of commands."""

@@ -25,6 +25,7 @@ from pamid.model.bound_parameter import (
 )
 from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
+from pamid.model.known_bounds import CURE, KnownObjection, objection
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
 from pamid.symbolic.expression import walk
@@ -123,12 +124,29 @@ class Assembly:
 
     def values(self, known: dict[str, float] | None = None) -> Array:
         """Parameter vector (SI): data-sheet values, then `known` given by outside name or key
-        (outside units)."""
-        p = np.array([b.value for b in self.parameters])
-        for name, value in (known or {}).items():
+        (outside units). FileError where a known value cannot be."""
+        return self.with_known(np.array([b.value for b in self.parameters]), known or {})
+
+    def with_known(self, p: Array, known: Mapping[str, float]) -> Array:
+        """A parameter vector (SI) with known values put in; errors as of `values`."""
+        for fault in self.known_objections(known):
+            if fault.impossible:
+                raise FileError(f"{fault.text} (rig {self.rig.name!r}).", CURE, code="known")
+        out = p.copy()
+        for name, value in known.items():
             i, factor = self.place_of(name)
-            p[i] = value * factor
-        return p
+            out[i] = value * factor
+        return out
+
+    def known_objections(self, known: Mapping[str, float]) -> list[KnownObjection]:
+        """Known values of the rig's own parameters that lie outside their bounds."""
+        found = []
+        for name, value in known.items():
+            i, factor = self.place_of(name)
+            b = self.parameters[i]
+            if not b.owner and (fault := objection(b, name, value, value * factor)):
+                found.append(fault)
+        return found
 
     def data_sheet(self) -> Array:
         """Parameter vector (SI) of the rig as its data sheet has it: every effect at its null."""

@@ -2,8 +2,9 @@
 
 Refused: missing, empty or header-only file; a first column other than `time_s`; a column twice or
 without a name; a cell that is empty, no number, not finite or beyond 1e30 in any unit; a row of the
-wrong length; stamps repeated, unsorted, with a gap or uneven by more than 1 %; broken TOML, values
-of the wrong kind, a sampling period that the stamps contradict.
+wrong length; stamps repeated, unsorted, with a gap or uneven by more than 1 %, too large to tell
+their own spacing, or as far apart as no clock ticks; broken TOML, values of the wrong kind, a
+sampling period that the stamps contradict.
 """
 
 from __future__ import annotations
@@ -28,6 +29,11 @@ from pamid.recording.stamp_rounding import even_but_rounded
 UNIFORM_TO = 0.01  # stamps are uniform to 1 %
 # in any unit: beyond lies what no sensor shows, and what cannot be squared and summed
 TINY, HUGE = 1e-30, 1e30
+# faster samples no converter, slower ones than every thirty years no experiment
+PERIODS_S = (1e-12, 1e9)
+# of the spacing of the stamps: where doubles of their size lie farther apart, neighbours cannot be
+# told from each other
+STAMP_RESOLUTION = 0.5
 PERIOD_TO = 1e-3  # a stated sampling period may differ from the stamps by 0.1 %
 _INGEST = "`pamid ingest` repairs the time base of raw logs."
 _RESAVE = "`pamid ingest` reads raw logs; a table is saved again as comma-separated UTF-8."
@@ -187,11 +193,26 @@ def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) ->
 
 def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
     """FileError unless the stamps (s) rise evenly: no repeat, no step back, no gap, spacing uniform
-    to 1 %, or to the last digit that was written."""
+    to 1 %, or to the last digit that was written, and such as a clock has."""
     steps = np.diff(time)
     if steps.size == 0:
         return
     period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    rounding = float(np.spacing(np.abs(time).max()))
+    if period and rounding > STAMP_RESOLUTION * period:
+        raise FileError(
+            f"{path}, column 'time_s': stamps of {np.abs(time).max():.6g} s are rounded to "
+            f"{rounding:.3g} s, which does not resolve samples {period:.3g} s apart.",
+            "Subtract the first stamp before writing the file.",
+            code="stamps-resolution",
+        )
+    if period and not PERIODS_S[0] <= period <= PERIODS_S[1]:
+        raise FileError(
+            f"{path}, column 'time_s': samples are {period:.3g} s apart; recorders take one "
+            f"every {PERIODS_S[0]:g} to {PERIODS_S[1]:g} s.",
+            "Correct the unit or the scale of that column: it holds seconds.",
+            code="stamps-period",
+        )
     backward = np.flatnonzero(steps <= 0)
     if backward.size:
         row = int(backward[0])
@@ -201,7 +222,6 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
         _refuse_stamp(path, row + 1, detail, "stamps-unsorted")
     # the spacing of stamps written with few digits looks uneven by the rounding, which is no fault
     # of the clock
-    rounding = float(np.spacing(np.abs(time).max()))
     uneven = np.flatnonzero(np.abs(steps - period) > UNIFORM_TO * period + rounding)
     if uneven.size:
         gaps = uneven[steps[uneven] > 1.5 * period]

@@ -23,9 +23,10 @@ FEW_CASES = 10  # below, any share may be chance
 @dataclass(frozen=True)
 class Scored:
     """A row of the table with its figure and interval in the row's unit, None where there were no
-    cases; texts: its cells as the terminal shows them."""
+    cases; cases: how many; texts: its cells as the terminal shows them."""
 
     row: FigureRow
+    cases: int
     texts: tuple[str, ...]
     value: float | None
     low: float | None
@@ -96,7 +97,7 @@ def read_trial(path: Path) -> Trial | None:
 def _scored(row: FigureRow, one: Rate | Figure, texts: tuple[str, ...]) -> Scored:
     figures = (one.value if isinstance(one, Figure) else one.share, one.low, one.high)
     value, low, high = (None if x is None else row.factor * x for x in figures)
-    return Scored(row, texts, value, low, high)
+    return Scored(row, one.of, texts, value, low, high)
 
 
 # ---- sentences ---------------------------------------------------------------------------------
@@ -110,7 +111,7 @@ def reached_text(trial: Trial) -> str:
     judged = [one.reached for one in rows]
     text = f"{sum(map(bool, judged))} of {len(judged)} targets "
     text += "is reached" if sum(map(bool, judged)) == 1 else "are reached"
-    most = max(int(one.texts[3]) for one in rows)
+    most = max(one.cases for one in rows)
     few = f"{most} case{'' if most == 1 else 's'}"
     return text if most >= FEW_CASES else f"{text}, on {few} at most: too few to tell"
 

@@ -87,7 +87,10 @@ def number(value: Any, info: ValidationInfo) -> float:
 def _count(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise expected("a number")
-    return int(value) if isinstance(value, Integral) else value  # type: ignore[return-value]
+    # JSON has one kind of number: 3.0 is a count, too
+    if not isinstance(value, Integral) and not float(value).is_integer():
+        raise expected("a whole number")
+    return int(value)
 
 
 def _text(value: Any) -> str:

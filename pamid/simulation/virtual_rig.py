@@ -27,11 +27,12 @@ Array = NDArray[np.float64]
 class VirtualRecording:
     """columns in their own units; meta: the tables of the TOML beside the recording, which name a
     rig of the catalogue only: a file's name may tell what the recording is to be asked for;
-    effects: labels with values."""
+    effects: labels with values; remarks: what is odd about what was simulated, but not wrong."""
 
     columns: dict[str, Array]
     meta: dict[str, Any]
     effects: list[str]
+    remarks: tuple[str, ...] = ()
 
 
 def split_spec(spec: str) -> tuple[str, dict[str, float]]:
@@ -142,4 +143,5 @@ def simulate_virtual_rig(
         meta["controller"] = settings
     if excitation.between:
         meta["between"] = excitation.between
-    return VirtualRecording(columns, meta, labels)
+    remarks = tuple(fault.text for fault in plain.known_objections(known))
+    return VirtualRecording(columns, meta, labels, remarks)
