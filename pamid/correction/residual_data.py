@@ -162,6 +162,13 @@ def read_columns(path: Path) -> dict[str, Array]:
             REFIT_REMEDY,
             code="damaged",
         )
+    counts = table[:, 1 : len(RESIDUAL_KEYS)]
+    if not (np.isfinite(counts) & (counts == np.round(counts))).all():
+        raise FileError(
+            f"{path}: {', '.join(RESIDUAL_KEYS[1:])} hold more than whole numbers.",
+            REFIT_REMEDY,
+            code="damaged",
+        )
     return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
 
 

@@ -39,7 +39,8 @@ def candidate_restored(evidence: DataSplit, assembly: Assembly, found: Plain) ->
     assembly = replace(assembly, ranges=ranges) if ranges else assembly
     held = evidence.tracks(assembly, held_out=True)
     return candidate_from(
-        assembly, _fit_of(evidence, assembly, found["fit"]),
+        assembly,
+        _fit_of(evidence, assembly, found["fit"]),
         _replays_of(held, found["replays"], evidence.noise),
     )
 
@@ -125,9 +126,7 @@ def _replay_plain(r: Replay) -> Plain:
     }
 
 
-def _replays_of(
-    tracks: tuple[Track, ...], found: list[Plain], noise: Array
-) -> tuple[Replay, ...]:
+def _replays_of(tracks: tuple[Track, ...], found: list[Plain], noise: Array) -> tuple[Replay, ...]:
     return tuple(
         Replay(
             _measured(t, f),

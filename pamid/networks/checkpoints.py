@@ -107,6 +107,9 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             or steps.shape[1:] != (len(TrainingStep._fields),)
         ):
             raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
+        counts = (numbers[:1], steps[:, 0], steps[:, -1])
+        if not all(c.dtype.kind in "fiu" and np.isfinite(c).all() for c in counts):
+            raise FileError(f"{path}: attempt {k} counts in what is no number.", "Train afresh.")
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(TrainingStep._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
         attempts.append(

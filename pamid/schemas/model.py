@@ -87,10 +87,11 @@ def number(value: Any, info: ValidationInfo) -> float:
 def _count(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise expected("a number")
-    # JSON has one kind of number: 3.0 is a count, too
-    if not isinstance(value, Integral) and not float(value).is_integer():
+    if isinstance(value, Integral):
+        return int(value)
+    if not float(value).is_integer():  # JSON has one kind of number: 3.0 is a count, too
         raise expected("a whole number")
-    return int(value)
+    return int(float(value))
 
 
 def _text(value: Any) -> str:

@@ -214,6 +214,14 @@ def broken(change: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
             "rates.port.of should be a number, it is missing",
         ),
         (
+            lambda one: one["rates"]["port"].update(of=3.5),
+            "rates.port.of should be a whole number",
+        ),
+        (
+            lambda one: one["figures"]["ece"].update(of=12.25),
+            "figures.ece.of should be a whole number",
+        ),
+        (
             lambda one: one["strata"]["visibility"][">= 2"].pop("detected"),
             "strata.visibility.>= 2.detected",
         ),
@@ -232,6 +240,15 @@ def test_damage_is_named(
     with pytest.raises(FileError, match=re.escape(told)):
         write_report(made)
     assert not (made / "report.html").exists()
+
+
+def test_a_count_with_a_decimal_point_is_a_count(tmp_path: Path) -> None:
+    rates = trial_json()["rates"]
+    rates["port"]["of"] = float(rates["port"]["of"])
+    found = read_trial(make_trial(tmp_path / "TRIAL", rates=rates) / "trial.json")
+    assert found is not None and write_report(tmp_path / "TRIAL").page.exists()
+    port = found.of("port")
+    assert port is not None and isinstance(port.cases, int)
 
 
 def test_figures_that_a_trial_lacks_are_left_out(tmp_path: Path) -> None:
