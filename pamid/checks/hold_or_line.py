@@ -258,8 +258,11 @@ class _TriedOn:
         turned = self.fitted(other_way, base.point, stepping=stepping)
         again = self.fitted(base.rig, turned.point, base.problem)
         here = again if again.error < base.error else base
-        gain = turned.point.errors.mean(axis=0) / here.point.errors.mean(axis=0)
-        shows = int(np.argmax(np.abs(np.log(gain))))
+        # an exact fit and one that runs away have no logarithm
+        logs = [
+            np.log(np.clip(fit.point.errors.mean(axis=0), 1e-300, 1e300)) for fit in (turned, here)
+        ]
+        shows = int(np.argmax(np.abs(logs[0] - logs[1])))
         both = {taken: here, other(taken): turned}
         rms = {way: self._rms(one, shows) for way, one in both.items()}
         better = next((way for way in both if _clear(both[way], both[other(way)])), "")

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import SAME_DIGITS, motion
+from pamid.base.metrics import SAME_DIGITS, motion, runs_of
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ FEW_GAPS, OFF_OF_FEW_GAPS = 10, 0.02  # of so few gaps each has to be whole to t
 MANY_GAPS, FINEST = 30, 16
 STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
 BLOCK = 40  # samples over which differences are squared
+LONG_REST = 0.1  # of a channel: so many exact repeats of one value are no noise
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
 # of the noise: a model that is off by less is not told from one that is exact. Noise that is read
 # from a recording may be several times too large, but not a hundred times.
@@ -222,7 +223,24 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     steps = np.array([quantisation_step(c) for c in y.T])
     for c in np.flatnonzero(sigma < steps):
         noise[c] = max(min(_square_noise(d[:, c]) for d in every), UNIFORM * steps[c])
+    for c in np.flatnonzero(steps == 0.0):
+        moving = _without_rests(y[:, c])
+        if moving.size < len(y):
+            noise[c] = _noise_and_steps(moving[:, None])[0][0]
     return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
+
+
+def _without_rests(values: Array) -> Array:
+    """A channel without steps, less its long standstills: a sensor that is off, or whose lost
+    samples were filled with zeros. All of it where hardly anything else is left, as of a command
+    that steps once. With half of the samples repeated the median of differences would be next to
+    zero, and every error of a model large against such noise."""
+    starts, stops = runs_of(np.concatenate([[False], values[1:] == values[:-1]]))
+    long = stops - starts >= LONG_REST * values.size
+    kept = np.ones(values.size, bool)
+    for start, stop in zip(starts[long], stops[long], strict=True):
+        kept[start:stop] = False
+    return values[kept] if kept.mean() >= LONG_REST else values
 
 
 def _square_noise(d: Array) -> float:
