@@ -10,7 +10,7 @@ from pamid.base.metrics import runs_of
 from pamid.checks.channel_quality import CheckedSignal, QualityIssue, share_words
 
 #: of a recording: a shorter standstill, before an experiment or after a step, is usual
-LEAST_SHARE = 0.4
+LONG_STANDSTILL = 0.4
 
 
 def standstill(
@@ -30,7 +30,7 @@ def standstill(
     longest = int(np.argmax(stops - starts))
     first, stop = int(starts[longest]) - 1, int(stops[longest])  # from the value that is repeated
     time, share = moving[0].time, (stop - first) / moving[0].time.size
-    if share < LEAST_SHARE:
+    if share < LONG_STANDSTILL:
         return []
     driven = [s.name for s in sent if s.span > 0.0 and not s.still[first + 1 : stop].all()]
     resting = [s.name for s in (*moving, *sent) if s.span > 0.0 and s.name not in driven]

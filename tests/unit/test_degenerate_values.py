@@ -27,7 +27,7 @@ from pamid.excitation.aprbs import coverage
 from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
 from pamid.networks.checkpoints import TrainingStep, load_checkpoint
-from pamid.recording.noise import NEGLIGIBLE_ERROR, plateau_spacing
+from pamid.recording.noise import NEGLIGIBLE_ERROR, noise_level, plateau_spacing
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import replay_track, spread_of
@@ -118,6 +118,21 @@ def test_check_ends_in_an_answer(
     assert said["schema"] == "pamid.check/1"
 
 
+def test_a_model_that_runs_away_is_not_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Held and linear inputs both lead to infinite errors, which no result file holds."""
+    random = np.random.default_rng(3)
+    columns = {
+        "power_w": np.arange(SAMPLES, dtype=float),
+        "ambient_degc": 1e29 * random.standard_normal(SAMPLES),
+        "temperature_degc": 1e-12 * random.standard_normal(SAMPLES),
+    }
+    write_recording(tmp_path / "rec.csv", 10.0 * np.arange(SAMPLES), columns)
+    code, said = call(capsys, "check", tmp_path / "rec.csv", "--rig", "thermal-block")
+    assert code in (0, 3) and said["schema"] == "pamid.check/1"
+
+
 # ---- a standstill ------------------------------------------------------------------------------
 
 
@@ -149,6 +164,14 @@ def test_half_a_recording_at_rest_is_reported(
     assert issue.windows_s[0][1] == recording.time[-1]
     assert issue.figures["share"] == pytest.approx(0.5, abs=0.02)
     assert all(word in issue.text for word in words)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.7])
+def test_noise_is_read_where_the_channel_moves(share: float) -> None:
+    random, sigma = np.random.default_rng(4), 5e-4
+    noisy = SINE + sigma * random.standard_normal(SAMPLES)
+    resting = np.where(np.arange(SAMPLES) < share * SAMPLES, 0.0, noisy)
+    assert noise_level(resting[:, None])[0] == pytest.approx(sigma, rel=0.3)
 
 
 def test_a_short_rest_is_usual(tmp_path: Path) -> None:
