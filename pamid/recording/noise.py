@@ -35,6 +35,7 @@ FEW_GAPS, OFF_OF_FEW_GAPS = 10, 0.02  # of so few gaps each has to be whole to t
 MANY_GAPS, FINEST = 30, 16
 STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
 BLOCK = 40  # samples over which differences are squared
+FEW_MOVING = 80  # samples: fewer show no noise by their differences
 LONG_REST = 0.1  # of a channel: so many exact repeats of one value are no noise
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
 # of the noise: a model that is off by less is not told from one that is exact. Noise that is read
@@ -240,7 +241,7 @@ def _without_rests(values: Array) -> Array:
     kept = np.ones(values.size, bool)
     for start, stop in zip(starts[long], stops[long], strict=True):
         kept[start:stop] = False
-    return values[kept] if kept.mean() >= LONG_REST else values
+    return values[kept] if kept.sum() >= max(LONG_REST * values.size, FEW_MOVING) else values
 
 
 def _square_noise(d: Array) -> float:

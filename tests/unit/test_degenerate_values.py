@@ -174,6 +174,12 @@ def test_noise_is_read_where_the_channel_moves(share: float) -> None:
     assert noise_level(resting[:, None])[0] == pytest.approx(sigma, rel=0.3)
 
 
+def test_a_rest_that_leaves_a_few_samples_is_kept() -> None:
+    random = np.random.default_rng(4)
+    short = np.where(np.arange(60) < 40, 0.0, random.standard_normal(60))
+    assert np.isfinite(noise_level(short[:, None])).all()
+
+
 def test_a_short_rest_is_usual(tmp_path: Path) -> None:
     whole = read_recording(record_cart(tmp_path))
     resting = np.arange(len(whole)) < 0.2 * len(whole)
