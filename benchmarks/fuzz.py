@@ -211,31 +211,30 @@ def _work(asked: argparse.Namespace) -> None:
 def _in_process(drawn: bool) -> None:
     """What would start a process for every input forks instead; without `drawn` pictures are not
     rendered."""
-    import pamid.ingest.child_process as apart
+    import pamid.parallel.limited_process as apart
     import pamid.report.style as style
     import pamid.report.writing as writing
 
-    def forked(
-        command: list[str], *, input: bytes, timeout: float, **_: Any
-    ) -> subprocess.CompletedProcess[bytes]:
+    def forked(request: bytes, folder: Path, patience: float, label: str) -> int:
         reading, writing_end = os.pipe()
-        os.write(writing_end, input)
-        os.close(writing_end)
         child = os.fork()
         if not child:
-            resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
+            os.close(writing_end)
             os.dup2(reading, 0)
             sys.stdin = os.fdopen(0)
             code = 1
             with contextlib.suppress(BaseException):
+                os.chdir(folder)
                 apart.serve()
                 code = 0
             os._exit(code)
         os.close(reading)
-        _, status = os.waitpid(child, 0)
-        return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status), b"", b"")
+        with open(writing_end, "wb") as line:
+            line.write(request)
+        (folder / "stderr.txt").touch()
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
-    apart.subprocess.run = forked  # type: ignore[attr-defined]
+    apart._finished = forked
     whole = style.render
 
     def blank(drawing: Any) -> Any:

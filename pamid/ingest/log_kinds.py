@@ -50,6 +50,12 @@ def read_here(path: Path, kind: str) -> Log:
             f"pip install 'pamid[{found.extra}]'",
             code="missing-extra",
         ) from error
+    except MemoryError as error:
+        raise FileError(
+            f"{path} cannot be read as {kind}: it needs more memory than there is.",
+            "Export fewer channels or a shorter stretch of it.",
+            code="too-large",
+        ) from error
     except Exception as error:  # a damaged file makes a foreign reader raise just about anything
         reason = " ".join(str(error).split())[:200] or "no reason given"
         raise FileError(
