@@ -11,7 +11,6 @@ import errno
 import io
 import json
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -21,13 +20,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from . import names, settings_files
+from .ending import INTERRUPTED, was_signalled, watch_signals
 from .table import ALIASES, COMMANDS, load_command
 from .terminal import aside, hang_up, printable, printable_json, say
 
 if TYPE_CHECKING:
     from pamid.schemas.model import Model
 
-INTERRUPTED = 130
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _EPILOG = (
     "Options may also stand in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
@@ -85,8 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     _keep_streams_apart()
-    signal.signal(signal.SIGTERM, _end)
-    code = run(sys.argv[1:] if arguments is None else arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    watch_signals(_last_words("--json" in _flags(words)))
+    code = run(words)
     # what is left in them would fail once more as Python ends
     for stream in (sys.stdout, sys.stderr):
         try:
@@ -97,11 +97,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(code)
 
 
-def _end(*_: object) -> None:
-    """Whoever asks the process to end gets what Ctrl-C gets: what is finished is kept. Asking again
-    changes nothing."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise KeyboardInterrupt
+def _last_words(as_json: bool) -> Callable[[], None]:
+    """Prints that the command was interrupted, past all buffers."""
+
+    def print_them() -> None:
+        described, _ = _explain(KeyboardInterrupt())
+        if as_json:
+            os.write(1, f"{_json(described)}\n".encode())
+        else:
+            os.write(2, f"pamid: {described['message']}\n  {described['hint']}\n".encode())
+
+    return print_them
 
 
 def _keep_streams_apart() -> None:
@@ -132,6 +138,8 @@ def run(arguments: Sequence[str]) -> int:
     except BaseException as error:
         if isinstance(error, SystemExit) and not error.code:
             return 0  # click has answered a shell that asked for completions
+        if isinstance(error, Exception) and was_signalled():
+            error = KeyboardInterrupt()  # the signal came where only another error could follow
         return _print_error(error, as_json, debug)
     try:
         if stray.getvalue() and isinstance(result, Result):

@@ -1,5 +1,5 @@
-"""Reading a log in a process of its own (`pamid.parallel.limited_process`): a damaged file can make a
-foreign parser crash or never end, not only raise.
+"""Reading a log in a process of its own (`pamid.parallel.limited_process`): a damaged file can make
+a foreign parser crash or never end, not only raise.
 
 Channels come back as plain numbers (npz without objects) and JSON; nothing in them is executed.
 """

@@ -1,7 +1,7 @@
 """A function of pamid in a process of its own, with limits on its time and its memory.
 
 Foreign code that reads a file can crash, hang, or take all memory, and native code hears no signal.
-Here it does so in another process, which ends with its limits, with its parent, or on Ctrl-C. Arguments
+Here it runs in another process, which ends at its limits, with its parent, or on Ctrl-C. Arguments
 and answers are JSON; arrays travel as files in a folder that both know. Nothing that comes back is
 executed.
 """
@@ -71,8 +71,8 @@ def run_limited(
     Parameters
     ----------
     function
-        "module:name" of a function of pamid; it takes `arguments` and `folder` by name and returns a
-        dict that JSON can hold.
+        "module:name" of a function of pamid; it takes `arguments` and `folder` by name and returns
+        a dict that JSON can hold.
     arguments
         Plain values.
     folder
@@ -195,7 +195,7 @@ def _end_with(parent: int) -> None:
 def _limit(seconds: float, memory: int) -> None:
     """Set the limits of this process.
 
-    RLIMIT_DATA counts what can be written and is not shared. RLIMIT_AS also counts address space that
+    RLIMIT_DATA counts memory that is writable and private. RLIMIT_AS also counts address space that
     allocators reserve and never use, a GiB at a time, and files that are mapped to be read.
     """
     if resource is None:

@@ -142,24 +142,20 @@ class ExcitationBench:
         dofs = [m.joints[m.actuators[i].joint].dof for i in bare]
         qpos = [joint.qpos for joint in m.joints]
         low, high = data.qpos[qpos].copy(), data.qpos[qpos].copy()
-        self.mujoco.set_mju_user_warning(lambda _: None)
-        try:
-            for k in range(samples):
-                data.ctrl[places] = controls[:, k] if own else []
-                data.qfrc_applied[dofs] = torques[:, k] if bare else []
-                self.mujoco.mj_step(self.model, data, self.count)
-                q = data.qpos[qpos]
-                np.minimum(low, q, out=low)
-                np.maximum(high, q, out=high)
-                trouble = self._trouble(data, k, learn)
-                if trouble is not None and not learn:
-                    return trouble, {}
-                if trouble is not None and trouble.joint >= 0:
-                    self.falls.setdefault(trouble.joint, trouble)
-                if learn and not np.isfinite(q).all():
-                    break
-        finally:
-            self.mujoco.set_mju_user_warning(None)
+        for k in range(samples):
+            data.ctrl[places] = controls[:, k] if own else []
+            data.qfrc_applied[dofs] = torques[:, k] if bare else []
+            self.mujoco.mj_step(self.model, data, self.count)
+            q = data.qpos[qpos]
+            np.minimum(low, q, out=low)
+            np.maximum(high, q, out=high)
+            trouble = self._trouble(data, k, learn)
+            if trouble is not None and not learn:
+                return trouble, {}
+            if trouble is not None and trouble.joint >= 0:
+                self.falls.setdefault(trouble.joint, trouble)
+            if learn and not np.isfinite(q).all():
+                break
         names = (joint.name for joint in m.joints)
         return None, {n: (float(a), float(b)) for n, a, b in zip(names, low, high, strict=True)}
 

@@ -1,36 +1,47 @@
 """A MuJoCo or URDF file through MuJoCo's own loader, with the line at which each element stands.
 
-MuJoCo reads the file and refuses what it does not know; nothing in it is run. The package is the
-extra `[mujoco]`.
+MuJoCo compiles the file in a process of its own: native code hears no signal, and a small file can
+declare a model without end. The compiled model comes back in MuJoCo's binary format. MuJoCo refuses
+what it does not know; nothing in a file is run. The package is the extra `[mujoco]`.
 """
 
 from __future__ import annotations
 
+import math
 import re
+import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from pamid.base.errors import FileError
-from pamid.base.files import PathLike
+from pamid.base.files import MIB, PathLike, open_data
+from pamid.parallel.limited_process import ProcessFailure, run_limited
+from pamid.simulators.foreign_limits import RAISED, foreign_limits
+from pamid.simulators.mujoco_sources import require_plain_sources
 
 #: endings of the files that are read here
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 
+_COMPILED = "model.mjb"
+_MOST_WARNINGS, _LONGEST = 20, 300  # of MuJoCo, and characters of each
 _LINE = re.compile(r"line (\d+)")
 
 
 @dataclass(frozen=True)
 class MujocoFile:
-    """A loaded file: MuJoCo's module, its model (mjModel), and the line of every element by kind
-    and number, 0 where it is not known."""
+    """A loaded file: MuJoCo's module, its model (mjModel), the line of every element by kind and
+    number, 0 where it is not known, and MuJoCo's warnings."""
 
     path: Path
     mujoco: ModuleType
     model: Any
     lines: dict[tuple[str, int], int]
+    warnings: tuple[str, ...] = ()
 
     def line(self, kind: str, number: int) -> int:
         return self.lines.get((kind, number), 0)
@@ -51,7 +62,11 @@ def _object(kinds: Any, kind: str) -> Any:
 
 
 def mujoco_package(path: PathLike) -> ModuleType:
-    """MuJoCo's Python package; FileError with what to install where it is absent."""
+    """MuJoCo's Python package; FileError with what to install where it is absent.
+
+    From then on MuJoCo writes its warnings nowhere. By default it appends them to MUJOCO_LOG.TXT in
+    the working folder. A handler that somebody else has set stays.
+    """
     try:
         import mujoco
     except ModuleNotFoundError as error:
@@ -62,22 +77,68 @@ def mujoco_package(path: PathLike) -> ModuleType:
             "pip install 'pamid[mujoco]'",
             code="missing-extra",
         ) from error
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_dropped)
     module: ModuleType = mujoco
     return module
 
 
+def _dropped(_: str) -> None:
+    pass
+
+
 def open_mujoco(path: PathLike) -> MujocoFile:
-    """Load a file (MJCF or URDF). FileError: it is absent, MuJoCo refuses it (its words and its
-    line are passed on), or the extra is not installed."""
+    """Load a file (MJCF or URDF).
+
+    FileError: it is absent or no regular file, MuJoCo refuses it (its words and its line are passed
+    on), it takes more time or memory than `pamid.simulators.foreign_limits` allows, a number in it
+    is not finite, or the extra is not installed.
+    """
     file = Path(path)
-    if not file.is_file():
+    if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of a .xml (MJCF) or .urdf file")
+    limits = foreign_limits()
+    open_data(file, limits.text).close()
     mujoco = mujoco_package(file)
+    whole = str(file.absolute())
+    with tempfile.TemporaryDirectory(prefix="pamid-") as name:
+        folder = Path(name)
+        try:
+            answer = run_limited(
+                f"{__name__}:compiled",
+                {"path": whole},
+                folder,
+                limits.compilation,
+                f"compiling {file.name}, for at most {limits.compilation.patience:.0f} s",
+            )
+            model = mujoco.MjModel.from_binary_path(str(folder / _COMPILED))
+        except ProcessFailure as failure:
+            raise FileError(
+                f"{file}: MuJoCo cannot compile it: {failure}.", RAISED, code="too-large"
+            ) from failure
+        except FileError as error:
+            raise FileError(
+                error.message.replace(whole, str(file)), error.hint, code=error.code
+            ) from error
+    lines = {(kind, number): line for kind, number, line in answer["lines"]}
+    return MujocoFile(file, mujoco, model, lines, tuple(answer["warnings"]))
+
+
+def compiled(path: str, folder: Path) -> dict[str, Any]:
+    """Compile a file and save the model into the folder; lines of its elements, and warnings.
+
+    Called in a process of its own, by `open_mujoco`.
+    """
+    file = Path(path)
+    mujoco = mujoco_package(file)
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)
+    require_plain_sources(file)
     try:
-        spec = mujoco.MjSpec.from_file(str(file))
+        spec = mujoco.MjSpec.from_file(path)
         model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise FileError(f"{file}: {_reason(error)}", _hint(str(error)), code="model") from error
+        raise FileError(f"{path}: {_reason(error)}", _hint(str(error)), code="model") from error
     kinds = {
         "body": spec.bodies,
         "joint": spec.joints,
@@ -88,7 +149,52 @@ def open_mujoco(path: PathLike) -> MujocoFile:
         "equality": spec.equalities,
     }
     lines = {key: line for kind, found in kinds.items() for key, line in _lines(kind, found)}
-    return MujocoFile(file, mujoco, model, lines)
+    require_finite(MujocoFile(file, mujoco, model, lines))
+    mujoco.mj_saveModel(model, str(folder / _COMPILED))
+    return {
+        "lines": [(kind, number, line) for (kind, number), line in lines.items()],
+        "warnings": [" ".join(text.split())[:_LONGEST] for text in warnings[:_MOST_WARNINGS]],
+    }
+
+
+def require_finite(file: MujocoFile) -> None:
+    """FileError for a number of the model that cannot be: not a number, infinite where it is no end
+    of a range, a time step that is not above 0. MuJoCo itself only warns of it."""
+    m = file.model
+    step = float(m.opt.timestep)
+    if not (math.isfinite(step) and step > 0.0):
+        raise FileError(
+            f"{file.path}: its timestep is {step:g} s, not a positive number.",
+            'Write a time step of the simulation into it: <option timestep="0.002"/>.',
+            code="model",
+        )
+    for part, owner in (("option ", m.opt), ("statistic ", m.stat), ("", m)):
+        for name in dir(owner):
+            values = np.asarray(getattr(owner, name)) if name[:1] != "_" else np.zeros(0)
+            if values.dtype.kind != "f":
+                continue
+            wrong = np.isnan(values) if "range" in name else ~np.isfinite(values)
+            if wrong.any():
+                first = np.argwhere(wrong)[0] if values.ndim else np.zeros(1, int)
+                number = values[tuple(first)] if values.ndim else values
+                raise FileError(
+                    f"{file.path}: {part or _owner(file, name, int(first[0]))}{name} is "
+                    f"{float(number):g}.",
+                    "Every number of a model has to be finite: mend it where it stands.",
+                    code="model",
+                )
+
+
+def _owner(file: MujocoFile, array: str, row: int) -> str:
+    """The element that a row of one of the model's arrays belongs to, as an error names it."""
+    prefix = array.partition("_")[0]
+    if prefix == "dof":
+        prefix, row = "jnt", int(file.model.dof_jntid[row])
+    kind = {"jnt": "joint", "eq": "equality"}.get(prefix, prefix)
+    if kind not in ("body", "joint", "geom", "tendon", "actuator", "sensor", "equality"):
+        return ""
+    line = file.line(kind, row)
+    return f"{kind} {file.name(kind, row)!r}{f', line {line}' if line else ''}: "
 
 
 def _lines(kind: str, elements: Iterable[Any]) -> Iterable[tuple[tuple[str, int], int]]:
@@ -106,6 +212,9 @@ def _reason(error: Exception) -> str:
 def _hint(said: str) -> str:
     if "opening file" in said or "Could not open" in said:
         return "Put the file that it names where the model looks for it (its own folder, meshdir)."
+    if "unknown exception" in said or "alloc" in said:
+        most = foreign_limits().compilation.memory // MIB
+        return f"Most likely it needs more than {most} MiB of memory. {RAISED}"
     if "Schema violation" in said:
         return "Mend or remove the element; `python -m mujoco.viewer --mjcf FILE` shows the same."
     return ""

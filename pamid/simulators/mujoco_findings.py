@@ -31,6 +31,7 @@ _HARMLESS_FLAGS = (
 def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding, ...]:
     """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
     found = [
+        *_warnings(file),
         *_joints(file),
         *_bodies(file),
         *_tendons(file),
@@ -181,3 +182,8 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
             yield _finding(file, "sensor", i, text, hinders=False)
         elif m.sensor_delay[i]:
             yield _finding(file, "sensor", i, "its delay is left out", hinders=False)
+
+
+def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:
+    for text in file.warnings:
+        yield ModelFinding(f"MuJoCo warns: {text}", "model", "", 0, False)

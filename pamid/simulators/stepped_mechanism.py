@@ -158,10 +158,6 @@ def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
     return list(zip(t.joints, t.coefficients, strict=True))
 
 
-def _silent(_: str) -> None:
-    pass
-
-
 class _Stepper:
     """MuJoCo at work: models with parameters written into them, and states in pamid's order."""
 
@@ -210,18 +206,13 @@ class _Stepper:
         control = np.zeros((n, 1, self.model.nu + self.model.nv))
         control[:, 0, self.forces] = f
         models = [self.with_values(row, h / count) for row in p]
-        # what is unstable shows in the states, not on the screen and in a file of MuJoCo's own
-        self.mujoco.set_mju_user_warning(_silent)
-        try:
-            after, _ = self.rollout.rollout(
-                models,
-                self.data,
-                states,
-                np.repeat(control, count, axis=1) if count > 1 else control,
-                control_spec=self.spec,
-            )
-        finally:
-            self.mujoco.set_mju_user_warning(None)
+        after, _ = self.rollout.rollout(
+            models,
+            self.data,
+            states,
+            np.repeat(control, count, axis=1) if count > 1 else control,
+            control_spec=self.spec,
+        )
         return np.ascontiguousarray(after[:, -1, self.places])
 
     @contextmanager
@@ -235,18 +226,14 @@ class _Stepper:
         count = max(1, int(np.ceil(h / self.m.timestep_s - 1e-9)))
         models = [self.with_values(row, h / count) for row in p]
         self.mujoco.mj_resetData(self.model, self.data)
-        self.mujoco.set_mju_user_warning(_silent)
-        try:
-            yield LibraryStep(
-                self.mj_step,
-                self.data._address,
-                np.array([m._address for m in models], np.int64),
-                count,
-                *self.addresses,
-                kept=(models, self.data),
-            )
-        finally:
-            self.mujoco.set_mju_user_warning(None)
+        yield LibraryStep(
+            self.mj_step,
+            self.data._address,
+            np.array([m._address for m in models], np.int64),
+            count,
+            *self.addresses,
+            kept=(models, self.data),
+        )
 
     @cached_property
     def mj_step(self) -> int:

@@ -1,0 +1,57 @@
+"""Limits on reading a model file of another program.
+
+A file of one kilobyte can declare a model that takes hours and all memory. The environment variable
+PAMID_MODEL_LIMITS multiplies every limit here, for a model that you trust and that needs more.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+from pamid.base.errors import UsageError
+from pamid.base.files import MIB
+from pamid.parallel.limited_process import ProcessLimits
+
+VARIABLE = "PAMID_MODEL_LIMITS"
+COMPILE_S = 40.0  # of processor time that MuJoCo may take to compile a model
+COMPILE_PATIENCE_S = 120.0  # that may pass meanwhile
+COMPILE_MEMORY = 1536 * MIB
+MODEL_TEXT = 32 * MIB  # of an MJCF or URDF file; of the description in an FMU
+FMU_UNPACKED = 512 * MIB  # all that an FMU holds
+FMU_FILES = 20_000  # in an FMU
+RAISED = (
+    f"Is it the file you meant? If you trust it, {VARIABLE}=4 in the environment allows four times "
+    "as much."
+)
+
+
+@dataclass(frozen=True)
+class ForeignLimits:
+    """What one model file may take: the compilation, bytes of its text, bytes and number of the
+    files that it unpacks."""
+
+    compilation: ProcessLimits
+    text: int
+    unpacked: int
+    files: int
+
+
+def foreign_limits() -> ForeignLimits:
+    """The limits that hold now. UsageError for a factor that is not a positive number."""
+    said = os.environ.get(VARIABLE, "").strip() or "1"
+    try:
+        factor = float(said)
+    except ValueError:
+        factor = math.nan
+    if not (math.isfinite(factor) and factor > 0.0):
+        raise UsageError(f"{VARIABLE}={said!r} is not a positive number.", "Write a number like 4.")
+    return ForeignLimits(
+        ProcessLimits(
+            factor * COMPILE_S, factor * COMPILE_PATIENCE_S, round(factor * COMPILE_MEMORY)
+        ),
+        round(factor * MODEL_TEXT),
+        round(factor * FMU_UNPACKED),
+        round(factor * FMU_FILES),
+    )
