@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -258,8 +259,8 @@ def check_rig(rig: Rig, where: str) -> None:
                 f"{kind}: port {name!r} has the unknown kind {port.kind!r}",
                 nearest(port.kind, list(KINDS)) or f"kinds: {', '.join(KINDS)}",
             )
-    names = [p.name for p in rig.parameters]
-    for twice in sorted({n for n in names if names.count(n) > 1}):
+    counts = Counter(p.name for p in rig.parameters)
+    for twice in sorted(name for name, count in counts.items() if count > 1):
         raise FileError(f"{kind}: parameter {twice!r} is declared twice", "give it another name")
     for column in rig.optional:
         if column not in rig.inputs:

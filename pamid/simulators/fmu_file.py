@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.base.files import PathLike
+from pamid.base.files import LOG, MIB, PathLike, open_data
 from pamid.base.units import NONE, is_unit, named_with, si_symbol, unit
 from pamid.simulators.fmu_choices import (
     CO_SIMULATION,
@@ -28,8 +28,12 @@ from pamid.simulators.fmu_choices import (
     read_choices,
 )
 from pamid.simulators.fmu_link import FmuUnits, UnitScale
+from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
 
 Array = NDArray[np.float64]
+
+MOST_NAMED = 20  # variables that a remark lists by name
+_DESCRIPTION = "modelDescription.xml"
 
 
 @dataclass(frozen=True)
@@ -153,12 +157,15 @@ def read_fmu(path: PathLike) -> FmuFile:
     """What the file says. FileError: it is absent or damaged, it offers neither kind, no binary for
     this machine, no input or output that is a real number, or the extra is not installed."""
     file = Path(path)
-    if not file.is_file():
+    if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of an .fmu file")
     fmpy = fmpy_package(file)
     try:
+        _require_size(file)
         described = fmpy.read_model_description(str(file))
         platforms = fmpy.supported_platforms(str(file))
+    except FileError:
+        raise
     except Exception as error:  # FMPy passes on whatever zip and XML raise
         said = " ".join(str(error).split())[:300]
         raise FileError(
@@ -191,7 +198,7 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
     offers = described.modelExchange if exchange else described.coSimulation
     variables = described.modelVariables
     reals = [v for v in variables if v.type in ("Real", "Float64") and not v.shape]
-    taken: set[str] = set()
+    taken: dict[str, int] = {}
 
     def of(causality: str) -> FmuVariables:
         return FmuVariables(tuple(_variable(v, taken) for v in reals if v.causality == causality))
@@ -204,6 +211,7 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
                 f"Declare what is {'sent to' if what == 'input' else 'measured of'} it as {what}.",
                 code="model",
             )
+    require_few(file, "inputs and outputs", len(inputs.variables) + len(outputs.variables))
     rates = [d.variable for d in described.derivatives] if exchange else []
     known = {v.reference: v for v in outputs.variables}
     own = [r.derivative for r in rates]
@@ -243,7 +251,7 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
 
 def _says_derivatives(file: Path) -> bool:
     """Of FMI 3.0: the attribute has another name there, which FMPy 0.3 passes over."""
-    with zipfile.ZipFile(file) as packed, packed.open("modelDescription.xml") as text:
+    with zipfile.ZipFile(file) as packed, packed.open(_DESCRIPTION) as text:
         found = ElementTree.parse(text).getroot().find("ModelExchange")
     said = "" if found is None else found.get("providesDirectionalDerivatives", "")
     return said in ("true", "1")
@@ -296,10 +304,11 @@ def _remarks(
     derives: bool,
 ) -> list[str]:
     """How it goes, in sentences."""
+    known = set(map(id, reals))  # variables compare by all their attributes
     others = sorted(
         v.name
         for v in variables
-        if v not in reals and v.causality in ("input", "output", "parameter")
+        if id(v) not in known and v.causality in ("input", "output", "parameter")
     )
     lost = "" if seen or saves else "; it saves no states, so that a window is replayed from the "
     lost += "start" if lost else ""
@@ -322,17 +331,17 @@ def _remarks(
             "its states are not seen: a fit runs it from the start of each recording, and which "
             "ports sensors can tell apart is not known"
         ]
+    if len(others) > MOST_NAMED:
+        others = [*others[:MOST_NAMED], f"and {len(others) - MOST_NAMED} more"]
     return [*found, *([f"left out, as no real numbers: {', '.join(others)}"] if others else [])]
 
 
-def _variable(v: Any, taken: set[str]) -> FmuVariable:
+def _variable(v: Any, taken: dict[str, int]) -> FmuVariable:
     declared = v.unit or (v.declaredType.unit if v.declaredType else None) or ""
     symbol = declared.replace(".", " ")
     symbol = symbol if is_unit(symbol) and unit(symbol).symbol != NONE else ""
     name = named_with(_word(v.name), symbol) if symbol else _word(v.name)
-    while name in taken:
-        name += "_"
-    taken.add(name)
+    name = _fresh_name(name, taken)
     start = v.start[0] if isinstance(v.start, list | tuple) else v.start
     return FmuVariable(
         name,
@@ -345,14 +354,49 @@ def _variable(v: Any, taken: set[str]) -> FmuVariable:
     )
 
 
+def _fresh_name(name: str, taken: dict[str, int]) -> str:
+    """The name, or one like it that is not taken yet: "x", "x_", "x_3", "x_4" ...
+
+    taken: names, with how many variables wanted each.
+    """
+    fresh = name
+    while fresh in taken:
+        taken[name] += 1
+        fresh = f"{name}_{taken[name]}" if taken[name] > 2 else f"{name}_"
+    taken[fresh] = 1
+    return fresh
+
+
 def _word(name: str) -> str:
     plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     return plain if plain[:1].isalpha() else f"v_{plain}"
 
 
+def _require_size(path: Path) -> None:
+    """FileError where an FMU is no regular file, or holds more than it may: nothing is unpacked to
+    tell. A member that is longer than its entry says is cut off there."""
+    limits = foreign_limits()
+    with open_data(path, LOG) as file, zipfile.ZipFile(file) as packed:
+        members = packed.infolist()
+        total = sum(member.file_size for member in members)
+        text = sum(member.file_size for member in members if member.filename == _DESCRIPTION)
+    for count, most, words in (
+        (len(members), limits.files, "it holds {} files, of an FMU at most {} are unpacked"),
+        (total // MIB, limits.unpacked // MIB, "it unpacks to {} MiB, of an FMU at most {} MiB"),
+        (
+            text // MIB,
+            limits.text // MIB,
+            f"its {_DESCRIPTION} has {{}} MiB, at most {{}} are read",
+        ),
+    ):
+        if count > most:
+            raise FileError(f"{path}: {words.format(count, most)}.", RAISED, code="too-large")
+
+
 def extracted(path: str, folder: str) -> None:
     """The FMU unpacked into a folder."""
     try:
+        _require_size(Path(path))
         fmpy_package(path).extract(path, folder)
     except FileError:
         raise

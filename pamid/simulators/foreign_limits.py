@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
-from pamid.base.errors import UsageError
+from pamid.base.errors import FileError, UsageError
 from pamid.base.files import MIB
 from pamid.parallel.limited_process import ProcessLimits
 
@@ -21,6 +22,7 @@ COMPILE_MEMORY = 1536 * MIB
 MODEL_TEXT = 32 * MIB  # of an MJCF or URDF file; of the description in an FMU
 FMU_UNPACKED = 512 * MIB  # all that an FMU holds
 FMU_FILES = 20_000  # in an FMU
+ELEMENTS = 1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
 RAISED = (
     f"Is it the file you meant? If you trust it, {VARIABLE}=4 in the environment allows four times "
     "as much."
@@ -30,12 +32,13 @@ RAISED = (
 @dataclass(frozen=True)
 class ForeignLimits:
     """What one model file may take: the compilation, bytes of its text, bytes and number of the
-    files that it unpacks."""
+    files that it unpacks, elements of a kind."""
 
     compilation: ProcessLimits
     text: int
     unpacked: int
     files: int
+    elements: int
 
 
 def foreign_limits() -> ForeignLimits:
@@ -54,4 +57,17 @@ def foreign_limits() -> ForeignLimits:
         round(factor * MODEL_TEXT),
         round(factor * FMU_UNPACKED),
         round(factor * FMU_FILES),
+        max(1, round(factor * ELEMENTS)),
     )
+
+
+def require_few(path: Path, kind: str, count: int) -> None:
+    """FileError where a model has more elements of a kind than a rig can be made of: every one
+    becomes a port, at which every effect is tried."""
+    most = foreign_limits().elements
+    if count > most:
+        raise FileError(
+            f"{path}: it has {count} {kind}, of a model at most {most} are read.",
+            RAISED,
+            code="too-large",
+        )

@@ -21,13 +21,14 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.files import MIB, PathLike, open_data
 from pamid.parallel.limited_process import ProcessFailure, run_limited
-from pamid.simulators.foreign_limits import RAISED, foreign_limits
+from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
 from pamid.simulators.mujoco_sources import require_plain_sources
 
 #: endings of the files that are read here
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 _COMPILED = "model.mjb"
+_FINITE = "Every number of a model has to be finite: mend it where it stands."
 _MOST_WARNINGS, _LONGEST = 20, 300  # of MuJoCo, and characters of each
 _LINE = re.compile(r"line (\d+)")
 
@@ -148,8 +149,13 @@ def compiled(path: str, folder: Path) -> dict[str, Any]:
         "sensor": spec.sensors,
         "equality": spec.equalities,
     }
+    for kind in ("joint", "tendon", "actuator", "sensor"):
+        require_few(file, f"{kind}s", len(kinds[kind]))
     lines = {key: line for kind, found in kinds.items() for key, line in _lines(kind, found)}
     require_finite(MujocoFile(file, mujoco, model, lines))
+    for text in warnings:
+        if "NaN" in text:  # that MuJoCo takes for a value left out, such as a mass
+            raise FileError(f"{path}: MuJoCo warns: {text}", _FINITE, code="model")
     mujoco.mj_saveModel(model, str(folder / _COMPILED))
     return {
         "lines": [(kind, number, line) for (kind, number), line in lines.items()],
@@ -180,7 +186,7 @@ def require_finite(file: MujocoFile) -> None:
                 raise FileError(
                     f"{file.path}: {part or _owner(file, name, int(first[0]))}{name} is "
                     f"{float(number):g}.",
-                    "Every number of a model has to be finite: mend it where it stands.",
+                    _FINITE,
                     code="model",
                 )
 
