@@ -145,9 +145,7 @@ def test_a_link_to_an_included_file_will_do(tmp_path: Path) -> None:
     [
         ({"more": WITHOUT_END}, "s of processor time"),
         (
-            {
-                "option": '<asset><hfield name="z" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>'
-            },
+            {"option": HEIGHTS},
             "cannot read it",
         ),
     ],

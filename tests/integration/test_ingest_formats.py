@@ -530,6 +530,7 @@ def test_a_data_set_in_a_folder_names_its_extra_too(
     [
         ("import os; os.kill(os.getpid(), 11)", "crashed"),
         ("import time; time.sleep(60)", "did not end"),
+        ("bytearray(1 << 40)", "more memory"),
     ],
 )
 def test_a_reader_that_crashes_or_hangs_is_an_error(
