@@ -24,7 +24,7 @@ from types import FrameType
 INTERRUPTED = 130
 GRACE_S = 4.0  # from the first signal; then the process ends, whatever it is doing
 _LOOK_S = 0.1
-_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+_WATCHED_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 @dataclass
@@ -76,7 +76,7 @@ def _note_lost(lost: sys.UnraisableHookArgs) -> None:
 
 
 def _watch(signals: int, last_words: Callable[[], None]) -> None:
-    while not set(_SIGNALS) & set(os.read(signals, 1)):
+    while not set(_WATCHED_SIGNALS) & set(os.read(signals, 1)):
         pass
     deadline = time.monotonic() + GRACE_S
     while (left := deadline - time.monotonic()) > 0.0:

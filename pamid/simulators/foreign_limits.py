@@ -22,7 +22,9 @@ COMPILE_MEMORY = 1536 * MIB
 MODEL_TEXT = 32 * MIB  # of an MJCF or URDF file; of the description in an FMU
 FMU_UNPACKED = 512 * MIB  # all that an FMU holds
 FMU_FILES = 20_000  # in an FMU
-ELEMENTS = 1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
+MODEL_ELEMENTS = (
+    1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
+)
 RAISED = (
     f"Is it the file you meant? If you trust it, {VARIABLE}=4 in the environment allows four times "
     "as much."
@@ -57,7 +59,7 @@ def foreign_limits() -> ForeignLimits:
         round(factor * MODEL_TEXT),
         round(factor * FMU_UNPACKED),
         round(factor * FMU_FILES),
-        max(1, round(factor * ELEMENTS)),
+        max(1, round(factor * MODEL_ELEMENTS)),
     )
 
 
