@@ -66,6 +66,13 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 )
 @click.option("--kind", help="Format of the logs, where their name and content do not tell.")
 @click.option(
+    "--memory-limit",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="GIB",
+    help="Memory that reading one log may take, in GiB; a log that declares more is refused "
+    "before it is read. [default: 1]",
+)
+@click.option(
     "--output",
     type=click.Path(path_type=Path),
     help="CSV file; several recordings are numbered. Or a folder. [default: recording.csv] With "
@@ -83,6 +90,7 @@ def command(
     repair: str | None,
     known: tuple[str, ...],
     kind: str | None,
+    memory_limit: float | None,
     output: Path | None,
     overwrite: bool,
 ) -> frame.Result:
@@ -100,7 +108,13 @@ def command(
     if guess:
         if mapping is not None or len(logs) != 1:
             raise UsageError("--guess takes one LOG and no --mapping.")
-        asked = {"pressures": pressures, "angles": angles, "only": only or "", "kind": kind}
+        asked = {
+            "pressures": pressures,
+            "angles": angles,
+            "only": only or "",
+            "kind": kind,
+            "memory_limit": memory_limit,
+        }
         return _guess(logs[0], rig, asked, parse_known(known), output, overwrite)
     if angles or only:
         raise UsageError(f"{'--angles' if angles else '--only'} belongs to --guess.")
@@ -119,6 +133,7 @@ def command(
             repair=repair,
             known=parse_known(known),
             kind=kind,
+            memory_limit=memory_limit,
             output=output or Path("recording.csv"),
             overwrite=overwrite,
             progress=progress,

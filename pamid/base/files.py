@@ -24,7 +24,7 @@ from pamid.base.errors import FileError
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
-MIB = 1 << 20
+MIB, GIB = 1 << 20, 1 << 30
 #: bytes that are read at most of one file of a kind
 JSON = 64 * MIB  # run.json, fit.json, diagnosis.json, labels of a trial ...
 TOML = 1 * MIB  # beside a recording, a mapping, pamid.toml
@@ -36,6 +36,7 @@ WEIGHTS = 64 * MIB  # of a network
 PICTURE = 64 * MIB
 PAGE = 256 * MIB  # a report that a new one replaces
 LOG = 4096 * MIB  # any raw log; also the most of which a digest is taken
+LOG_MEMORY = 1024 * MIB  # that reading one raw log may take, as `pamid ingest` reads it by default
 
 #: what a killed process leaves of `temporary_of`
 TEMPORARY_NAME = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]+\.tmp", re.DOTALL)
@@ -64,8 +65,8 @@ def open_data(path: str | Path, most: int) -> io.BufferedReader:
         _require_regular(source, found)  # whatever stands under that name by now
         if found.st_size > most:
             raise FileError(
-                f"{source} is too large: {_size(found.st_size)}, of such a file at most "
-                f"{_size(most)} are read.",
+                f"{source} is too large: {size_words(found.st_size)}, of such a file at most "
+                f"{size_words(most)} are read.",
                 "Is it the file you meant?",
                 code="too-large",
             )
@@ -94,7 +95,7 @@ def read_lines(
             number += 1
             if len(line) == LONGEST_LINE:
                 raise FileError(
-                    f"{path}, line {number} is longer than {_size(LONGEST_LINE)}: "
+                    f"{path}, line {number} is longer than {size_words(LONGEST_LINE)}: "
                     "this is no table.",
                     code="too-large",
                 )
@@ -126,11 +127,12 @@ def _word(found: os.stat_result) -> str:
     return next((word for is_one, word in _WORDS if is_one(found.st_mode)), "something else")
 
 
-def _size(count: int) -> str:
+def size_words(count: int) -> str:
+    """A number of bytes in the largest unit that it fills: "1.5 GiB"."""
     return next(
         (
             f"{count / size:.4g} {unit}"
-            for size, unit in ((1 << 30, "GiB"), (MIB, "MiB"))
+            for size, unit in ((GIB, "GiB"), (MIB, "MiB"))
             if count >= size
         ),
         f"{count} bytes",

@@ -145,6 +145,7 @@ def is_unit(symbol: str) -> bool:
     return True
 
 
+@lru_cache(maxsize=1 << 15)
 def split_column(name: str) -> tuple[str, str]:
     """Split a name into what it is and its unit symbol: "angle_deg" -> ("angle", "deg"), "command"
     -> ("command", "1").

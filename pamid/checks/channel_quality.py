@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,10 +117,15 @@ class CheckedSignal:
         symbol = split_column(self.name)[1]
         return "" if symbol == NONE else f" {symbol}"
 
-    @property
+    @cached_property
     def still(self) -> Mask:
         """True where a sample equals the one before."""
         return np.concatenate([[False], self.values[1:] == self.values[:-1]])
+
+    @cached_property
+    def still_share(self) -> float:
+        """Share of the samples that equal the one before."""
+        return float(self.still.mean())
 
 
 def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
@@ -291,10 +297,10 @@ def shortest_repeat(s: CheckedSignal) -> float:
 
 
 def frozen(
-    s: CheckedSignal, aside: Mask, others: Sequence[CheckedSignal]
+    s: CheckedSignal, aside: Mask, liveliest: CheckedSignal | None
 ) -> tuple[list[QualityIssue], Mask]:
     """Stretches in which the channel stands exactly still while others move; aside: samples
-    explained already."""
+    explained already; liveliest: of the other channels the one that stands still least."""
     starts, stops = runs_of(s.still & ~aside)
     if s.white:
         keep = stops - starts >= max(SHORTEST_FREEZE, 2.0 * shortest_repeat(s))
@@ -307,7 +313,6 @@ def frozen(
             dtype=bool,
         )
     starts, stops = starts[keep], stops[keep]
-    liveliest = min(others, key=lambda o: float(o.still.mean()), default=None)
     if liveliest is not None:
         awake = np.array(
             [not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool

@@ -19,7 +19,13 @@ from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
 from pamid.checks.hold_or_line import figures as between_json
 from pamid.checks.hold_or_line import tried_both_ways
-from pamid.checks.recording_quality import QualityIssue, blocking, channel_figures, examine
+from pamid.checks.recording_quality import (
+    QualityIssue,
+    blocking,
+    channel_figures,
+    examine,
+    signals_of,
+)
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
@@ -149,7 +155,8 @@ def _recording(
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     tell("quality")
-    issues = examine(recording, rig)
+    signals = signals_of(recording, rig)
+    issues = examine(recording, rig, signals)
     tell("held or linear")
     between = (
         []
@@ -181,7 +188,7 @@ def _recording(
         "controller": recording.controller,
         "columns": {name: _column(recording, name) for name in recording.columns},
         "quality": {
-            "channels": channel_figures(recording, rig),
+            "channels": channel_figures(recording, rig, signals),
             "issues": [asdict(issue) for issue in issues],
         },
         **({"between": between_json(between)} if between else {}),

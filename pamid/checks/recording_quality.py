@@ -11,6 +11,7 @@ read.
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Sequence
 
@@ -63,15 +64,20 @@ VENTED_PA = (94e3, 106e3)
 PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
 
 
-def examine(recording: Recording, rig: Rig | None = None) -> tuple[QualityIssue, ...]:
+def examine(
+    recording: Recording,
+    rig: Rig | None = None,
+    signals: Sequence[CheckedSignal] | None = None,
+) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    Without a rig, nothing is said that only its model can tell.
+    Without a rig, nothing is said that only its model can tell. signals: its `signals_of`, where
+    they are known already.
     """
     absurd = _absurd(recording)
     if absurd:
         return (absurd,)
-    signals = signals_of(recording, rig)
+    signals = signals_of(recording, rig) if signals is None else signals
     measured = [s for s in signals if not s.sent]
     found = _constant(recording, signals, rig)
     sent = [s for s in signals if s.sent and s.span > 0.0]
@@ -137,11 +143,16 @@ def _against(
     return found, judged
 
 
-def channel_figures(recording: Recording, rig: Rig | None = None) -> dict[str, dict[str, float]]:
-    """Per column: span, step (0: none shows), noise; in the column's unit."""
+def channel_figures(
+    recording: Recording,
+    rig: Rig | None = None,
+    signals: Sequence[CheckedSignal] | None = None,
+) -> dict[str, dict[str, float]]:
+    """Per column: span, step (0: none shows), noise; in the column's unit. signals: as of
+    `examine`."""
     return {
         s.name: {"span": s.span, "step": s.step, "noise": s.noise}
-        for s in signals_of(recording, rig)
+        for s in (signals_of(recording, rig) if signals is None else signals)
     }
 
 
@@ -167,11 +178,6 @@ def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[QualityI
     ]
 
 
-def _moves(signal: CheckedSignal, signals: Sequence[CheckedSignal]) -> bool:
-    """Does anything else move far above its noise?"""
-    return any(s.span > 20.0 * max(s.noise, s.step, 1e-300) for s in signals if s is not signal)
-
-
 def _constant(
     recording: Recording, signals: Sequence[CheckedSignal], rig: Rig | None
 ) -> list[QualityIssue]:
@@ -179,12 +185,15 @@ def _constant(
         set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
     )
     found = []
+    # something moves far above its noise; an input is at work
+    moving = any(s.span > 20.0 * max(s.noise, s.step, 1e-300) for s in signals)
+    driven = any(s.sent and s.span > 0.0 for s in signals)
     for s in signals:
         if s.span == 0.0 and s.name not in spare:
-            dead = not s.sent and _moves(s, signals)
+            dead = not s.sent and moving
             hint = PLUGGED if dead else ""
-            if s.sent and rig is not None and any(o.sent and o.span > 0.0 for o in signals):
-                continue  # another input is at work
+            if s.sent and rig is not None and driven:
+                continue
             found.append(
                 QualityIssue(
                     "dead" if dead else "constant",
@@ -231,11 +240,14 @@ def _held_and_clipped(measured: Sequence[CheckedSignal], idle: Mask) -> list[Qua
     free = [s for s in measured if s.name not in slow]
     if not free:
         return found
+    lively = heapq.nsmallest(2, measured, key=lambda s: s.still_share)
     held = _rows_held(free) & ~idle
     found += _dropped(free, held)
     for s in free:
         issues, at_limit = clipped(s, idle)
-        stuck, still = frozen(s, held | at_limit | idle, [o for o in measured if o is not s])
+        stuck, still = frozen(
+            s, held | at_limit | idle, next((o for o in lively if o is not s), None)
+        )
         found += [*issues, *stuck, *bridged(s, held | at_limit | still), *spikes(s)]
     return found
 

@@ -56,6 +56,9 @@ MISSING_WORDS = (
 )
 _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
 _FOLDED_MISSING = frozenset(word.lower() for word in MISSING_WORDS)
+TEXT_CELL = 300  # bytes that a date or a word takes until it is a number
+#: rows whose dates are taken apart at a time
+PIECE = 1 << 16
 #: a column of text with fewer numbers than this is a column of words
 SHARE_OF_NUMBERS = 0.5
 
@@ -95,6 +98,7 @@ def add_column(
         else:
             gathering.add(name, series.to_numpy(), unit=unit)
         return
+    gathering.budget.charge(name, 0, raw=TEXT_CELL * len(series))
     text = series.astype("string").str.strip()
     there = text[text.notna()]
     if len(there) and classify(str(there.iloc[0])) == "d":
@@ -157,7 +161,7 @@ def _numbers(
 def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArray:
     """Dates, times of day or both as s since the first; NaN where there are none. Time goes on past
     midnight."""
-    parts = text.str.extract(_MOMENT)
+    parts = _parts(text)
     lost = text.notna() & parts.isna().all(axis=1)
     if lost.any():
         gathering.note(
@@ -166,25 +170,25 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
         )
 
     def part(*names: str, missing: float = 0.0) -> FloatArray:
-        column = parts[names[0]]
+        column = parts[names[0]].astype(object)
         for other in names[1:]:
-            column = column.fillna(parts[other])
+            column = column.fillna(parts[other].astype(object))
         numbers = _floats(column)
         return np.where(np.isnan(numbers), missing, numbers)
 
     days = _days(parts, part, place)
     hours = part("hour", "only_hour")
-    half = parts["half"].fillna(parts["only_half"]).str.lower()
+    half = parts["half"].astype(object).fillna(parts["only_half"].astype(object)).str.lower()
     hours = np.where(half.notna(), hours % 12, hours) + np.where(
         (half == "pm").fillna(False), 12.0, 0.0
     )
-    digits = parts["fraction"].fillna(parts["only_fraction"])
+    digits = parts["fraction"].astype(object).fillna(parts["only_fraction"].astype(object))
     fractions = np.nan_to_num(_floats("0." + digits))
     seconds = (
         hours * 3600
         + part("minute", "only_minute") * 60
         + part("second", "only_second")
-        - _zones(parts["zone"])
+        - _zones(parts["zone"].astype(object))
     )
     if np.isnan(days).all():
         days = np.zeros(len(text))
@@ -199,6 +203,22 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
         (days - days[first]) * 86400.0 + (seconds - seconds[first]) + (fractions - fractions[first])
     )
     return np.where(parts.notna().any(axis=1).to_numpy(), result, np.nan)
+
+
+def _parts(text: Any) -> Any:
+    """The named parts of dates and times, one column each, as categories: as single texts they would
+    take a kilobyte a row."""
+    import pandas
+
+    pieces = [
+        text.iloc[start : start + PIECE].str.extract(_MOMENT).astype("category")
+        for start in range(0, max(len(text), 1), PIECE)
+    ]
+    columns = {
+        name: pandas.api.types.union_categoricals([piece[name] for piece in pieces])
+        for name in pieces[0]
+    }
+    return pandas.DataFrame(columns, index=text.index)
 
 
 def _days(parts: Any, part: Any, place: str) -> FloatArray:

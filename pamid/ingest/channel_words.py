@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from functools import lru_cache
+
+#: names whose words are remembered: every channel is compared with every column of every rig
+CACHED = 1 << 15
 
 #: what is measured -> words; those of four letters and more also count inside a word ("Sollwinkel")
 WORDS: dict[str, tuple[str, ...]] = {
@@ -197,27 +201,29 @@ _SIDES = {
 }
 
 
-def tokens(name: str) -> list[str]:
-    """The words of a name without accents and case: "pMuskel1_Druck" -> ["p", "muskel", "1",
-    "druck"]."""
+@lru_cache(maxsize=CACHED)
+def tokens(name: str) -> tuple[str, ...]:
+    """The words of a name without accents and case: "pMuskel1_Druck" -> ("p", "muskel", "1",
+    "druck")."""
     text = name.replace("ß", "ss").replace("ł", "l").replace("Ł", "L")
     text = re.sub(r"(?<=[a-zа-я])(?=[A-ZА-Я])", " ", text)
     plain = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
-    return re.findall(r"[a-zа-я]+|\d+", plain.casefold())
+    return tuple(re.findall(r"[a-zа-я]+|\d+", plain.casefold()))
 
 
-def meanings(name: str) -> set[str]:
+@lru_cache(maxsize=CACHED)
+def meanings(name: str) -> frozenset[str]:
     """What a channel of this name may measure."""
     words = [word for word in tokens(name) if not word.isdigit()]
-    found = {
+    found = frozenset(
         kind
         for kind, names in WORDS.items()
         for one in names
         if one in words or (len(one) >= 4 and any(one in word for word in words))
-    }
+    )
     # a commanded angle is a reference, and so is a desired one; a time constant is no time
     if "reference" in found or {"command", "angle"} <= found:
-        return {"reference"}
+        return frozenset({"reference"})
     return found - {"time"} if len(found) > 1 else found
 
 

@@ -3,7 +3,9 @@ named as left out."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,21 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
+from pamid.base.files import size_words
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log, RobotValue
+from pamid.ingest.memory_budget import FLOAT, MemoryBudget
 
 #: whole numbers above it have no exact float64
 EXACT_INTEGERS = 2**53
 #: an array with more columns than this is no group of signals (an image, a Jacobian)
 MAX_COLUMNS = 64
-#: a file of a few bytes can declare more values than a machine can hold
-MAX_VALUES = 200_000_000
 
 
 class Gathering:
-    """Collects what one file holds; `log` closes it."""
+    """Collects what the file at `path` holds; `log` closes it.
 
-    def __init__(self) -> None:
+    budget: memory that its channels may take, charged by readers before they allocate."""
+
+    def __init__(self, path: Path, budget: MemoryBudget | None = None) -> None:
+        self.budget = budget or MemoryBudget(path)
         self.channels: list[Channel] = []
         self.notes: list[str] = []
         self.left_out: dict[str, list[str]] = {}
@@ -72,11 +77,24 @@ class Gathering:
             self.note(f"{name}: {note}")
         self.channels.append(Channel(name, numbers, stamps, "s" if seconds else unit, robot))
 
-    def fits(self, name: str, size: int) -> bool:
-        """False, and left out, if an array of this size is nothing to be read into memory."""
-        if size > MAX_VALUES:
-            self.leave_out(name, f"more than {MAX_VALUES:.0e} values")
-        return size <= MAX_VALUES
+    def reserve(self, name: str, shape: Sequence[int], item_bytes: int) -> bool:
+        """Charge the budget for an array of this shape before it is read.
+
+        Returns False, and leaves the array out, if it is too wide for a group of signals (an image
+        then costs no memory) or exceeds the whole budget alone. item_bytes: of one value in the
+        file. FileError where the sum of all arrays exceeds the budget.
+        """
+        lengths = [int(length) for length in shape if length != 1]
+        if len(lengths) > 2 or len(lengths) == 2 and min(lengths) > MAX_COLUMNS:
+            self.leave_out(name, f"of shape {tuple(lengths)}")
+            return False
+        values = math.prod(lengths)
+        if values * (FLOAT + item_bytes) > self.budget.limit:
+            limit = size_words(self.budget.limit)
+            self.leave_out(name, f"larger than the memory limit of {limit} (--memory-limit)")
+            return False
+        self.budget.charge(name, values, raw=values * item_bytes)
+        return True
 
     def note(self, text: str) -> None:
         """Say something once."""

@@ -478,7 +478,8 @@ def _tail(
     missing = [column for column in rig.outputs if column not in chosen]
     if missing:
         lines.append(f"# nothing found for: {', '.join(missing)}")
-    left = [channel for channel in rest if all(channel is not other for other in chosen.values())]
+    mapped = {id(channel) for channel in chosen.values()}
+    left = [channel for channel in rest if id(channel) not in mapped]
     if left:
         lines.append("# channels that are not mapped:")
         lines += [

@@ -24,6 +24,7 @@ from pamid.ingest.conversion import Conversion, convert
 from pamid.ingest.guessed_mapping import GuessedMapping, guess_of, guess_without_rig, has_all
 from pamid.ingest.log_reader import read_log
 from pamid.ingest.mapping import Repair, load_mapping
+from pamid.ingest.memory_budget import limited_memory
 from pamid.model.registry import RigLike, catalogue_rig, name_of, rig_given, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of
@@ -99,6 +100,7 @@ def ingest(
     repair: str | None = None,
     known: Mapped[str, float] | None = None,
     kind: str | None = None,
+    memory_limit: float | None = None,
     output: PathLike | None = None,
     overwrite: bool = False,
     progress: ShowProgress = None,
@@ -115,6 +117,7 @@ def ingest(
                 "jittered-sampling" or "none"
     known       parameters of the rig known for these recordings, over the mapping's
     kind        format of the logs, where their name and content do not tell
+    memory_limit  GiB that reading one log may take [1]; a larger log is refused before it is read
     output      CSV file (several recordings are numbered) or folder; a TOML and an account go
                 beside each, all of them or none; default: nothing is written
     progress    as in `pamid.fit`
@@ -138,7 +141,10 @@ def ingest(
         update={"rig": named, "known": {**parsed.known, **dict(known or {})}}
     )
     conversions = []
-    with progress_steps(progress, "reading logs", len(paths)) as (_, count):
+    with (
+        limited_memory(memory_limit),
+        progress_steps(progress, "reading logs", len(paths)) as (_, count),
+    ):
         for number, path in enumerate(paths):
             count(number, path.name)
             conversions.append(convert(read_log(path, kind), parsed, made, str(file), repair or ""))
@@ -158,6 +164,7 @@ def guess_mapping(
     angles: str | None = None,
     only: str = "",
     kind: str | None = None,
+    memory_limit: float | None = None,
     output: PathLike | None = None,
     overwrite: bool = False,
 ) -> GuessedMapping:
@@ -171,6 +178,7 @@ def guess_mapping(
     angles      "deg" or "rad": what all angles are in whose unit the log does not say
     only        of a log with several robots: text that the names of the channels to take contain
     kind        format of the log, where its name and content do not tell
+    memory_limit  GiB that reading it may take [1]
     output      TOML file to write; default: none
 
     FileError for a log that cannot be read, of which no joint is one of the rig's, or that may hold
@@ -181,7 +189,9 @@ def guess_mapping(
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
     given = rig_given(rig) or "one-dof"
-    made, read = rig_named(given), read_log(Path(log), kind)
+    made = rig_named(given)
+    with limited_memory(memory_limit):
+        read = read_log(Path(log), kind)
     if rig is None and not (known or only or has_all(read, made)):
         found = guess_without_rig(read, pressures or "", angles or "")
     else:

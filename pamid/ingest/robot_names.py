@@ -18,6 +18,7 @@ from pamid.ingest.channels import Channel, Log, RobotValue
 from pamid.model.log_names import LogName
 from pamid.model.rig import Rig
 
+Words = tuple[str, ...]
 #: how well names fit
 WHOLE_ALIKE, WORDS_ALIKE, PLAIN_ALIKE, SAME_PLACE, ENDING_ALIKE = 95, 90, 80, 70, 60
 _AS_EFFORT = 40  # taken off where a measured effort stands for what was sent
@@ -192,15 +193,15 @@ def _alike(one: str, other: str) -> int:
     return ENDING_ALIKE if _ends(a, b) or _ends(plain_a, plain_b) else 0
 
 
-def _ends(a: list[str], b: list[str]) -> bool:
+def _ends(a: Words, b: Words) -> bool:
     """Are the words of one name the last ones of the other? A number alone says nothing."""
     short, long = sorted((a, b), key=len)
     said = len(short) < len(long) and not all(word.isdigit() for word in short)
     return said and long[-len(short) :] == short
 
 
-def _plain(words: list[str]) -> list[str]:
-    return [w for w in words if w not in _GENERIC and w not in _MEANT] or words
+def _plain(words: Words) -> Words:
+    return tuple(w for w in words if w not in _GENERIC and w not in _MEANT) or words
 
 
 def _by_place(value: RobotValue, name: LogName, sizes: Mapping[str, int]) -> tuple[int, str]:

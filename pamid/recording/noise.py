@@ -201,7 +201,7 @@ def is_white(values: Array) -> bool:
 def _like_white(d: Array, order: int) -> bool:
     if d.size < 80:
         return False
-    sizes = [float(np.median(np.abs(part))) for part in np.array_split(d, 40)]
+    sizes = _part_medians(np.abs(d), 40)
     usual = float(np.median(sizes))
     if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
         return False
@@ -209,6 +209,19 @@ def _like_white(d: Array, order: int) -> bool:
     # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
     alone = -order / (order + 1.0)
     return float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded)
+
+
+def _part_medians(values: Array, parts: int) -> Array:
+    """Median of each of the parts of `np.array_split(values, parts)`, of which there are two
+    lengths at most."""
+    length, longer = divmod(values.size, parts)
+    edge = longer * (length + 1)
+    return np.concatenate(
+        [
+            np.median(values[:edge].reshape(longer, length + 1), axis=1),
+            np.median(values[edge:].reshape(parts - longer, length), axis=1),
+        ]
+    )
 
 
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ of Python objects, texts and references are left out by name.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ def read_hdf5(path: Path) -> Log:
     compounds one by one."""
     import h5py
 
-    gathering = Gathering()
+    gathering = Gathering(path)
     with h5py.File(path, "r") as file:
         _group(gathering, file, "", frozenset())
     return gathering.log(path, "hdf5")
@@ -52,6 +53,20 @@ def _group(gathering: Gathering, group: Any, name: str, above: frozenset[int]) -
             _group(gathering, item, inside, above | {address})
 
 
+def charge_hdf5(gathering: Gathering, path: Path) -> None:
+    """Charge every dataset of a file that another library reads whole, as float64."""
+    import h5py
+
+    def charge(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape is not None:
+            columns = len(item.dtype.names or ("",))
+            raw = item.size * item.dtype.itemsize
+            gathering.budget.charge(name, columns * item.size, raw=raw)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(charge)
+
+
 def _is_of_octave(group: Any) -> bool:
     return "OCTAVE_NEW_FORMAT" in group.attrs and set(group) == {"type", "value"}
 
@@ -63,21 +78,27 @@ def _dataset(gathering: Gathering, dataset: Any, name: str) -> None:
     if dataset.dtype.hasobject or dataset.dtype.kind in "OSUV" and dataset.dtype.names is None:
         gathering.leave_out(name, "not numbers")
         return
-    if dataset.shape is None or not gathering.fits(name, dataset.size):
+    if dataset.shape is None:
         return
+    kind, unit = dataset.dtype, _unit(dataset)
+    if not gathering.reserve(name, dataset.shape, kind.itemsize):
+        return
+    records = dataset.size * kind.itemsize
+    for field in kind.names or ():
+        inside = math.prod(kind[field].shape)
+        gathering.budget.charge(f"{name}/{field}", dataset.size * inside, raw=records)
     values = dataset[()]
-    unit = _unit(dataset)
-    if dataset.dtype.names is None:
+    if kind.names is None:
         gathering.add(name, values, unit=unit)
         return
-    for field in dataset.dtype.names:
-        column = np.asarray(values[field])
-        gathering.add(f"{name}/{field}", column, unit=unit)
+    for field in kind.names:
+        gathering.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
 
 
 def _unit(dataset: Any) -> str:
-    for name in UNIT_NAMES:
-        value = dataset.attrs.get(name)
+    attributes = dataset.attrs
+    for name in UNIT_NAMES if len(attributes) else ():
+        value = attributes.get(name)
         if isinstance(value, bytes):
             return value.decode(errors="replace")
         if isinstance(value, str):

@@ -68,7 +68,7 @@ def read_lerobot(path: Path) -> Log:
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     if not files:
         raise FileError(f"{root / 'data'}: there are no Parquet files.", code="no-signals")
-    gathering = Gathering()
+    gathering = Gathering(path)
     tables = [_table(gathering, file) for file in files]
     wanted = [name for name in tables[0] if all(name in table for table in tables)]
     for name in {name for table in tables for name in table}.difference(wanted):
@@ -91,8 +91,9 @@ def _joined(gathering: Gathering, name: str, parts: list[Any]) -> Any:
     if len({part.shape[1:] for part in parts}) > 1:
         gathering.leave_out(name, "another number of values from file to file")
         return None
-    joined = np.concatenate(parts)
-    return joined if gathering.fits(name, joined.size) else None
+    # the columns of the files, joined; then every channel
+    gathering.budget.charge(name, 2 * sum(part.size for part in parts))
+    return np.concatenate(parts)
 
 
 # ---- the time ------------------------------------------------------------------------------------

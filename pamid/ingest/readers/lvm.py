@@ -36,7 +36,8 @@ class _Way:
 def read_lvm(path: Path) -> Log:
     """Channels by name ("segment 2/name" where there are several segments), stamped by their X
     column or, where there is none, by X0 and Delta_X."""
-    text, encoding = decode(path)
+    gathering = Gathering(path)
+    text, encoding = decode(gathering.budget)
     lines = text.split("\n")
     ends = [index for index, line in enumerate(lines) if line.startswith(END)]
     if not text.startswith(FIRST_TAG) or len(ends) < 2:
@@ -45,7 +46,6 @@ def read_lvm(path: Path) -> Log:
             f"It begins with {FIRST_TAG!r} and has {END} twice before its numbers.",
         )
     way = _way(path, lines[: ends[0]])
-    gathering = Gathering()
     gathering.note(f"encoding: {encoding}; decimal {'comma' if way.decimal == ',' else 'point'}")
     gathering.note("stamps: " + ("X0 and Delta_X" if way.x_columns == "No" else "X_Value"))
     heads = [
@@ -104,7 +104,7 @@ def _segment(
         return
     width = rows[0].count(way.delimiter) + 1
     names = (names + [f"column_{column + 1}" for column in range(len(names), width)])[:width]
-    table = Gathering()
+    table = Gathering(way.path, gathering.budget)
     ended = lines[-1] == ""  # else the file was cut
     dialect = TextDialect(way.delimiter, way.decimal, tuple(names), ("",) * width, first, ())
     add_table(table, "\n".join(rows) + ("\n" if ended else ""), dialect, way.path)

@@ -8,6 +8,7 @@ out with advice.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
+from pamid.ingest.matlab_sizes import charge_matlab
+from pamid.ingest.readers.hdf5 import charge_hdf5
 from pamid.ingest.readers.octave import read_octave_text
 
 OPAQUE = (
@@ -31,24 +34,30 @@ def read_matlab(path: Path) -> Log:
     head = _head(path)
     if head.startswith(b"# Created by Octave"):
         return read_octave_text(path)
-    gathering = Gathering()
-    for name, value in _load(path, head).items():
+    gathering = Gathering(path)
+    load = _loader(head)
+    if _is_hdf5(head):
+        charge_hdf5(gathering, path)
+    else:
+        charge_matlab(gathering.budget)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of single variables: what cannot be read shows as opaque
+        variables = dict(load(str(path)))
+    for name, value in variables.items():
         if not name.startswith("__") and name != "None":
             _enter(gathering, name, _plain(value))
     return gathering.log(path, "mat")
 
 
-def _load(path: Path, head: bytes) -> dict[str, Any]:
-    """All variables, as arrays of MATLAB's kinds."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of single variables: what cannot be read shows as opaque
-        if _has_objects(head):
-            from matio import load_from_mat
+def _loader(head: bytes) -> Callable[[str], dict[str, Any]]:
+    """The function that reads all variables of such a file, as arrays of MATLAB's kinds."""
+    if _has_objects(head):
+        from matio import load_from_mat
 
-            return dict(load_from_mat(str(path)))
-        from scipy.io import loadmat
+        return load_from_mat
+    from scipy.io import loadmat
 
-        return dict(loadmat(path))
+    return loadmat
 
 
 def _head(path: Path) -> bytes:
@@ -56,12 +65,14 @@ def _head(path: Path) -> bytes:
         return file.read(1024)
 
 
+def _is_hdf5(head: bytes) -> bool:
+    return head[512:520] == b"\x89HDF\r\n\x1a\n"
+
+
 def _has_objects(head: bytes) -> bool:
     """True for v7.3, which is HDF5, and where a v5 file has the part in which objects of classes
     are kept."""
-    return head[512:520] == b"\x89HDF\r\n\x1a\n" or (
-        head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b""
-    )
+    return _is_hdf5(head) or (head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b"")
 
 
 def _plain(value: Any) -> Any:

@@ -25,7 +25,7 @@ def read_mdf(path: Path) -> Log:
     measurement began. A value marked invalid is NaN."""
     from asammdf import MDF
 
-    gathering = Gathering()
+    gathering = Gathering(path)
     with MDF(path) as file:
         groups: list[Any] = list(file.groups)
         wanted = [
@@ -55,8 +55,10 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
     if _clock_conversion(file, number) in _FORMULA[four]:
         gathering.leave_out(name, "the conversion of its clock is a formula")
         return
-    if not gathering.fits(name, group.channel_group.cycles_nr):
+    cycles = int(group.channel_group.cycles_nr)
+    if not gathering.reserve(name, (cycles,), _record_bytes(group.channel_group)):
         return
+    gathering.budget.charge(name, cycles)  # its stamps
     words = conversion in _TEXT[four]
     signal = file.get(group=number, index=index, raw=words, ignore_invalidation_bits=True)
     values = np.asarray(signal.samples)
@@ -74,6 +76,10 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
             values = np.where(invalid, np.nan, values.astype(np.float64))
     stamps = _stamps(gathering, file, number, signal, name)
     gathering.add(name, values, stamps, signal.unit or "")
+
+
+def _record_bytes(group: Any) -> int:
+    return int(group.samples_byte_nr) + int(getattr(group, "invalidation_bytes_nr", 0))
 
 
 def _clock_conversion(file: Any, number: int) -> Any:

@@ -11,14 +11,15 @@ from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.readers.text import decode
 
+WORD = 80  # bytes of a short text and of its place in a list
 _STRUCTS = ("struct", "scalar struct")
 
 
 def read_octave_text(path: Path) -> Log:
     """Matrices as channels without stamps, also those inside structs; everything else is left out
     by name."""
-    text, _ = decode(path)
-    gathering = Gathering()
+    gathering = Gathering(path)
+    text, _ = decode(gathering.budget)
     for block in text.split("# name: ")[1:]:
         lines = block.split("\n")
         parted = (line.lstrip("# ").partition(":") for line in lines[1:] if line.startswith("#"))
@@ -37,6 +38,8 @@ def read_octave_text(path: Path) -> Log:
 
 
 def _matrix(gathering: Gathering, path: Path, lines: list[str], rows: int, columns: int) -> None:
+    written = sum(len(line.split()) for line in lines[1:] if not line.startswith("#"))
+    gathering.budget.charge(lines[0], max(written, rows * columns), raw=WORD * written)
     cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
     if len(cells) != rows * columns:
         raise FileError(

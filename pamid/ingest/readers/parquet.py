@@ -3,6 +3,7 @@ that all have one length; texts and other nested ones are left out by name."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,14 @@ import numpy as np
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
+from pamid.ingest.memory_budget import FLOAT
 from pamid.ingest.readers.hdf5 import UNIT_NAMES
 
 
 def read_parquet(path: Path) -> Log:
     """Every column as a channel without stamps; null becomes NaN; the unit is the field's metadata
     `unit`."""
-    gathering = Gathering()
+    gathering = Gathering(path)
     for name, values, unit in columns_of(gathering, path):
         gathering.add(name, values, unit=unit)
     return gathering.log(path, "parquet")
@@ -31,7 +33,11 @@ def columns_of(gathering: Gathering, path: Path) -> Iterator[tuple[str, Any, str
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetFile(path) as file:
+        declared = _declared(file)
         for name in _columns(gathering, file):
+            values = max(file.metadata.num_rows, declared[name])
+            if not gathering.reserve(name, (values,), 2 * FLOAT):  # a decimal has 16 bytes
+                continue
             column = file.read(columns=[name], use_threads=False).column(0)
             field = file.schema_arrow.field(name)
             if _is_list(field.type):
@@ -61,8 +67,7 @@ def _lists(gathering: Gathering, name: str, column: Any, rows: int) -> Any:
     if len(lengths) != 1 or not lengths[0]:
         gathering.leave_out(name, "lists of other lengths from row to row" if lengths else "empty")
         return None
-    if not gathering.fits(name, rows * lengths[0]):
-        return None
+    gathering.budget.charge(name, 0, raw=FLOAT * rows * lengths[0])
     flat = (
         pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False).fill_null(np.nan)
     )
@@ -87,11 +92,23 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
             or (types.is_timestamp(kind) or types.is_duration(kind) or types.is_date(kind))
             or _is_list(kind)
         ):
-            if gathering.fits(field.name, file.metadata.num_rows):
-                readable.append(field.name)
+            readable.append(field.name)
         else:
             gathering.leave_out(field.name, f"of type {kind}")
     return readable
+
+
+def _declared(file: Any) -> Counter[str]:
+    """How many values the footer declares, by column; of lists those inside."""
+    declared: Counter[str] = Counter()
+    groups = (file.metadata.row_group(index) for index in range(file.metadata.num_row_groups))
+    for group in groups:
+        for index in range(group.num_columns):
+            chunk = group.column(index)  # its path is NAME or NAME.list.element
+            parts = chunk.path_in_schema.split(".")
+            for end in range(1, len(parts) + 1):
+                declared[".".join(parts[:end])] += chunk.num_values
+    return declared
 
 
 def _values(pyarrow: Any, column: Any) -> Any:

@@ -9,6 +9,7 @@ message has the stamps of those that it is in.
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -40,22 +41,37 @@ _CONTROLLER_PARTS = {
     "actual": False,
     "feedback": False,
 }
+#: bytes of the two stamps of a message; of a number, its place and the channel made of both
+ROW, VALUE = 96, 32
 _NAMES = ("name", "names", "joint_names")
 
 
 @dataclass
 class _Topic:
-    """Messages of one topic: numbers by the path of their field, and both stamps, ns."""
+    """Messages of one topic.
 
-    rows: list[dict[str, float]] = field(default_factory=list)
-    # of the header; fewer than rows where there is none
+    count   messages
+    values  numbers by the path of their field, and in `places` which messages have it
+    """
+
+    count: int = 0
+    values: dict[str, array[float]] = field(default_factory=dict)
+    places: dict[str, array[int]] = field(default_factory=dict)
+    # stamps in ns: of the header, fewer than messages where there is none; of the recorder
     measured: list[int] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
     robot: dict[str, RobotValue] = field(default_factory=dict)
 
+    def append(self, row: dict[str, float]) -> None:
+        """Enter the numbers of the next message by the path of their field."""
+        for path, value in row.items():
+            self.values.setdefault(path, array("d")).append(value)
+            self.places.setdefault(path, array("q")).append(self.count)
+        self.count += 1
+
     @property
     def stamped(self) -> bool:
-        return len(self.measured) == len(self.rows) and any(self.measured)
+        return len(self.measured) == self.count and any(self.measured)
 
     @property
     def stamps(self) -> list[int]:
@@ -68,7 +84,7 @@ def read_ros(path: Path) -> Log:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    gathering = Gathering()
+    gathering = Gathering(path)
     topics: dict[str, _Topic] = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         known = [
@@ -86,7 +102,8 @@ def read_ros(path: Path) -> Log:
             topic = topics.setdefault(connection.topic, _Topic())
             flat = _Flat(gathering, connection.topic, topic.robot)
             flat.enter(message, connection.topic)
-            topic.rows.append(flat.row)
+            gathering.budget.charge_bytes(connection.topic, ROW + VALUE * len(flat.row))
+            topic.append(flat.row)
             topic.received.append(received)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             if stamp is not None:
@@ -113,12 +130,11 @@ def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
     stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
     partly: dict[int, list[str]] = {}
     shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under one topic
-    for path in dict.fromkeys(path for row in topic.rows for path in row):
-        there = np.array([path in row for row in topic.rows])
-        own = shared.setdefault(there.tobytes(), stamps[there])
-        values = np.array([row[path] for row in topic.rows if path in row])
+    for path, numbers in topic.values.items():
+        places = np.frombuffer(topic.places[path], dtype=np.int64)
+        own = shared.setdefault(places.tobytes(), stamps[places])
         partly.setdefault(own.size, []).append(path)
-        gathering.add(path, values, own, robot=topic.robot.get(path))
+        gathering.add(path, np.array(numbers), own, robot=topic.robot.get(path))
     for count, paths in partly.items():
         if count < stamps.size:
             gathering.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")

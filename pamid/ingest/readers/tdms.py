@@ -11,6 +11,7 @@ import numpy as np
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
+from pamid.ingest.memory_budget import FLOAT
 
 
 def read_tdms(path: Path) -> Log:
@@ -18,13 +19,18 @@ def read_tdms(path: Path) -> Log:
     waveforms."""
     from nptdms import TdmsFile
 
-    gathering = Gathering()
+    gathering = Gathering(path)
+    # a segment of a few bytes can declare any number of values: count them before reading any
+    for channel in _channels(TdmsFile.read_metadata(path)):
+        gathering.reserve(f"{channel.group_name}/{channel.name}", (len(channel),), FLOAT)
+        if _is_waveform(channel):
+            gathering.budget.charge(f"{channel.group_name}/{channel.name}", len(channel))
     file = TdmsFile.read(path)
     if file.file_status.incomplete_final_segment:
         gathering.note(
             "the last segment is incomplete, as after a crash: what was written of it is read"
         )
-    channels = [channel for group in file.groups() for channel in group.channels()]
+    channels = _channels(file)
     starts = [
         channel.properties["wf_start_time"]
         for channel in channels
@@ -34,15 +40,19 @@ def read_tdms(path: Path) -> Log:
     zero = min(starts) if starts else None
     for channel in channels:
         name = f"{channel.group_name}/{channel.name}"
-        if gathering.fits(name, len(channel)) and len(channel):
+        if len(channel):
             stamps = _stamps(gathering, name, channel, zero) if _is_waveform(channel) else None
             unit = channel.properties.get(
                 "unit_string", channel.properties.get("NI_UnitDescription", "")
             )
             gathering.add(name, channel[:], stamps, str(unit))
-        elif not len(channel):
+        else:
             gathering.leave_out(name, "empty")
     return gathering.log(path, "tdms")
+
+
+def _channels(file: Any) -> list[Any]:
+    return [channel for group in file.groups() for channel in group.channels()]
 
 
 def _is_waveform(channel: Any) -> bool:

@@ -20,9 +20,13 @@ from pamid.ingest.channels import Log
 from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, TextDialect, find_dialect
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
+from pamid.ingest.memory_budget import MemoryBudget
 
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
+#: memory that the text of a log takes, in sizes of the file, and each of its cells, bytes
+TEXT_COPIES, CELL = 5, 16
+PIECE = 1 << 24  # bytes of text in which cells are counted at a time
 #: lines after the last row of numbers that may be something else
 FOOTER = 20
 
@@ -30,11 +34,11 @@ FOOTER = 20
 def read_text(path: Path) -> Log:
     """A table of numbers in a text file. Every column is a channel without stamps; FileError if it
     is no table or can be read in two ways."""
-    text, encoding = decode(path)
+    gathering = Gathering(path)
+    text, encoding = decode(gathering.budget)
     head = text.split("\n", SAMPLE)[:SAMPLE]
     dialect = find_dialect(path, head)
     start = sum(len(line) + 1 for line in head[: dialect.first])
-    gathering = Gathering()
     gathering.note(f"encoding: {encoding}")
     for note in dialect.notes:
         gathering.note(note)
@@ -42,8 +46,10 @@ def read_text(path: Path) -> Log:
     return gathering.log(path, "csv")
 
 
-def decode(path: Path) -> tuple[str, str]:
-    """The text of a file, its lines ended by "\\n", and the encoding it was read with."""
+def decode(budget: MemoryBudget) -> tuple[str, str]:
+    """The text of the budget's file, its lines ended by "\\n", and the encoding it was read with."""
+    path = budget.path
+    budget.charge("its text", 0, raw=TEXT_COPIES * path.stat().st_size)
     data = read_data(path, TABLE)
     if not data.strip():
         raise FileError(f"{path} is empty.")
@@ -74,6 +80,8 @@ def add_table(
     import pandas
 
     body, lines = _whole_rows(gathering, text, dialect, path)
+    copies, cells = TEXT_COPIES * len(body), lines * dialect.width
+    gathering.budget.charge("its table", cells, raw=copies + CELL * cells)
     separator = r"\s+" if dialect.delimiter == " " else dialect.delimiter
     try:
         frame = pandas.read_csv(
@@ -140,6 +148,16 @@ def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
     """Cells of every line, 0 for a blank one, and where the lines end; body ends with a line
     end."""
     data = np.frombuffer(body, dtype=np.uint8)
+    pieces, begin = list[tuple[Any, Any]](), 0
+    while begin < len(body):  # piece by piece: the masks take several times the memory of the text
+        end = body.find(b"\n", min(begin + PIECE, len(body) - 1)) + 1
+        cells, ends = _piece_widths(data[begin:end], delimiter)
+        pieces.append((cells, ends + begin))
+        begin = end
+    return np.concatenate([cells for cells, _ in pieces]), np.concatenate([e for _, e in pieces])
+
+
+def _piece_widths(data: Any, delimiter: str) -> tuple[Any, Any]:
     ends = np.flatnonzero(data == 10)
     blank = (data == 32) | (data == 9) | (data == 10)
     starts = ~blank & np.concatenate(([True], blank[:-1]))
