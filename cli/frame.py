@@ -22,7 +22,7 @@ import click
 from . import names, settings_files
 from .ending import INTERRUPTED, was_signalled, watch_signals
 from .table import ALIASES, COMMANDS, load_command
-from .terminal import aside, hang_up, printable, printable_json, say
+from .terminal import aside, hang_up, say
 
 if TYPE_CHECKING:
     from pamid.schemas.model import Model
@@ -124,6 +124,8 @@ def _keep_streams_apart() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run `pamid` with these arguments and return its exit code."""
+    from pamid.base.printable_text import printable, printable_json
+
     flags = _flags(arguments)
     as_json, debug = "--json" in flags, "--debug" in flags
     stray = io.StringIO()  # in JSON mode nothing but the object may reach stdout
@@ -307,6 +309,8 @@ def _GROUP() -> None:
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:
+    from pamid.base.printable_text import printable_json
+
     if isinstance(error, BrokenPipeError):
         return _unheard(error)
     if debug and not isinstance(error, click.ClickException | click.Abort):

@@ -1,17 +1,11 @@
 """What reaches the terminal: names out of a file are shown and cannot steer it; a stream that is
-closed costs nothing.
-
-Escape sequences move the cursor, rename windows and hide lines; marks of direction and of no width
-let one name pass for another. All are written out (`\\u001b`, `\\u202e`), in a form that JSON and
-TOML read as the very same text.
-"""
+closed costs nothing."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
-import re
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, TextIO
@@ -21,23 +15,6 @@ import click
 if TYPE_CHECKING:
     from pamid.base.progress import ProgressLine
     from pamid.base.work_stages import WorkStage
-
-#: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
-#: tags, half characters
-_UNSEEN = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
-    "\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
-)
-
-
-def printable(text: str) -> str:
-    """The text with everything written out that a terminal obeys or hides."""
-    return _UNSEEN.sub(_written_out, text)
-
-
-def printable_json(text: str) -> str:
-    """The same of JSON: it stays JSON, and holds the same."""
-    return _UNSEEN.sub(_written_out_in_json, text)
 
 
 def say(text: str) -> None:
@@ -50,6 +27,8 @@ def say(text: str) -> None:
 
 def aside(text: str) -> None:
     """Print beside the result, to stderr: nothing is lost where nobody can read it."""
+    from pamid.base.printable_text import printable
+
     with contextlib.suppress(OSError):
         click.echo(printable(text), err=True)
 
@@ -91,15 +70,3 @@ def quoted(word: str | os.PathLike[str]) -> str:
     from pamid.base.errors import quoted as found
 
     return found(word)
-
-
-def _written_out(found: re.Match[str]) -> str:
-    code = ord(found[0])
-    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
-
-
-def _written_out_in_json(found: re.Match[str]) -> str:
-    code = ord(found[0])
-    if code < 0x10000:
-        return f"\\u{code:04x}"
-    return f"\\u{0xD800 + (code - 0x10000 >> 10):04x}\\u{0xDC00 + (code - 0x10000 & 0x3FF):04x}"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pamid.base.csv_table import header_line
 from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
@@ -297,7 +298,7 @@ def with_columns(
     earlier = {derived(c, "network") for c in names} - (set(kept) - set(added))
     keep = [i for i, column in enumerate(names) if column not in earlier]
     complete = len(keep) == len(names)
-    lines = [",".join([*(names[i] for i in keep), *added])]
+    lines = [header_line([*(names[i] for i in keep), *added]).rstrip("\n")]
     for line, values in zip(body, zip(*added.values(), strict=True), strict=True):
         if not complete:
             cells = line.split(",")

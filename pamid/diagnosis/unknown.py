@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -160,8 +161,7 @@ def missing_csv(m: Missing, settings: Settings = DEFAULT) -> bytes:
         with_unit("missing", m.units["value"]): m.values,
     }
     rows = np.stack([x.astype(np.float64) for x in columns.values()], axis=1)[::step]
-    line = ",".join(["%.9g"] * len(columns)) + "\n"
-    return (",".join(columns) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()
+    return table_bytes(list(columns), rows, ["%.9g"] * len(columns))
 
 
 def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | None:

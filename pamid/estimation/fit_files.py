@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.csv_table import table_bytes
 from pamid.base.units import column_size, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
@@ -201,8 +202,6 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
 def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
     """residual.csv as bytes, 9 significant digits."""
     header, rows = residual_table(g, cause)
-    line = ",".join(["%.12g"] + ["%.9g"] * (len(header) - 1)) + "\n"
-    body = (line * len(rows)) % tuple(rows.ravel().tolist())
-    if np.isnan(rows).any():
-        body = body.replace("nan", "")  # a channel that this recording lacks
-    return (",".join(header) + "\n" + body).encode()
+    formats = ["%.12g"] + ["%.9g"] * (len(header) - 1)
+    # blank: a channel that this recording lacks
+    return table_bytes(header, rows, formats, blank=True)

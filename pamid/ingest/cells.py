@@ -58,7 +58,7 @@ _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "
 _FOLDED_MISSING = frozenset(word.lower() for word in MISSING_WORDS)
 TEXT_CELL = 300  # bytes that a date or a word takes until it is a number
 #: rows whose dates are taken apart at a time
-PIECE = 1 << 16
+PARTED_ROWS = 1 << 16
 #: a column of text with fewer numbers than this is a column of words
 SHARE_OF_NUMBERS = 0.5
 
@@ -206,13 +206,13 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
 
 
 def _parts(text: Any) -> Any:
-    """The named parts of dates and times, one column each, as categories: as single texts they would
-    take a kilobyte a row."""
+    """The named parts of dates and times, one column each, as categories: single texts would take a
+    kilobyte a row."""
     import pandas
 
     pieces = [
-        text.iloc[start : start + PIECE].str.extract(_MOMENT).astype("category")
-        for start in range(0, max(len(text), 1), PIECE)
+        text.iloc[start : start + PARTED_ROWS].str.extract(_MOMENT).astype("category")
+        for start in range(0, max(len(text), 1), PARTED_ROWS)
     ]
     columns = {
         name: pandas.api.types.union_categoricals([piece[name] for piece in pieces])

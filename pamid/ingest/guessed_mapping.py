@@ -163,7 +163,8 @@ def guess_without_rig(log: Log, pressures: str = "", angles: str = "") -> Guesse
         chosen = ChosenChannel(replace(channel, unit=text))
         lines += _signal_lines(column, chosen, answers, left, time)
     lines += _tail(rig, {column: channel for column, (channel, _) in columns.items()}, every, {})
-    return GuessedMapping("\n".join(lines) + "\n", tuple(left), len(every), len(every))
+    text = "\n".join(lines) + "\n"
+    return GuessedMapping(text, tuple(left), len(every), len(every))
 
 
 # ---- which channel is what ---------------------------------------------------------------------

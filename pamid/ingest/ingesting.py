@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping as Mapped
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
 from pamid.base.card import Cells, card, html_table, paragraph, text_table
 from pamid.base.errors import FileError, UsageError, quoted
 from pamid.base.files import PathLike, require_new, write_atomically
+from pamid.base.printable_text import printable
 from pamid.base.progress import ShowProgress, progress_steps
 from pamid.base.trust import is_code
 from pamid.ingest.account import (
@@ -196,6 +197,7 @@ def guess_mapping(
         found = guess_without_rig(read, pressures or "", angles or "")
     else:
         found = guess_of(read, name_of(given), made, pressures, known, angles, only)
+    found = replace(found, text=printable(found.text))
     if target is not None:
         write_atomically(target, found.text.encode())
     return found

@@ -15,12 +15,12 @@ from typing import BinaryIO, Protocol
 from pamid.base.errors import FileError
 from pamid.ingest.memory_budget import MemoryBudget
 
-HEAD = 128  # bytes before the first variable
-MATRIX, COMPRESSED = 14, 15
+HEADER_BYTES = 128  # bytes before the first variable
+MATRIX_TYPE, COMPRESSED_TYPE = 14, 15
 #: data type -> bytes of a value in the file
 SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8, 16: 1, 17: 2, 18: 4}
-PIECE = 1 << 16
-DEEPEST = 60  # arrays in arrays: MATLAB's own loader and scipy's recurse as well
+TAKEN_BYTES = 1 << 16
+DEEPEST_ARRAY = 60  # arrays in arrays: MATLAB's own loader and scipy's recurse as well
 
 
 class _Source(Protocol):
@@ -38,7 +38,7 @@ class _Unpacked:
         while size > 0 and not self.unpack.eof:
             packed = self.unpack.unconsumed_tail
             if not packed:
-                packed = self.file.read(min(self.left, PIECE))
+                packed = self.file.read(min(self.left, TAKEN_BYTES))
                 self.left -= len(packed)
             if not packed:
                 break
@@ -51,7 +51,7 @@ def charge_matlab(budget: MemoryBudget) -> None:
     """Charge `budget` for every variable of its file. FileError if a part announces more than the
     array holds in which it lies, or if the sum exceeds the budget."""
     with budget.path.open("rb") as file:
-        head = file.read(HEAD)
+        head = file.read(HEADER_BYTES)
         if not head.startswith(b"MATLAB") or head[126:128] not in (b"IM", b"MI"):
             _charge_version_4(budget)
             return
@@ -59,20 +59,20 @@ def charge_matlab(budget: MemoryBudget) -> None:
         while len(tag := file.read(8)) == 8:
             kind, size = struct.unpack(f"{order}2I", tag)
             end = file.tell() + size
-            if kind == COMPRESSED:
+            if kind == COMPRESSED_TYPE:
                 unpacked = _Unpacked(file, size)
                 inner = unpacked.read(8)
-                if len(inner) == 8 and struct.unpack(f"{order}2I", inner)[0] == MATRIX:
+                if len(inner) == 8 and struct.unpack(f"{order}2I", inner)[0] == MATRIX_TYPE:
                     _walk(budget, unpacked, order, struct.unpack(f"{order}2I", inner)[1], 0)
-            elif kind == MATRIX:
+            elif kind == MATRIX_TYPE:
                 _walk(budget, file, order, size, 0)
             file.seek(end)
 
 
 def _walk(budget: MemoryBudget, source: _Source, order: str, size: int, depth: int) -> None:
     """Charge the parts of an array of `size` bytes, arrays inside it included."""
-    if depth > DEEPEST:
-        raise _damaged(budget.path, f"its arrays lie in each other more than {DEEPEST} deep")
+    if depth > DEEPEST_ARRAY:
+        raise _damaged(budget.path, f"its arrays lie in each other more than {DEEPEST_ARRAY} deep")
     while size >= 8:
         tag = source.read(8)
         if len(tag) < 8:
@@ -81,12 +81,12 @@ def _walk(budget: MemoryBudget, source: _Source, order: str, size: int, depth: i
         size -= 8
         if kind >> 16:  # a short part, whose data stand in the tag
             continue
-        padded = length + (-length % 8 if kind != COMPRESSED else 0)
+        padded = length + (-length % 8 if kind != COMPRESSED_TYPE else 0)
         if length > size:
             raise _damaged(
                 budget.path, f"a part of {length} bytes is announced where {size} are left"
             )
-        if kind == MATRIX:
+        if kind == MATRIX_TYPE:
             _walk(budget, source, order, length, depth + 1)
         else:
             budget.charge(_PART, length // SIZES.get(kind, 1), raw=length)
@@ -98,7 +98,7 @@ _PART = "its variables"
 
 
 def _skip(source: _Source, size: int) -> None:
-    while size > 0 and (piece := source.read(min(size, PIECE))):
+    while size > 0 and (piece := source.read(min(size, TAKEN_BYTES))):
         size -= len(piece)
 
 

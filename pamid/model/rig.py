@@ -38,6 +38,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.csv_table import name_fault
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import (
     NONE,
@@ -313,6 +314,8 @@ def _check_inputs(rig: Rig, kind: str) -> None:
 
 def _check_column(what: str, column: str, declared: str) -> None:
     stem, written = split_column(column)
+    if fault := name_fault(column):
+        raise FileError(f"{what} {fault}", "letters, digits and _ are safe, as in angle_deg")
     if not isinstance(declared, str):
         raise FileError(f"{what} is declared as {declared!r:.40}", f'"{column}": "SI unit"')
     seen = unit(declared)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pamid.base.csv_table import header_line
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
@@ -145,7 +146,7 @@ def train_on_signals(
 def trace_csv(training: Training) -> bytes:
     """The trace as the bytes of trace.csv: one header row, one row per accepted step, numbers in
     full precision."""
-    rows = [",".join(training.trace)]
+    rows = [header_line(list(training.trace)).rstrip("\n")]
     for values in zip(*training.trace.values(), strict=True):
         pairs = zip(training.trace, values, strict=True)
         rows.append(

@@ -20,6 +20,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.csv_table import RENAME, name_fault
 from pamid.base.errors import FileError, nearest, quoted
 from pamid.base.files import read_lines
 from pamid.base.toml_file import read_toml
@@ -126,6 +127,7 @@ def check_header(path: Path, names: Sequence[str]) -> None:
             "columns are separated by something else than commas, `pamid ingest` reads it.",
             code="header",
         )
+    seen: set[str] = set()
     for index, name in enumerate(names):
         if not name:
             raise FileError(
@@ -134,12 +136,17 @@ def check_header(path: Path, names: Sequence[str]) -> None:
                 "one as well.",
                 code="header",
             )
-        if name in names[:index]:
+        if fault := name_fault(name):
+            raise FileError(
+                f"{path}, line 1: column {index + 1}, {name!r}, {fault}.", RENAME, code="header"
+            )
+        if name in seen:
             raise FileError(
                 f"{path}, line 1: column {name!r} is there twice.",
                 "Rename or drop one.",
                 code="header",
             )
+        seen.add(name)
 
 
 def explain_cells(path: Path, names: Sequence[str]) -> None:

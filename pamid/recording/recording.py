@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.card import Cells, card, html_table, interval, text_table
+from pamid.base.csv_table import table_bytes
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
 from pamid.base.metrics import motion
@@ -342,11 +343,10 @@ def recording_files(
                 f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.",
                 "Lower what is sent, or mend the parameters that let it grow without bound.",
             )
-    row = ",".join([f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]) + "\n"
-    cells = np.stack(arrays, axis=1).ravel().tolist()
-    text = ",".join(names) + "\n" + (row * arrays[0].size) % tuple(cells)
+    formats = [f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]
+    table = table_bytes(names, np.stack(arrays, axis=1), formats)
     side = {target.with_suffix(".toml"): toml_text(meta).encode()} if meta else {}
-    return {**side, target: text.encode()}
+    return {**side, target: table}
 
 
 def match_column(names: str | Iterable[str], wanted: str) -> str | None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.csv_table import table_bytes
 from pamid.base.files import write_atomically
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.force_map import COLUMNS, ForceMap, pulls
@@ -119,11 +120,8 @@ class ArmTwin:
             LAWS[self.law], ForceMap(path, contraction, pressure, np.zeros(pressure.size))
         )
         force = force + MAP_NOISE_N * np.random.default_rng(seed).standard_normal(force.size)
-        rows = [
-            f"{e:.6g},{p:.6g},{f:.6g}\n"
-            for e, p, f in zip(contraction, pressure, force, strict=True)
-        ]
-        write_atomically(path, "".join([",".join(COLUMNS) + "\n", *rows]).encode())
+        rows = np.stack([contraction, pressure, force], axis=1)
+        write_atomically(path, table_bytes(COLUMNS, rows, ["%.6g"] * len(COLUMNS)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.readers.text import decode
 
-WORD = 80  # bytes of a short text and of its place in a list
+CELL_TEXT_BYTES = 80  # bytes of a short text and of its place in a list
 _STRUCTS = ("struct", "scalar struct")
 
 
@@ -39,7 +39,7 @@ def read_octave_text(path: Path) -> Log:
 
 def _matrix(gathering: Gathering, path: Path, lines: list[str], rows: int, columns: int) -> None:
     written = sum(len(line.split()) for line in lines[1:] if not line.startswith("#"))
-    gathering.budget.charge(lines[0], max(written, rows * columns), raw=WORD * written)
+    gathering.budget.charge(lines[0], max(written, rows * columns), raw=CELL_TEXT_BYTES * written)
     cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
     if len(cells) != rows * columns:
         raise FileError(

@@ -41,8 +41,8 @@ _CONTROLLER_PARTS = {
     "actual": False,
     "feedback": False,
 }
-#: bytes of the two stamps of a message; of a number, its place and the channel made of both
-ROW, VALUE = 96, 32
+#: of the two stamps of a message; of a number, its place and the channel made of both
+MESSAGE_BYTES, NUMBER_BYTES = 96, 32
 _NAMES = ("name", "names", "joint_names")
 
 
@@ -102,7 +102,9 @@ def read_ros(path: Path) -> Log:
             topic = topics.setdefault(connection.topic, _Topic())
             flat = _Flat(gathering, connection.topic, topic.robot)
             flat.enter(message, connection.topic)
-            gathering.budget.charge_bytes(connection.topic, ROW + VALUE * len(flat.row))
+            gathering.budget.charge_bytes(
+                connection.topic, MESSAGE_BYTES + NUMBER_BYTES * len(flat.row)
+            )
             topic.append(flat.row)
             topic.received.append(received)
             stamp = getattr(getattr(message, "header", None), "stamp", None)

@@ -25,8 +25,8 @@ from pamid.ingest.memory_budget import MemoryBudget
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
 #: memory that the text of a log takes, in sizes of the file, and each of its cells, bytes
-TEXT_COPIES, CELL = 5, 16
-PIECE = 1 << 24  # bytes of text in which cells are counted at a time
+TEXT_COPIES, CELL_BYTES = 5, 16
+COUNTED_BYTES = 1 << 24  # bytes of text in which cells are counted at a time
 #: lines after the last row of numbers that may be something else
 FOOTER = 20
 
@@ -47,7 +47,7 @@ def read_text(path: Path) -> Log:
 
 
 def decode(budget: MemoryBudget) -> tuple[str, str]:
-    """The text of the budget's file, its lines ended by "\\n", and the encoding it was read with."""
+    """The text of the budget's file, its lines ended by "\\n", and its encoding."""
     path = budget.path
     budget.charge("its text", 0, raw=TEXT_COPIES * path.stat().st_size)
     data = read_data(path, TABLE)
@@ -81,7 +81,7 @@ def add_table(
 
     body, lines = _whole_rows(gathering, text, dialect, path)
     copies, cells = TEXT_COPIES * len(body), lines * dialect.width
-    gathering.budget.charge("its table", cells, raw=copies + CELL * cells)
+    gathering.budget.charge("its table", cells, raw=copies + CELL_BYTES * cells)
     separator = r"\s+" if dialect.delimiter == " " else dialect.delimiter
     try:
         frame = pandas.read_csv(
@@ -150,7 +150,7 @@ def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
     data = np.frombuffer(body, dtype=np.uint8)
     pieces, begin = list[tuple[Any, Any]](), 0
     while begin < len(body):  # piece by piece: the masks take several times the memory of the text
-        end = body.find(b"\n", min(begin + PIECE, len(body) - 1)) + 1
+        end = body.find(b"\n", min(begin + COUNTED_BYTES, len(body) - 1)) + 1
         cells, ends = _piece_widths(data[begin:end], delimiter)
         pieces.append((cells, ends + begin))
         begin = end
