@@ -107,7 +107,13 @@ def errors(y: Array, model: Array | None) -> Array:
     ours, theirs = shapes(y), shapes(model)
     with np.errstate(over="ignore"):  # of a model that runs away: the most, all the same
         size, off = (np.sqrt((z * z).sum(axis=(1, 2))) for z in (ours, ours - theirs))
-        return np.clip(off / np.maximum(size, 1e-300), LEAST_ERROR, MOST_ERROR)
+    return np.clip(_share(off, size), LEAST_ERROR, MOST_ERROR)
+
+
+def _share(error: Array, size: Array) -> Array:
+    """Errors over the sizes of what they are of, at most MOST_ERROR: something that stands still
+    has no size."""
+    return np.asarray(error / np.maximum(np.maximum(size, error / MOST_ERROR), 1e-300))
 
 
 def size_of(error: Array) -> float:
@@ -309,7 +315,8 @@ def _misses(y: Array, model: Array | None) -> Array:
     if model is None or not np.isfinite(model).all():
         return np.full((2, y.shape[1]), MOST_ERROR)
     with np.errstate(over="ignore"):
-        plain = np.sqrt(((y - model) ** 2).mean(axis=0)) / np.maximum(y.std(axis=0), 1e-300)
+        error = np.sqrt(((y - model) ** 2).mean(axis=0))
+    plain = _share(error, y.std(axis=0))
     return np.stack([errors(y, model), np.clip(plain, LEAST_ERROR, MOST_ERROR)])
 
 

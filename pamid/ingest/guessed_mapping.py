@@ -163,8 +163,7 @@ def guess_without_rig(log: Log, pressures: str = "", angles: str = "") -> Guesse
         chosen = ChosenChannel(replace(channel, unit=text))
         lines += _signal_lines(column, chosen, answers, left, time)
     lines += _tail(rig, {column: channel for column, (channel, _) in columns.items()}, every, {})
-    text = "\n".join(lines) + "\n"
-    return GuessedMapping(text, tuple(left), len(every), len(every))
+    return GuessedMapping("\n".join(lines) + "\n", tuple(left), len(every), len(every))
 
 
 # ---- which channel is what ---------------------------------------------------------------------
@@ -476,8 +475,7 @@ def _tail(
     known: Mapping[str, float],
 ) -> list[str]:
     lines = []
-    missing = [column for column in rig.outputs if column not in chosen]
-    if missing:
+    if missing := [column for column in rig.outputs if column not in chosen]:
         lines.append(f"# nothing found for: {', '.join(missing)}")
     mapped = {id(channel) for channel in chosen.values()}
     left = [channel for channel in rest if id(channel) not in mapped]

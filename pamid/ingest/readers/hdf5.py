@@ -26,11 +26,22 @@ def read_hdf5(path: Path) -> Log:
 
     gathering = Gathering(path)
     with h5py.File(path, "r") as file:
-        _group(gathering, file, "", frozenset())
+        datasets: dict[str, Any] = {}
+        _group(gathering, datasets, file, "", frozenset())
+        # the sum of all is known before any is read
+        for name, dataset in datasets.items():
+            _read(gathering, dataset, name)
     return gathering.log(path, "hdf5")
 
 
-def _group(gathering: Gathering, group: Any, name: str, above: frozenset[int]) -> None:
+def _group(
+    gathering: Gathering,
+    datasets: dict[str, Any],
+    group: Any,
+    name: str,
+    above: frozenset[int],
+) -> None:
+    """Enter the datasets below a group that can be channels into `datasets`, by name."""
     import h5py
 
     address = int(h5py.h5o.get_info(group.id).addr)
@@ -43,14 +54,14 @@ def _group(gathering: Gathering, group: Any, name: str, above: frozenset[int]) -
             continue
         item = group[key]
         if isinstance(item, h5py.Dataset):
-            _dataset(gathering, item, inside)
+            _dataset(gathering, datasets, item, inside)
         elif isinstance(item, h5py.Group) and _is_of_octave(item):
             if isinstance(item["value"], h5py.Group):
-                _group(gathering, item["value"], inside, above | {address})
+                _group(gathering, datasets, item["value"], inside, above | {address})
             else:
-                _dataset(gathering, item["value"], inside)
+                _dataset(gathering, datasets, item["value"], inside)
         elif isinstance(item, h5py.Group):
-            _group(gathering, item, inside, above | {address})
+            _group(gathering, datasets, item, inside, above | {address})
 
 
 def charge_hdf5(gathering: Gathering, path: Path) -> None:
@@ -71,7 +82,7 @@ def _is_of_octave(group: Any) -> bool:
     return "OCTAVE_NEW_FORMAT" in group.attrs and set(group) == {"type", "value"}
 
 
-def _dataset(gathering: Gathering, dataset: Any, name: str) -> None:
+def _dataset(gathering: Gathering, datasets: dict[str, Any], dataset: Any, name: str) -> None:
     if dataset.external or dataset.is_virtual:
         gathering.leave_out(name, "kept in another file")
         return
@@ -80,13 +91,18 @@ def _dataset(gathering: Gathering, dataset: Any, name: str) -> None:
         return
     if dataset.shape is None:
         return
-    kind, unit = dataset.dtype, _unit(dataset)
+    kind = dataset.dtype
     if not gathering.reserve(name, dataset.shape, kind.itemsize):
         return
-    records = dataset.size * kind.itemsize
     for field in kind.names or ():
         inside = math.prod(kind[field].shape)
-        gathering.budget.charge(f"{name}/{field}", dataset.size * inside, raw=records)
+        gathering.budget.charge(f"{name}/{field}", dataset.size * inside)
+    datasets[name] = dataset
+
+
+def _read(gathering: Gathering, dataset: Any, name: str) -> None:
+    kind, unit = dataset.dtype, _unit(dataset)
+    gathering.budget.charge(name, 0, raw=dataset.size * kind.itemsize)
     values = dataset[()]
     if kind.names is None:
         gathering.add(name, values, unit=unit)

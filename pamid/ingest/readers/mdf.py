@@ -35,11 +35,15 @@ def read_mdf(path: Path) -> Log:
             if index != file.masters_db.get(number)
         ]
         names = Counter(groups[number].channels[index].name for number, index in wanted)
+        reserved = []
         for number, index in wanted:
             channel = groups[number].channels[index]
             name = (
                 channel.name if names[channel.name] == 1 else f"group {number + 1}/{channel.name}"
             )
+            if _reserve(gathering, groups[number].channel_group, name):
+                reserved.append((number, index, name))
+        for number, index, name in reserved:  # the sum of all is known before any is read
             _add(gathering, file, number, index, name)
         gathering.note(f"measured from {file.start_time}")
     return gathering.log(path, "mdf")
@@ -55,10 +59,6 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
     if _clock_conversion(file, number) in _FORMULA[four]:
         gathering.leave_out(name, "the conversion of its clock is a formula")
         return
-    cycles = int(group.channel_group.cycles_nr)
-    if not gathering.reserve(name, (cycles,), _record_bytes(group.channel_group)):
-        return
-    gathering.budget.charge(name, cycles)  # its stamps
     words = conversion in _TEXT[four]
     signal = file.get(group=number, index=index, raw=words, ignore_invalidation_bits=True)
     values = np.asarray(signal.samples)
@@ -78,8 +78,14 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
     gathering.add(name, values, stamps, signal.unit or "")
 
 
-def _record_bytes(group: Any) -> int:
-    return int(group.samples_byte_nr) + int(getattr(group, "invalidation_bytes_nr", 0))
+def _reserve(gathering: Gathering, group: Any, name: str) -> bool:
+    """Reserve memory for a channel and its stamps by the records that its group declares."""
+    cycles = int(group.cycles_nr)
+    record = int(group.samples_byte_nr) + int(getattr(group, "invalidation_bytes_nr", 0))
+    if not gathering.reserve(name, (cycles,), record):
+        return False
+    gathering.budget.charge(name, cycles)
+    return True
 
 
 def _clock_conversion(file: Any, number: int) -> Any:

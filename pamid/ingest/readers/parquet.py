@@ -34,10 +34,13 @@ def columns_of(gathering: Gathering, path: Path) -> Iterator[tuple[str, Any, str
 
     with pyarrow.parquet.ParquetFile(path) as file:
         declared = _declared(file)
-        for name in _columns(gathering, file):
-            values = max(file.metadata.num_rows, declared[name])
-            if not gathering.reserve(name, (values,), 2 * FLOAT):  # a decimal has 16 bytes
-                continue
+        rows = file.metadata.num_rows
+        reserved = [  # the sum of all is known before any is read; a decimal has 16 bytes
+            name
+            for name in _columns(gathering, file)
+            if gathering.reserve(name, (max(rows, declared[name]),), 2 * FLOAT)
+        ]
+        for name in reserved:
             column = file.read(columns=[name], use_threads=False).column(0)
             field = file.schema_arrow.field(name)
             if _is_list(field.type):
