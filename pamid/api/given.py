@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from pamid.base.errors import FileError, PamidError, UsageError, nearest
+from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest
 from pamid.base.files import PathLike, sha256_of
 from pamid.checks.hold_or_line import unstated, wrongly_taken
 from pamid.checks.inspection import require_sound
@@ -39,6 +39,7 @@ RecordingLike: TypeAlias = "Recording | PathLike | DataFrame"
 EffectLike: TypeAlias = PathLike | type[Effect]
 Warn: TypeAlias = Callable[[str], None]
 
+MOST_STRANGERS = 8  # columns that a rig does not know, each with a sentence of its own
 RECORDINGS_FOLDER = "recordings"  # folder of a run with the recordings that came to it in no file
 
 
@@ -155,10 +156,15 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     found = {name: match_column(recording.columns, name) for name in wanted}
     used, lacking = set(found.values()), [name for name, column in found.items() if not column]
+    strangers = [c for c in recording.columns if c not in used]
+    if len(strangers) > MOST_STRANGERS:
+        return [
+            f"rig {rig.name!r} does not know {len(strangers)} columns, which are not used: "
+            f"{listed(strangers)}."
+        ]
     return [
         f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, lacking)}".rstrip()  # noqa: E501
-        for c in recording.columns
-        if c not in used
+        for c in strangers
     ]
 
 

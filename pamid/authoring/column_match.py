@@ -8,7 +8,7 @@ import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from pamid.base.errors import FileError, UsageError, nearest
+from pamid.base.errors import FileError, UsageError, listed, nearest
 from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column, unit
 from pamid.ingest.channel_words import meanings, number, tokens
 from pamid.model.registry import rigs
@@ -235,7 +235,7 @@ def match_columns(
         if found not in recorded:
             raise UsageError(
                 f"The recording has no column {found!r}.",
-                nearest(found, recorded) or f"Its columns: {', '.join(recorded)}.",
+                nearest(found, recorded) or f"Its columns: {listed(recorded)}.",
             )
         if _is_rate(found, wanted):
             raise UsageError(
@@ -331,7 +331,7 @@ def best_match(
                 f"The recording does not fit {like!r}: {asked.why_not()}.",
                 "Say which column it is with --column "
                 f"{(asked.missing or tuple(asked.rig.outputs))[0]}=NAME; the recording has "
-                f"{', '.join(recorded)}.",
+                f"{listed(recorded)}.",
                 code="no-match",
             )
         return asked, []
@@ -350,7 +350,7 @@ def best_match(
             for one in guessed[:4]
         )
         raise FileError(
-            f"The columns {', '.join(recorded)} fit by their units alone: {names}.",
+            f"The columns {listed(recorded)} fit by their units alone: {names}.",
             f"Say which machine it is, for example --like {guessed[0].rig.name}.",
             code="no-match",
         )
@@ -365,7 +365,7 @@ def best_match(
             )
         near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every)
         raise FileError(
-            f"No rig fits the columns {', '.join(recorded)}"
+            f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),
             "Name one with --like, and its columns with --column RIG_COLUMN=COLUMN.",
             code="no-match",

@@ -106,6 +106,13 @@ def _rebuild(
     return error
 
 
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names parted by commas; of many the first ones and how many more there are."""
+    every = list(names)
+    shown = ", ".join(every[:most])
+    return f"{shown} and {len(every) - most} more" if len(every) > most else shown
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """A sentence offering the valid name closest to `name`, or "" when none is close, or it is
     valid itself."""

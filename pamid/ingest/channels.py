@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.base.errors import FileError, nearest
+from pamid.base.errors import FileError, listed, nearest
 from pamid.base.metrics import FloatArray
 
 
@@ -60,5 +60,5 @@ class Log:
             if channel.name == name:
                 return channel
         names = [channel.name for channel in self.channels]
-        hint = nearest(name, names) or "Its channels are: " + ", ".join(names) + "."
+        hint = nearest(name, names) or f"Its channels are: {listed(names)}."
         raise FileError(f"{self.path}: there is no channel {name!r}.", hint, code="missing-channel")

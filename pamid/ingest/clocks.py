@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.errors import DataError, FileError, listed, nearest
 from pamid.base.metrics import FloatArray
 from pamid.base.units import unit
 from pamid.ingest.channels import Channel, Log
@@ -96,7 +96,7 @@ def channel_of(log: Log, name: str, place: str) -> Channel:
         if channel.name == name:
             return channel
     names = [channel.name for channel in log.channels]
-    hint = nearest(name, names) or "Its channels are: " + ", ".join(names[:20]) + "."
+    hint = nearest(name, names) or f"Its channels are: {listed(names)}."
     raise FileError(
         f"{place} is {name!r}; {log.path} has no such channel.", hint, code="missing-channel"
     )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import FileError
+from pamid.base.errors import FileError, listed
 from pamid.base.files import size_words
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log, RobotValue
@@ -23,6 +23,8 @@ from pamid.ingest.memory_budget import FLOAT, MemoryBudget
 EXACT_INTEGERS = 2**53
 #: an array with more columns than this is no group of signals (an image, a Jacobian)
 MAX_COLUMNS = 64
+#: names that one note lists
+MOST_NAMED = 100
 
 
 class Gathering:
@@ -109,7 +111,9 @@ class Gathering:
 
     def log(self, path: Path, kind: str) -> Log:
         """What was gathered, every name once. FileError if there is no channel."""
-        left = [f"left out, {why}: {', '.join(names)}" for why, names in self.left_out.items()]
+        left = [
+            f"left out, {why}: {listed(names, MOST_NAMED)}" for why, names in self.left_out.items()
+        ]
         if not self.channels:
             found = "; ".join([*left, *self.notes]) or "it is empty"
             raise FileError(f"{path}: there are no signals in it ({found}).", code="no-signals")

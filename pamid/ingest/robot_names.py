@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from pamid.base.errors import FileError, nearest
+from pamid.base.errors import FileError, listed, nearest
 from pamid.base.units import split_column, unit
 from pamid.ingest.channel_words import says_sent, tokens
 from pamid.ingest.channels import Channel, Log, RobotValue
@@ -263,7 +263,7 @@ def refuse_strangers(log: Log, channels: Sequence[Channel], rig: Rig) -> None:
         theirs = [channel.name for channel in channels]
     raise FileError(
         f"{log.path}: none of its names is in the model {rig.name!r}: the log has "
-        f"{_listed(theirs)}, the model {_listed(own)}.",
+        f"{listed(theirs) or 'none'}, the model {listed(own) or 'none'}.",
         _nearest_pairs(own, theirs)
         or "Is it the model of this robot? Otherwise name the channels in a mapping by hand.",
         code="joints",
@@ -295,7 +295,7 @@ def notes_on(channels: Sequence[Channel], rig: Rig, chosen: Mapping[str, Channel
         notes.append(f"{said}. {hint}" if hint else f"{said}.")
     strangers = [c for c in free if any(channel.robot for channel in channels)]
     if strangers:
-        notes.append(f"in the log, not in the model: {_listed(strangers)}.")
+        notes.append(f"in the log, not in the model: {listed(strangers)}.")
     return notes
 
 
@@ -337,8 +337,3 @@ def _near(name: str, theirs: Sequence[str]) -> str:
         return shared[0]
     said = nearest(name, theirs)
     return next((other for other in theirs if repr(other) in said), "")
-
-
-def _listed(names: Sequence[str], most: int = 12) -> str:
-    shown = ", ".join(names[:most])
-    return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "none"

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.csv_table import RENAME, name_fault
-from pamid.base.errors import FileError, nearest, quoted
+from pamid.base.errors import FileError, listed, nearest, quoted
 from pamid.base.files import read_lines
 from pamid.base.toml_file import read_toml
 from pamid.base.units import split_column
@@ -282,7 +282,7 @@ def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[st
         if column not in names:
             raise FileError(
                 f"{path}: [between] {column!r} is no column of the recording.",
-                nearest(column, names) or f"Its columns: {', '.join(names[1:])}.",
+                nearest(column, names) or f"Its columns: {listed(names[1:])}.",
                 code="toml",
             )
         if way not in BETWEEN:

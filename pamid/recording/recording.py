@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.card import Cells, card, html_table, interval, text_table
 from pamid.base.csv_table import table_bytes
-from pamid.base.errors import DataError, FileError, UsageError, nearest
+from pamid.base.errors import DataError, FileError, UsageError, listed, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
 from pamid.base.metrics import motion
 from pamid.base.units import (
@@ -181,7 +181,7 @@ class Recording:
         return plot_signals(self._headline(), self.time, chosen)
 
     def __repr__(self) -> str:
-        return f"<Recording {self._headline()}: {', '.join(self.columns)}>"
+        return f"<Recording {self._headline()}: {listed(self.columns)}>"
 
     def _repr_html_(self) -> str:
         return card(self._headline(), html_table(self._ranges()))
@@ -219,9 +219,7 @@ class Recording:
         """
         found = match_column(self.columns, column)
         if found is None:
-            hint = (
-                nearest(column, self.columns) or "Its columns are: " + ", ".join(self.columns) + "."
-            )
+            hint = nearest(column, self.columns) or f"Its columns are: {listed(self.columns)}."
             raise FileError(
                 f"{self.path}: there is no column {column!r}.", hint, code="missing-column"
             )
