@@ -15,6 +15,7 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
 from pamid.ingest.clocks import Clock, SampledColumn, channel_of, clocks_of
 from pamid.ingest.mapping import Mapping, settle, unknown_to
+from pamid.ingest.memory_budget import MemoryBudget
 from pamid.ingest.resampling import COARSER, hold, smooth
 from pamid.ingest.time_base import GAP_PERIODS
 from pamid.model.rig import Rig
@@ -22,6 +23,7 @@ from pamid.recording.recording import MIN_SAMPLES
 
 NOMINAL = 1e-3  # a clock and a stated period that differ by less name the same sampling
 ROUND = 2e-4  # a measured period so close to a round number of s or Hz is that number
+CELL_TEXT = 40  # bytes of a sample on its way into a file
 FINER = 100  # times the rows of the log: more samples are not made of them
 Stretch = tuple[float, float]  # from, to: s by the log's clock
 
@@ -98,7 +100,7 @@ def convert(
         for course in clock.sampled
     }
     tracks = {column: tracks[column] for column in mapping.signals}
-    made, short = [], 0
+    made, short, budget = [], 0, MemoryBudget(log.path)
     for start, end in _common(tracks, period * stretch):
         if (end - start) / (period * stretch) > FINER * lead.rows.stamps.size:
             raise FileError(
@@ -107,6 +109,8 @@ def convert(
                 "Correct time.period_s, time.unit or time.max_gap_s.",
                 code="mapping",
             )
+        cells = round((end - start) / (period * stretch)) * (1 + len(tracks))
+        budget.charge("its recordings", cells, raw=CELL_TEXT * cells)
         one = _recording(tracks, lead, start, end, period, stretch)
         if one.time.size < MIN_SAMPLES:
             short += 1

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.counted import calls_of
+from counted import calls_of
 
 from pamid.api.given import unknown_columns
 from pamid.authoring.column_match import best_match
