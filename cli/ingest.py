@@ -158,7 +158,11 @@ def _guess(
     from pamid.schemas.command_files import GuessedMappingFile
 
     found = guess_mapping(log, rig, **asked, known=known, output=output, overwrite=overwrite)
-    kind = asked["kind"]
+    further = "".join(
+        f" {option} {value}"
+        for option, value in (("--kind", asked["kind"]), ("--memory-limit", asked["memory_limit"]))
+        if value
+    )
     said = GuessedMappingFile(
         log=str(log),
         output=str(output) if output else None,
@@ -175,7 +179,7 @@ def _guess(
         f"{output}: {found.mapped} of {found.channels} channels guessed.{to_answer}\n"
         f"Next: look it through, then pamid ingest {quoted(log)} --mapping "
         f"{quoted(output)}{_named(rig or '')}"
-        f"{f' --kind {kind}' if kind else ''} --output {quoted(unused('recording.csv', [log]))}"
+        f"{further} --output {quoted(unused('recording.csv', [log]))}"
     )
     return frame.Result(said, text)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError, FileError, nearest, quoted
+from pamid.base.errors import DataError, FileError, listed, nearest, quoted
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
@@ -65,7 +65,7 @@ def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...
             f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
             f"{', '.join(assembly.rig.outputs)}",
             f"{nearest(next(iter(assembly.rig.outputs)), list(recording.columns))} Name another "
-            f"--rig, or rename the columns; there are {', '.join(recording.columns)}. "
+            f"--rig, or rename the columns; there are {listed(recording.columns)}. "
             f"`pamid new-rig {quoted(recording.path)}` writes a rig for them.".lstrip(),
         )
     return found
