@@ -18,6 +18,7 @@ from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import known_kinds, read_here
 from pamid.ingest.log_reader import read_log
+from pamid.ingest.memory_budget import limited_memory
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -584,6 +585,16 @@ def mcap(path: Path) -> Path:
 def sqlite(path: Path) -> Path:
     folder = write_ros(path.with_suffix(""), "sqlite3")
     return Path(shutil.copy(next(folder.glob("*.db3")), path))
+
+
+@pytest.mark.parametrize(("suffix", "write"), [("bag", bag), ("mcap", mcap), ("db3", sqlite)])
+def test_messages_count_as_they_are_read(
+    tmp_path: Path, suffix: str, write: Callable[[Path], Path]
+) -> None:
+    path = write(tmp_path / f"log.{suffix}")
+    assert read_here(path, "ros").channels
+    with limited_memory(1e-5), pytest.raises(FileError, match="too large"):
+        read_here(path, "ros")
 
 
 def parquet(path: Path) -> Path:
