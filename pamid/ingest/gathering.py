@@ -23,6 +23,7 @@ from pamid.ingest.memory_budget import FLOAT, MemoryBudget
 EXACT_INTEGERS = 2**53
 #: an array with more columns than this is no group of signals (an image, a Jacobian)
 MAX_COLUMNS = 64
+EXAMINED = 24  # bytes of a value while its channel is examined: differences, a sorted copy
 #: names that one note lists
 MOST_NAMED = 100
 
@@ -91,11 +92,12 @@ class Gathering:
             self.leave_out(name, f"of shape {tuple(lengths)}")
             return False
         values = math.prod(lengths)
-        if values * (FLOAT + item_bytes) > self.budget.limit:
+        raw = values * (item_bytes + EXAMINED)
+        if FLOAT * values + raw > self.budget.limit:
             limit = size_words(self.budget.limit)
             self.leave_out(name, f"larger than the memory limit of {limit} (--memory-limit)")
             return False
-        self.budget.charge(name, values, raw=values * item_bytes)
+        self.budget.charge(name, values, raw=raw)
         return True
 
     def note(self, text: str) -> None:
