@@ -1,53 +1,53 @@
-"""Damaged files and words through the command line: how many are refused, how many taken, and does
-anything escape?
+"""Damaged and hostile inputs through the command line: exit codes, faults, inputs per second.
 
-    python benchmarks/fuzz.py [--inputs 100000] [--first 0] [--kinds recording mapping ...] [--keep
-    FOLDER] [--drawn] python benchmarks/fuzz.py --kinds mapping --first 1234 --inputs 1     # makes
-    that input again, and says its answer
+    python benchmarks/fuzz.py [--inputs 100000] [--first 0] [--jobs 2] [--kinds values declared ...]
+                              [--keep FOLDER] [--drawn]
+    python benchmarks/fuzz.py --kinds values --first 1234 --inputs 1    # repeats that input
 
-An input is made from its kind and its number alone (tests/support/fuzz_inputs.py,
-tests/support/fuzzing.py): recordings, the TOML beside them, pamid.toml, raw logs of every kind,
-mappings, run folders, checkpoints, models, networks, results of jobs, trials, force maps,
-excitations, words of a command line. A process works through them, limited in memory; another one
-watches it. What counts as a fault: exit code 1, an exception, a process that dies, more than HANG_S
-of CPU for one input. Each is printed with its number and its files are kept.
+Kind and number determine an input and the moment of its SIGTERM (tests/support/fuzz_inputs.py).
+There are recordings, TOML files, raw logs, run folders, checkpoints, models, networks, trials,
+force maps, excitations, command lines, archives that declare more than they hold, and MJCF, URDF
+and FMU files.
 
-Figures take a hundred times as long as what they show: without --drawn only one page in 100 has
-them.
+Each input runs in a process of its own (tests/support/fuzz_runs.py). A fault is: exit code 1, an
+exception that escapes, a crash, 60 s of work or sleep (diagnoses excepted), 2 GiB of memory, a file
+of 256 MiB, deafness to SIGTERM for 5 s, a half-written output, or a process left behind. Of 10
+inputs, 3 get a SIGTERM. Faults are printed with kind and number, and the files are kept.
+
+Without --drawn, one report in 100 has figures. A figure takes a hundred times as long as its data.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import importlib
 import io
-import json
 import os
-import resource
-import select
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-import traceback
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "support"))
+sys.path.insert(0, str(ROOT / "tests" / "integration"))
 
-HANG_S = 60.0  # of CPU
-MEMORY = 6 * 2**30  # bytes of address space
-ALLOWED = (0, 2, 3, 4, 5, 6)
-TOLD_EVERY = 1000  # inputs
-DRAWN_EVERY = 100  # inputs
-_NUMBER = [0]  # of the input at work
-_NOTHING = '<svg viewBox="0 0 1 1"></svg>'
+REPORT_EVERY = 1000  # inputs
+DRAWN_SHARE = 0.01
+_EMPTY_FIGURE = '<svg viewBox="0 0 1 1"></svg>'
+PACKAGES = (
+    *("h5py", "nptdms", "asammdf", "rosbags.highlevel", "pyarrow.parquet", "matio", "scipy.io"),
+    *("mujoco", "fmpy", "onnx", "matplotlib.figure", "matplotlib.backends.backend_svg"),
+    *("pamid.simulators.kinds.mujoco", "pamid.simulators.kinds.fmi", "pamid.ingest.child_process"),
+)
 
 
 def main() -> None:
@@ -56,243 +56,141 @@ def main() -> None:
     )
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--kinds", nargs="+")
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "pamid-fuzz")
     parser.add_argument("--drawn", action="store_true")
-    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.worker:
-        _work(asked)
-    else:
-        sys.exit(_watch(asked))
-
-
-# ---- the one who watches --------------------
-
-
-def _watch(asked: argparse.Namespace) -> int:
-    """Run the worker until all inputs are done; begin it again behind an input that it did not
-    survive."""
-    asked.keep.mkdir(parents=True, exist_ok=True)
-    counts: Counter[str] = Counter()
-    began, first, end = time.monotonic(), asked.first, asked.first + asked.inputs
-    cpu = 0.0
-    while first < end:
-        at, seconds, why = _one_worker(asked, first, end, counts)
-        cpu += seconds
-        if at >= end:
-            break
-        counts["hangs" if why == "hang" else "died"] += 1
-        print(
-            f"input {at}: {'still at work after' if why == 'hang' else 'the process died'} ({why})",
-            flush=True,
-        )
-        first = at + 1
-    done = sum(n for word, n in counts.items() if word.startswith("exit "))
-    escaped = counts["exit 1"] + counts["escaped"] + counts["died"]
-    print(
-        f"\n{asked.inputs} inputs, {done} commands, {cpu:.0f} s CPU, "
-        f"{time.monotonic() - began:.0f} s on the clock"
-    )
-    for word in sorted(counts):
-        print(f"  {word:<28} {counts[word]}")
-    print(f"escaped exceptions {escaped}, hangs {counts['hangs']}")
-    return 1 if escaped or counts["hangs"] else 0
-
-
-def _one_worker(
-    asked: argparse.Namespace, first: int, end: int, counts: Counter[str]
-) -> tuple[int, float, str]:
-    """(input it stands at, CPU seconds, why it ended) of one worker."""
-    words = [
-        sys.executable,
-        __file__,
-        "--worker",
-        "--first",
-        str(first),
-        "--inputs",
-        str(end - first),
-        "--keep",
-        str(asked.keep),
-        *(["--drawn"] if asked.drawn else []),
-        *(["--kinds", *asked.kinds] if asked.kinds else []),
-    ]
-    process = subprocess.Popen(
-        words,
-        stdout=subprocess.PIPE,
-        stdin=subprocess.DEVNULL,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )
-    assert process.stdout is not None
-    pipe = process.stdout.fileno()
-    at, since, seconds, rest = first, 0.0, 0.0, b""
-    while True:
-        ready = bool(select.select([pipe], [], [], 1.0)[0])
-        text = os.read(pipe, 1 << 16) if ready else b""
-        *lines, rest = (rest + text).split(b"\n")
-        for line in lines:
-            said = json.loads(line)
-            at = said.get("next", at)
-            since = said.get("cpu", since)
-            counts.update(said.get("counts", {}))
-            if "next" in said and at > first and at % TOLD_EVERY == 0:
-                print(f"{at}: {dict(sorted(counts.items()))}", flush=True)
-            if "told" in said:
-                print(said["told"], flush=True)
-        if ready and not text:
-            return at, seconds, f"exit code {process.wait()}"
-        seconds = _cpu_seconds(process.pid) or seconds
-        if since and seconds - since > HANG_S:
-            process.kill()
-            process.wait()
-            return at, seconds, "hang"
-
-
-def _cpu_seconds(process: int) -> float:
-    """CPU seconds of a process and its ended children."""
-    try:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
-
-
-# ---- the one who works --------------------
-
-
-def _work(asked: argparse.Namespace) -> None:
-    from fuzz_inputs import KINDS, WEIGHTS
-    from fuzz_seeds import make_seeds
-
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-
-    def tell(**said: Any) -> None:
-        print(json.dumps(said), file=out, flush=True)
-
-    warnings.simplefilter("ignore")
-    os.fsync = lambda _: None  # type: ignore[assignment]
+    options = parser.parse_args()
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
     shared = Path("/dev/shm") if os.access("/dev/shm", os.W_OK) else None
-    place = Path(tempfile.mkdtemp(prefix="pamid-fuzz-", dir=shared))
-    os.environ["TMPDIR"] = str(place)
-    tempfile.tempdir = None
-    kinds = asked.kinds or list(KINDS)
-    weights = [WEIGHTS[kind] if len(kinds) > 1 else 1 for kind in kinds]
+    scratch = Path(tempfile.mkdtemp(prefix="pamid-fuzz-", dir=shared))
     try:
-        seeds = make_seeds(place / "seeds")
-        _in_process(asked.drawn)
-        for package in (
-            "h5py",
-            "nptdms",
-            "asammdf",
-            "rosbags.highlevel",
-            "pyarrow.parquet",
-            "matio",
-        ):
-            importlib.import_module(package)  # once, and not in every fork
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-        for number in range(asked.first, asked.first + asked.inputs):
-            kind = Random(f"which-{number}").choices(kinds, weights)[0]
-            tell(
-                next=number, cpu=sum(os.times()[:4])
-            )  # with ended children, as the one who watches counts
-            before = time.process_time()
-            counts, told = _one(
-                seeds, place / str(number), kind, number, asked.keep, asked.inputs == 1
-            )
-            counts[f"ms of {kind}"] += round(1e3 * (time.process_time() - before))
-            tell(counts=counts, **({"told": told} if told else {}))
-        tell(next=asked.first + asked.inputs)
+        sys.exit(_run(options, scratch))
     finally:
         os.chdir("/")
-        shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _in_process(drawn: bool) -> None:
-    """What would start a process for every input forks instead; without `drawn` pictures are not
-    rendered."""
-    import pamid.parallel.limited_process as apart
+def _run(options: argparse.Namespace, scratch: Path) -> int:
+    from fuzz_inputs import KINDS
+    from fuzz_runs import FAULTS, count, run_inputs
+    from fuzz_seeds import make_seeds
+
+    began = time.monotonic()
+    warnings.simplefilter("ignore")
+    os.fsync = lambda _: None  # type: ignore[assignment]
+    seeds = make_seeds(scratch / "seeds")
+    _warm_up(seeds, scratch / "warm")
+    _draw_few(options.drawn)
+    print(f"ready after {time.monotonic() - began:.0f} s", flush=True)
+    began = time.monotonic()
+    counts: Counter[str] = Counter()
+    outcomes = run_inputs(
+        _inputs(options), KINDS, seeds, scratch / "inputs", jobs=options.jobs, keep=options.keep
+    )
+    for done, outcome in enumerate(outcomes, 1):
+        counts += count([outcome])
+        if outcome.faults or options.inputs == 1:
+            faults = ", ".join(FAULTS[fault] for fault in outcome.faults) or "no fault"
+            print(
+                f"{outcome.kind} {outcome.number}: {faults}; {outcome.cpu:.1f} s CPU, "
+                f"{outcome.memory / 2**20:.0f} MiB\n{outcome.details}",
+                flush=True,
+            )
+        if done % REPORT_EVERY == 0:
+            rate = done / (time.monotonic() - began)
+            print(f"{done} inputs, {rate:.1f}/s, {_faults(counts)}", flush=True)
+    _print_summary(counts, options.inputs, time.monotonic() - began)
+    return 1 if _faults(counts) else 0
+
+
+def _inputs(options: argparse.Namespace) -> Iterator[tuple[str, int]]:
+    from fuzz_inputs import KINDS, WEIGHTS
+
+    kinds = options.kinds or list(KINDS)
+    weights = [WEIGHTS[kind] if len(kinds) > 1 else 1 for kind in kinds]
+    for number in range(options.first, options.first + options.inputs):
+        yield Random(f"which-{number}").choices(kinds, weights)[0], number
+
+
+def _faults(counts: Counter[str]) -> dict[str, int]:
+    return {
+        name.removeprefix("fault "): n for name, n in counts.items() if name.startswith("fault ")
+    }
+
+
+def _print_summary(counts: Counter[str], inputs: int, seconds: float) -> None:
+    from fuzz_runs import FAULTS
+
+    cpu = sum(n for name, n in counts.items() if name.startswith("ms of ")) / 1e3
+    print(f"\n{inputs} inputs in {seconds:.0f} s, {inputs / seconds:.1f}/s; {cpu:.0f} s CPU")
+    print(f"{'kind':<14} {'inputs':>7} {'CPU, s':>8} {'per CPU s':>9}")
+    for name in sorted(name for name in counts if name.startswith("input ")):
+        kind = name.removeprefix("input ")
+        its = counts[f"ms of {kind}"] / 1e3
+        print(f"{kind:<14} {counts[name]:>7} {its:>8.1f} {counts[name] / max(its, 1e-3):>9.1f}")
+    for name in sorted(name for name in counts if name.startswith("exit ")):
+        print(f"{name:<30} {counts[name]}")
+    print(f"{'SIGTERM sent':<30} {counts['SIGTERM sent']}")
+    for fault, line in FAULTS.items():
+        print(f"{line:<30} {counts[f'fault {fault}']}")
+
+
+def _warm_up(seeds: Path, place: Path) -> None:
+    """Import and compile, once and not in every fork."""
+    from pamid_cli.frame import run
+    from small_cart import RIG
+
+    for package in PACKAGES:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(package)
+    shutil.copytree(seeds, place)
+    os.chdir(place)
+    network = ("--iterations", "1", "--hidden", "2", "--jobs", "1")
+    for words in (
+        ("check", "rec.csv", "--rig", "one-dof"),
+        ("check", "cart.csv", "--rig", RIG),
+        ("fit", "fit.csv", "--output", "run"),
+        ("fit", "cart.csv", "--rig", RIG, "--output", "run-cart"),
+        ("simulate", "--excitation", "cart.csv", "--rig", RIG, "--output", "simulated.csv"),
+        ("simulate", "--excitation", "sent.csv", "--rig", "one-dof", "--output", "out.csv"),
+        ("simulate", "--model", "fitted", "--excitation", "sent.csv", "--output", "other.csv"),
+        *(
+            ("export", "fitted", "--to", to, "--output", f"as-{to}")
+            for to in ("c", "matlab", "onnx")
+        ),
+        *(("report", folder) for folder in ("explained", "unknown-effect", "trial")),
+        ("train-residual", "explained", *network),
+        ("animate", "explained", "--size", "160"),
+        ("force-law", "map.csv", "--sets", "2", "--held-out", "2", "--output", "law"),
+        ("ingest", "--guess", "log.csv"),
+        ("generate-aprbs", "--output", "sent-again.csv"),
+        ("config",),
+        ("new-rig", "cart.csv", "--output", "out.py"),
+    ):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            code = run([*words, "--json"])
+        assert code != 1, words
+    os.chdir(place.parent)
+    gc.collect()
+    gc.freeze()  # pages that no collection writes to stay shared with the forks
+
+
+def _draw_few(drawn: bool) -> None:
+    """Leave the figures out of most pages, by the name of the folder and so by the input."""
     import pamid.report.style as style
     import pamid.report.writing as writing
 
-    def forked(request: bytes, folder: Path, patience: float, label: str) -> int:
-        reading, writing_end = os.pipe()
-        child = os.fork()
-        if not child:
-            os.close(writing_end)
-            os.dup2(reading, 0)
-            sys.stdin = os.fdopen(0)
-            code = 1
-            with contextlib.suppress(BaseException):
-                os.chdir(folder)
-                apart.serve()
-                code = 0
-            os._exit(code)
-        os.close(reading)
-        with open(writing_end, "wb") as line:
-            line.write(request)
-        (folder / "stderr.txt").touch()
-        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-    apart._finished = forked
-    whole = style.render
+    render = style.render
 
     def blank(drawing: Any) -> Any:
-        if drawn or _NUMBER[0] % DRAWN_EVERY == 0:
-            return whole(drawing)
-        return style.Picture(drawing.name, drawing.title, _NOTHING, _NOTHING, _NOTHING, b"")
+        if drawn or Random(os.path.basename(os.path.dirname(os.getcwd()))).random() < DRAWN_SHARE:
+            return render(drawing)
+        empty = (_EMPTY_FIGURE,) * 3
+        return style.Picture(drawing.name, drawing.title, *empty, b"\x89PNG")
 
     writing.render = blank  # type: ignore[attr-defined]
-
-
-def _one(
-    seeds: Path, place: Path, kind: str, number: int, keep: Path, loud: bool
-) -> tuple[Counter[str], str]:
-    """Make one input, run its commands; counts of what came of it, and what is to be told."""
-    from fuzz_inputs import KINDS, Site
-
-    _NUMBER[0] = number
-    place.mkdir()
-    os.chdir(place)
-    counts: Counter[str] = Counter({f"input {kind}": 1})
-    told = ""
-    commands: list[tuple[str | Path, ...]] = []
-    try:
-        commands = KINDS[kind](Site(seeds, place, Random(f"{kind}-{number}")))
-        for words in commands:
-            code, said = run_words(words)
-            counts[f"exit {code}"] += 1
-            if code not in ALLOWED:
-                told += f"{words}: {said}\n"
-            if loud:
-                print(code, said, file=sys.stderr)
-    except BaseException as error:
-        if isinstance(error, KeyboardInterrupt):
-            raise
-        counts["escaped"] += 1
-        told += "".join(traceback.format_exception(error))[-3000:]
-    if told:
-        kept = keep / f"{kind}-{number}"
-        shutil.rmtree(kept, ignore_errors=True)
-        shutil.copytree(place, kept, ignore_dangling_symlinks=True)
-        (kept / "COMMANDS").write_text(f"{commands!r}\n{told}")
-        told = f"input {number} ({kind}): {told}"
-    os.chdir("/")
-    shutil.rmtree(place, ignore_errors=True)
-    return counts, told
-
-
-def run_words(words: tuple[str | Path, ...]) -> tuple[int, str]:
-    """Exit code of a command, and what it said where that is a fault."""
-    from pamid_cli.frame import run
-
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = run([*map(str, words), "--json", "--debug"])
-    if code not in (1,):
-        json.loads(out.getvalue())
-        return code, out.getvalue()[-2000:]
-    return code, out.getvalue()[-600:] + err.getvalue()[-1500:]
 
 
 if __name__ == "__main__":

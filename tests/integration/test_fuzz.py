@@ -1,6 +1,5 @@
-"""Damaged recordings, settings, logs, run folders and words: always an answer, never a traceback, a
-hang, a half-written file, or code that runs. A sample of what benchmarks/fuzz.py (`make fuzz`) goes
-through by the hundred thousand: input (kind, number) is the same there."""
+"""Damaged and hostile inputs: always an answer, never a traceback, a hang, a half-written file, or
+code that runs. A sample of benchmarks/fuzz.py (`make fuzz`), with its inputs by kind and number."""
 
 from __future__ import annotations
 
@@ -9,6 +8,9 @@ import json
 import os
 import pickle
 import shutil
+import signal
+import subprocess
+import time
 import zipfile
 from pathlib import Path
 from random import Random
@@ -16,7 +18,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fuzz_inputs import KINDS, Site
+from fuzz_inputs import KINDS
+from fuzz_runs import (
+    ALLOWED,
+    FAULTS,
+    Outcome,
+    RunLimits,
+    count,
+    run_inputs,
+    signal_after,
+)
 from fuzz_seeds import make_seeds
 from fuzzing import broken_bytes, broken_json, broken_table, broken_toml
 from pamid_cli.frame import run
@@ -24,10 +35,11 @@ from pamid_cli.frame import run
 from pamid.report import writing
 from pamid.report.style import Picture
 
-#: inputs of each kind; those of a kind that takes long
-SAMPLE, FEW = int(os.environ.get("PAMID_FUZZ", "8")), 2
-SLOW = ("fit", "binary_log", "run_folder", "trial", "training", "force_map")
-#: inputs that were faults of pamid's when the hundred thousand were first gone through
+#: inputs of each kind, and of a kind that takes long
+SAMPLE = int(os.environ.get("PAMID_FUZZ", "8"))
+SLOW = ("fit", "binary_log", "run_folder", "trial", "training", "force_map", "declared")
+FEW = {**dict.fromkeys(SLOW, 2), "diagnosed": 1}
+#: inputs that once were faults
 FOUND = {
     "run_folder": (820, 12060, 51088),
     "words": (4824,),
@@ -43,9 +55,6 @@ FOUND = {
     "model": (23788,),
 }
 NOTHING = '<svg viewBox="0 0 1 1"></svg>'
-#: done, usage, a file is wrong, the data cannot answer, not converged, partly done: everything but
-#: a fault of pamid's
-ALLOWED = {0, 2, 3, 4, 5, 6}
 #: absurd numbers may well draw a warning from a plot; only faults are looked for
 pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.usefixtures("unchecked")]
 
@@ -55,48 +64,96 @@ def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_seeds(tmp_path_factory.mktemp("seeds") / "whole")
 
 
-def answer(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str, Any]:
-    """What `pamid ... --json` says: one object with a schema, and an exit code that is no fault of
-    pamid's."""
-    code = run([*map(str, words), "--json"])
-    out = capsys.readouterr().out
-    said = json.loads(out)
-    assert isinstance(said, dict) and said["schema"].startswith("pamid."), out[:200]
-    assert code in ALLOWED and said.get("code") != "unexpected", (words, code, said.get("message"))
-    if code and said["schema"] == "pamid.error/1":
-        assert said["message"], said
-        assert (said["message"] + said["hint"]).count("Did you mean") <= 1, said
-    return said
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_input(
-    kind: str,
-    seeds: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    kind: str, seeds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # figures are drawn in benchmarks/fuzz.py; here their content is worked out
     monkeypatch.setattr(
         writing,
         "render",
-        lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, NOTHING, b""),
+        lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, NOTHING, b"PNG"),
     )
-    for number in (*range(min(FEW, SAMPLE) if kind in SLOW else SAMPLE), *FOUND.get(kind, ())):
-        place = tmp_path / str(number)
-        place.mkdir()
-        monkeypatch.chdir(place)
-        for words in KINDS[kind](Site(seeds, place, Random(f"{kind}-{number}"))):
-            said = answer(capsys, *words)
-            if said["schema"] == "pamid.error/1" and "out.csv" in words:
-                assert not list(place.glob("out.*")), "half an output was left behind"
-        assert not list(place.rglob("*.tmp")), "a file was begun and not finished"
+    numbers = (*range(min(FEW.get(kind, SAMPLE), SAMPLE)), *FOUND.get(kind, ()))
+    inputs = [(kind, number) for number in numbers]
+    outcomes = list(run_inputs(inputs, KINDS, seeds, tmp_path, signals=False))
+    assert len(outcomes) == len(inputs)
+    faults = [(run.number, run.faults, run.details) for run in outcomes if run.faults]
+    assert not faults, faults
+
+
+# ---- the faults themselves --------------------
+
+
+def _leave(code: int) -> None:
+    raise SystemExit(code)
+
+
+def _deaf(_: Any) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    while True:
+        time.sleep(0.01)
+
+
+def _half_written(_: Any) -> None:
+    Path("out.csv").write_text("time_s,angle_deg\n0,1")
+    print("{}")
+
+
+def _left_behind(_: Any) -> None:
+    subprocess.Popen(["sleep", "600"], stdout=subprocess.DEVNULL)
+    print("{}")
+
+
+#: fault -> a command that has it
+COMMANDS: dict[str, Any] = {
+    "exit 1": lambda _: _leave(1),
+    "exit other": lambda _: _leave(7) or print("{}"),
+    "escaped": lambda _: print("no JSON"),
+    "crash": lambda _: os.kill(os.getpid(), signal.SIGKILL),
+    "time": lambda _: time.sleep(600),
+    "memory": lambda _: bytearray(1 << 30),
+    "deaf": _deaf,
+    "unfinished": _half_written,
+    "survivor": _left_behind,
+    "": lambda _: print("{}"),
+}
+
+
+@pytest.mark.parametrize("fault", COMMANDS)
+def test_fault_is_recognised(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pamid_cli.frame.main", COMMANDS[fault])
+    limits = RunLimits(
+        seconds=600.0 if fault == "deaf" else 1.0,
+        memory=1 << 40,
+        patience=0.2,
+        allocation=1 << 29,
+    )
+    number = next(n for n in range(999) if (signal_after("kind", n) or 9.0) < 0.01)
+    (outcome,) = run_inputs(
+        [("kind", number)],
+        {"kind": lambda site: [("config",)]},
+        tmp_path,
+        tmp_path / "scratch",
+        limits=limits,
+        signals=fault == "deaf",
+        keep=tmp_path / "faults",
+    )
+    assert fault in outcome.faults or (not fault and not outcome.faults), outcome
+    assert (tmp_path / "faults" / f"kind-{number}" / "COMMANDS").is_file() == bool(fault)
+    assert not list((tmp_path / "scratch").iterdir())
+
+
+def test_every_fault_is_counted() -> None:
+    outcome = Outcome("values", 1, (0, 3), ("deaf",), "", 0.5, 1, True)
+    counts = count([outcome, outcome])
+    assert counts["fault deaf"] == counts["exit 3"] == counts["SIGTERM sent"] == 2
+    assert set(COMMANDS) - {""} == set(FAULTS) - {"disk"}
 
 
 def test_the_same_number_damages_alike() -> None:
-    """What a fault is reported by is enough to make it again, on any machine."""
-    made = [
+    """Kind and number determine an input on any machine."""
+    damaged = [
         damage(Random("x-1"), content)
         for damage, content in (  # type: ignore[operator]
             (broken_bytes, bytes(range(256))),
@@ -106,7 +163,17 @@ def test_the_same_number_damages_alike() -> None:
         )
         for _ in "12"
     ]
-    assert made[::2] == made[1::2] and len(set(map(str, made))) == 4
+    assert damaged[::2] == damaged[1::2] and len(set(map(str, damaged))) == 4
+
+
+def answer(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str, Any]:
+    """The object that `pamid ... --json` prints; its exit code is no fault."""
+    code = run([*map(str, words), "--json"])
+    out = capsys.readouterr().out
+    printed = json.loads(out)
+    assert isinstance(printed, dict) and printed["schema"].startswith("pamid."), out[:200]
+    assert code in ALLOWED and printed.get("code") != "unexpected", (words, code, printed)
+    return printed
 
 
 def _copied(whole: Path, tmp_path: Path) -> Path:

@@ -1,8 +1,8 @@
-"""Kinds of damaged input, each with the commands that read it; the same for the tests and for
+"""Kinds of damaged input, each with the commands that read it, for the tests and for
 benchmarks/fuzz.py.
 
-An input is re-made from (kind, seed): `KINDS[kind](Site(seeds, place, Random(f"{kind}-{seed}")))`
-writes it into an empty folder and gives the command lines to run there.
+`KINDS[kind](Site(seeds, place, Random(f"{kind}-{number}")))` writes an input into an empty folder
+and returns the command lines to run there. Kind and number determine the input.
 """
 
 from __future__ import annotations
@@ -10,14 +10,12 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from random import Random
 
+from fuzz_hostile import HOSTILE_KINDS
 from fuzz_seeds import SIDECAR
+from fuzz_site import Site, Words
 from fuzzing import EXTREMES, WORDS, broken_bytes, broken_json, broken_table, broken_toml
-
-Words = tuple[str | Path, ...]
 
 MAPPING = """rig = "one-dof"
 loop = "open"
@@ -76,30 +74,11 @@ BINARY_LOGS = {
 }
 
 
-@dataclass(frozen=True)
-class Site:
-    """Where an input is made: whole files to damage, an empty folder, and the source of chance."""
-
-    seeds: Path
-    place: Path
-    random: Random
-
-    def copy(self, name: str) -> Path:
-        """A whole file or folder, put into the place."""
-        source, target = self.seeds / name, self.place / Path(name).name
-        return Path(
-            shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
-        )
-
-    def one_of(self, *names: str) -> str:
-        return self.random.choice(names)
-
-
 # ---- kinds --------------------
 
 
 def recording(site: Site) -> list[Words]:
-    """A recording of 89 samples; every one in fifty that is taken is simulated with as well."""
+    """A recording of 89 samples, checked or simulated with."""
     path = site.copy("rec.csv")
     if site.random.random() < 0.5:
         site.copy("rec.toml")
@@ -144,7 +123,7 @@ def settings(site: Site) -> list[Words]:
 
 
 def raw_log(site: Site) -> list[Words]:
-    """A log of any kind, guessed or ingested."""
+    """A text log, guessed or ingested."""
     name = site.one_of("log.csv", "log.csv", "log.csv", "log.lvm", "octave.mat")
     path = site.copy(name)
     data = path.read_bytes()
@@ -281,8 +260,7 @@ def resumed(site: Site) -> list[Words]:
 
 
 def results(site: Site) -> list[Words]:
-    """Results of single jobs and the journal: read by the library, which trusts nothing that does
-    not vouch for itself; what is damaged is worked out again."""
+    """Results of single jobs and the journal, read by the library."""
     from pamid.parallel.result_store import Store
 
     folder = site.copy("jobs")
@@ -307,7 +285,7 @@ def force_map(site: Site) -> list[Words]:
 
 
 def excitation(site: Site) -> list[Words]:
-    """What is sent to a rig, and the TOML beside it."""
+    """An excitation and its TOML."""
     path = site.copy("sent.csv")
     if site.random.random() < 0.6:
         path.write_bytes(broken_table(site.random, path.read_text()))
@@ -329,17 +307,17 @@ def excitation(site: Site) -> list[Words]:
 
 
 def words(site: Site) -> list[Words]:
-    """Options and arguments that somebody mistyped."""
+    """Mistyped options and arguments."""
     import click
     from pamid_cli.table import every_command
 
     command = site.random.choice(
         [c for c in every_command() if c.name not in ("demo", "reproduce-paper", "trial")]
     )
-    said: list[str | Path] = [str(command.name)]
+    line: list[str | Path] = [str(command.name)]
     for param in command.params:
         if isinstance(param, click.Argument):
-            said.append(site.copy("rec.csv") if site.random.random() < 0.7 else _word(site))
+            line.append(site.copy("rec.csv") if site.random.random() < 0.7 else _word(site))
         elif param.name not in ("cluster", "json", "debug", "help", "jobs") and (
             param.required or site.random.random() < 2.0 / len(command.params)
         ):
@@ -350,13 +328,12 @@ def words(site: Site) -> list[Words]:
             )
             if isinstance(param.type, click.Choice) and site.random.random() < 0.8:
                 values = [site.random.choice(list(map(str, param.type.choices)))]
-            said += [param.opts[0], *values]
-    return [tuple(said)]
+            line += [param.opts[0], *values]
+    return [tuple(line)]
 
 
 def _word(site: Site) -> str:
-    """Anything that reaches a program by its command line: no zero byte, nothing outside the folder
-    is named."""
+    """A word of a command line: it has no zero byte and names nothing outside the folder."""
     word = site.random.choice(
         [
             *EXTREMES,
@@ -380,8 +357,8 @@ def _word(site: Site) -> str:
 
 
 def _break_one(site: Site, folder: Path, files: list[Path]) -> None:
-    """One of the files damaged as what it is, or as bytes; at times it is a folder, empty, or not
-    there."""
+    """Damage one of the files according to its format, or as bytes; at times empty it or put a
+    folder in its place."""
     path = site.random.choice(files)
     chance = site.random.random()
     if chance < 0.02:
@@ -397,10 +374,10 @@ def _break_one(site: Site, folder: Path, files: list[Path]) -> None:
         path.write_bytes(broken_bytes(site.random, path.read_bytes()))
 
 
-#: kind -> how it is made; weight: share of the inputs, less where a command takes long
+#: kind -> its generator
 KINDS: dict[str, Callable[[Site], list[Words]]] = {
-    made.__name__: made
-    for made in (
+    kind.__name__: kind
+    for kind in (
         recording,
         fit,
         sidecar,
@@ -418,8 +395,10 @@ KINDS: dict[str, Callable[[Site], list[Words]]] = {
         force_map,
         excitation,
         words,
+        *HOSTILE_KINDS,
     )
 }
+#: shares of the inputs: small where a command takes long
 WEIGHTS = {
     "recording": 16,
     "sidecar": 12,
@@ -438,4 +417,9 @@ WEIGHTS = {
     "excitation": 8,
     "words": 10,
     "fit": 0.5,
+    "values": 16,
+    "diagnosed": 0.05,
+    "declared": 6,
+    "model_file": 5,
+    "counts": 8,
 }

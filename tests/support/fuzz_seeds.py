@@ -1,5 +1,4 @@
-"""The whole files that the fuzzing damages: recordings, runs, a model, logs of every kind, made
-once."""
+"""Whole files for the fuzzing to damage: recordings, runs, a model, logs of every kind."""
 
 from __future__ import annotations
 
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from identified_runs import SEEN, fitted_run, put_network, random_network
+from small_cart import record_cart
 from synthetic_run import make_run, make_trial
 from virtual_joint import record
 
@@ -36,8 +36,11 @@ command_limit = 1.0
 
 
 def make_seeds(place: Path) -> Path:
-    """The whole files that are damaged, made once."""
+    """Write the whole files into a folder and return it."""
     place.mkdir(parents=True, exist_ok=True)
+    record_cart(place)
+    lines = (place / "rec.csv").read_text().splitlines(keepends=True)
+    (place / "cart.csv").write_text("".join(lines[:301]))
     record(place / "long.csv", 6.0)
     lines = (place / "long.csv").read_text().splitlines(keepends=True)
     (place / "rec.csv").write_text("".join(lines[:90]))

@@ -205,8 +205,7 @@ def _cell(random: Random, rows: Rows) -> None:
 
 
 def _column(random: Random, rows: Rows) -> None:
-    """Every value of a column made another: scaled, shifted, held, or the column doubled, moved or
-    taken away."""
+    """Scale, shift or hold every value of a column, or double, move or remove the column."""
     at = random.randrange(len(rows[0]) or 1)
     kind = random.choice(["scale", "scale", "shift", "hold", "double", "drop", "shorten", "sign"])
     factor = random.choice([1e300, 1e-300, 1e155, 1e-155, 1e18, 1e6, 1e-6, 1e3, 0.0, 57.3])
@@ -273,7 +272,7 @@ def _lines(random: Random, rows: Rows) -> None:
 
 
 def _stamps(random: Random, rows: Rows) -> None:
-    """The clock made faster, slower, offset, or stopped."""
+    """Make the clock faster or slower, offset it, or stop it."""
     factor, zero = (
         random.choice([1e-6, 1e-300, 1e3, 1e300, 1e-3]),
         random.choice([0.0, 0.0, 1e15, -1e9, 1.7e9]),
