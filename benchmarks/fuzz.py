@@ -26,6 +26,7 @@ import importlib
 import io
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -65,6 +66,7 @@ def main() -> None:
         os.environ[f"{library}_NUM_THREADS"] = "1"
     shared = Path("/dev/shm") if os.access("/dev/shm", os.W_OK) else None
     scratch = Path(tempfile.mkdtemp(prefix="pamid-fuzz-", dir=shared))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:
         sys.exit(_run(options, scratch))
     finally:

@@ -11,7 +11,7 @@ from pamid.base.progress import tell
 from pamid.correction.identified_model import load_identified, record_identified
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
-from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.recording.recording import Recording, recording_of, write_recording
 from pamid.simulation.virtual_rig import VirtualRecording
 
 MODEL_DIGITS = 12  # what is exported is held against this to 1e-9 of every channel's span
@@ -40,14 +40,20 @@ def modelled(
 def recorded(
     excitation: Recording, made: VirtualRecording, digits: int, output: Path | None = None
 ) -> Recording:
-    """A simulation as its file holds it, whether one is written or not."""
+    """A simulation as its file holds it, whether one is written or not.
+
+    Raises
+    ------
+    FileError
+        The file could not be read as a recording: its stamps would coincide, or a value is too
+        large. Nothing is written then.
+    """
     tell("writing")
-    if output is None:
-        name = f"{excitation.name}-simulated"
-        found = recording_of(excitation.time, made.columns, made.meta, name=name, digits=digits)
-    else:
+    name = f"{excitation.name}-simulated" if output is None else output.stem
+    recording = recording_of(excitation.time, made.columns, made.meta, name=name, digits=digits)
+    if output is not None:
         make_folder(output.parent)
         write_recording(output, excitation.time, made.columns, made.meta, digits=digits)
-        found = read_recording(output)
-    warnings = (*found.warnings, *made.remarks)
-    return replace(found, effects=tuple(made.effects), warnings=warnings)
+        recording = replace(recording, path=output)
+    warnings = (*recording.warnings, *made.remarks)
+    return replace(recording, effects=tuple(made.effects), warnings=warnings)

@@ -41,6 +41,7 @@ SLOW = ("fit", "binary_log", "run_folder", "trial", "training", "force_map", "de
 FEW = {**dict.fromkeys(SLOW, 2), "diagnosed": 1}
 #: inputs that once were faults
 FOUND = {
+    "recording": (979,),
     "run_folder": (820, 12060, 51088),
     "words": (4824,),
     "settings": (3144, 9882, 51205, 59271, 76423),

@@ -212,6 +212,7 @@ def _serve(
     site: Site, generate: Callable[[Site], list[Words]], pipe: int, limits: RunLimits
 ) -> None:
     """Write the input, report its commands, run them, report their exit codes."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _limit_process(site.place.parent / "tmp", limits)
     os.chdir(site.place)
 
