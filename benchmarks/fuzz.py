@@ -137,6 +137,8 @@ def _print_summary(counts: Counter[str], inputs: int, seconds: float) -> None:
     print(f"{'SIGTERM sent':<30} {counts['SIGTERM sent']}")
     for fault, line in FAULTS.items():
         print(f"{line:<30} {counts[f'fault {fault}']}")
+    for place in sorted(name for name in counts if name.startswith("at ")):
+        print(f"{counts[place]:>5} {place}")
 
 
 def _warm_up(seeds: Path, place: Path) -> None:

@@ -18,16 +18,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fuzz_child import ALLOWED, RunLimits
 from fuzz_inputs import KINDS
-from fuzz_runs import (
-    ALLOWED,
-    FAULTS,
-    Outcome,
-    RunLimits,
-    count,
-    run_inputs,
-    signal_after,
-)
+from fuzz_runs import FAULTS, Outcome, count, run_inputs, signal_after
 from fuzz_seeds import make_seeds
 from fuzzing import broken_bytes, broken_json, broken_table, broken_toml
 from pamid_cli.frame import run

@@ -8,17 +8,14 @@ it waits for a processor, so that a busy machine changes no outcome.
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import os
-import resource
+import re
 import select
 import shutil
 import signal
 import sys
-import tempfile
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -26,34 +23,12 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from fuzz_child import ALLOWED, INTERRUPTED, RunLimits, serve
 from fuzz_site import Site, Words
 
-GIB = 1 << 30
-ALLOWED = (0, 2, 3, 4, 5, 6)
-INTERRUPTED = 130
 SIGNAL_SHARE = 0.3
 SIGNAL_AFTER_S = (1e-3, 3.0)  # log-uniform, from the first command on
 LOOK_EVERY_S = 0.25
-#: a command with a limit of its own: it works long on purpose
-LONG_COMMANDS = {"diagnose": 1800.0}
-
-
-@dataclass(frozen=True)
-class RunLimits:
-    """Limits of one input. More is a fault.
-
-    seconds      that a process works or sleeps
-    memory       bytes of peak resident memory
-    patience     seconds that a process works or sleeps after SIGTERM
-    allocation   bytes that may be allocated in addition to those of the parent
-    file_size    bytes of a file that is written
-    """
-
-    seconds: float = 60.0
-    memory: int = 2 * GIB
-    patience: float = 5.0
-    allocation: int = 4 * GIB
-    file_size: int = GIB // 4
 
 
 @dataclass(frozen=True)
@@ -192,7 +167,7 @@ def _start(
         try:
             os.setsid()
             os.close(reading)
-            _serve(
+            serve(
                 Site(seeds, folder / "input", Random(f"{kind}-{number}")),
                 generators[kind],
                 writing,
@@ -206,113 +181,6 @@ def _start(
     after = signal_after(kind, number) if signals else None
     handle = os.pidfd_open(pid)
     return _Run(kind, number, folder, pid, handle, reading, limits.seconds, after)
-
-
-def _serve(
-    site: Site, generate: Callable[[Site], list[Words]], pipe: int, limits: RunLimits
-) -> None:
-    """Write the input, report its commands, run them, report their exit codes."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _limit_process(site.place.parent / "tmp", limits)
-    os.chdir(site.place)
-
-    def report(**content: Any) -> None:
-        os.write(pipe, json.dumps(content).encode() + b"\n")
-
-    codes: list[int] = []
-    details, escaped = "", ""
-    try:
-        commands = generate(site)
-        snapshot = _snapshot(site.place)
-        long = max((LONG_COMMANDS.get(str(words[0]), 0.0) for words in commands), default=0.0)
-        (site.place.parent / "commands").write_text(repr(commands), errors="backslashreplace")
-        report(limit=long)
-        for words in commands:
-            code, output = run_words(words)
-            codes.append(code)
-            details += f"exit {code}: {output}\n"
-            unfinished = _unfinished(site.place, snapshot, failed=code in (2, 3))
-            if unfinished:
-                escaped = "unfinished"
-                details += f"unfinished: {unfinished}\n"
-            if code == INTERRUPTED:
-                break
-    except KeyboardInterrupt:
-        codes.append(INTERRUPTED)
-    except BaseException as error:
-        escaped = "escaped"
-        details += "".join(traceback.format_exception(error))[-3000:]
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    report(codes=codes, details=details[-8000:], fault=escaped)
-
-
-def _limit_process(temporary: Path, limits: RunLimits) -> None:
-    os.environ["TMPDIR"] = str(temporary)
-    tempfile.tempdir = None
-    own = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    resource.setrlimit(resource.RLIMIT_AS, (own + limits.allocation,) * 2)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limits.file_size,) * 2)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with open(os.devnull) as nothing:
-        os.dup2(nothing.fileno(), 0)
-    _fork_interpreters()
-
-
-def run_words(words: Words) -> tuple[int, str]:
-    """Exit code and output of a command, run as the script `pamid` runs it.
-
-    Raises
-    ------
-    AssertionError
-        The output is not one JSON object.
-    """
-    from pamid_cli.frame import main
-
-    out, err = io.StringIO(), io.StringIO()
-    code = 0
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-        try:
-            main([*map(str, words), "--json", "--debug"])
-        except SystemExit as leaving:
-            code = int(leaving.code or 0)
-    if code in ALLOWED:
-        try:
-            json.loads(out.getvalue())
-        except ValueError as error:
-            raise AssertionError(f"{words}: stdout is no JSON: {out.getvalue()[-500:]}") from error
-    return code, out.getvalue()[-1000:] + err.getvalue()[-2000:]
-
-
-Snapshot = dict[str, tuple[int, int]]
-
-
-def _snapshot(folder: Path) -> Snapshot:
-    files = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
-    return {str(p): (p.stat().st_mtime_ns, p.stat().st_size) for p in files}
-
-
-def _unfinished(folder: Path, before: Snapshot, *, failed: bool) -> list[str]:
-    """Outputs that are not whole: temporary files, JSON that breaks off, tables without a last line
-    end, and any `out.*` of a command that failed."""
-    return [
-        name
-        for name, content in _snapshot(folder).items()
-        if before.get(name) != content and not _is_whole(Path(name), failed)
-    ]
-
-
-def _is_whole(path: Path, failed: bool) -> bool:
-    if path.suffix == ".tmp" or (failed and path.stem == "out"):
-        return False
-    if path.suffix == ".json":
-        try:
-            json.loads(path.read_bytes())
-        except ValueError:
-            return False
-    if path.suffix in (".csv", ".toml"):
-        return path.read_bytes().endswith(b"\n")
-    return path.stat().st_size > 0 or path.parent.name == "jobs"
 
 
 # ---- the parent --------------------
@@ -476,66 +344,19 @@ def _keep(run: _Run, target: Path, faults: list[str], details: str) -> None:
     (target / "COMMANDS").write_text(f"{text}\n{', '.join(faults)}\n{details}")
 
 
-# ---- the child's own children --------------------
+_FRAME = re.compile(r'File "[^"]*/((?:pamid|cli)/[^"]+)", line (\d+)')
 
 
-def _fork_interpreters() -> None:
-    """Fork instead of starting `python -c CODE`: the package is imported already."""
-    import subprocess
-
-    start = subprocess._fork_exec  # type: ignore[attr-defined]
-
-    def fork_exec(args: Any, *rest: Any) -> int:
-        words = [os.fsdecode(word) for word in args]
-        if words[0] != sys.executable or words[1:3] != ["-P", "-c"]:
-            return int(start(args, *rest))
-        cwd, _, *ends = rest[3:13]
-        preexec = rest[19]
-        pid = os.fork()
-        if not pid:
-            with contextlib.suppress(BaseException):
-                _interpret(words, cwd, ends, preexec)
-            os._exit(1)
-        return pid
-
-    subprocess._fork_exec = fork_exec  # type: ignore[attr-defined]
-    subprocess._USE_POSIX_SPAWN = False  # type: ignore[attr-defined]
-
-
-def _interpret(words: list[str], cwd: Any, ends: list[int], preexec: Any) -> None:
-    """Run `python -P -c CODE` in a forked process, with the pipes of `subprocess.Popen`."""
-    stdin, their_stdin, their_stdout, stdout, their_stderr, stderr, theirs, errors = ends
-    for handle in (their_stdin, their_stdout, their_stderr, theirs):
-        if handle > 2:
-            os.close(handle)
-    for number, handle in enumerate((stdin, stdout, stderr)):
-        if handle >= 0:
-            os.dup2(handle, number)
-    os.close(errors)
-    if cwd is not None:
-        os.chdir(cwd)
-    if preexec is not None:
-        preexec()
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.stdin = os.fdopen(0, "r", closefd=False)
-    sys.stdout, sys.stderr = (os.fdopen(k, "w", closefd=False) for k in (1, 2))
-    sys.argv = ["-c", *words[4:]]
-    code = 0
-    try:
-        exec(compile(words[3], "<string>", "exec"), {"__name__": "__main__"})
-    except SystemExit as leaving:
-        code = leaving.code if isinstance(leaving.code, int) else 1
-    except BaseException:
-        traceback.print_exc()
-        code = 1
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-    os._exit(code)
+def place_of(details: str) -> str:
+    """File and line of pamid's deepest frame in a traceback, and the error; "" without one."""
+    frames = _FRAME.findall(details)
+    errors = [line for line in details.splitlines() if re.match(r"[\w.]+(Error|Exception)\b", line)]
+    return f"{frames[-1][0]}:{frames[-1][1]} {errors[-1][:80] if errors else ''}" if frames else ""
 
 
 def count(outcomes: Iterable[Outcome]) -> Counter[str]:
-    """Number of inputs by kind, of commands by exit code, of signals, and of faults by name."""
+    """Number of inputs by kind, of commands by exit code, of signals, of faults by name and by
+    place."""
     counts: Counter[str] = Counter()
     for outcome in outcomes:
         counts[f"input {outcome.kind}"] += 1
@@ -543,4 +364,6 @@ def count(outcomes: Iterable[Outcome]) -> Counter[str]:
         counts["SIGTERM sent"] += outcome.signalled
         counts.update(f"exit {code}" for code in outcome.codes)
         counts.update(f"fault {fault}" for fault in outcome.faults)
+        if outcome.faults and (place := place_of(outcome.details)):
+            counts[f"at {place}"] += 1
     return counts
