@@ -39,11 +39,11 @@ def values(site: Site) -> list[Words]:
 
 
 def diagnosed(site: Site) -> list[Words]:
-    """A recording whose numbers are hostile, diagnosed with a few effects."""
+    """A recording whose numbers are hostile, diagnosed with a few effects, rarely with all."""
     path = site.copy("cart.csv")
     path.write_text(hostile_recording(site.random, path.read_text()))
     words = ("diagnose", path, "--rig", RIG, "--no-check", "--jobs", "1", "--output", "run")
-    return [(*words, *others())]
+    return [words if site.random.random() < 0.02 else (*words, *others())]
 
 
 def declared(site: Site) -> list[Words]:

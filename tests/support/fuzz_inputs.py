@@ -418,7 +418,7 @@ WEIGHTS = {
     "words": 10,
     "fit": 0.5,
     "values": 16,
-    "diagnosed": 0.05,
+    "diagnosed": 0.8,
     "declared": 6,
     "model_file": 5,
     "counts": 8,
