@@ -138,6 +138,13 @@ def test_fault_is_recognised(fault: str, tmp_path: Path, monkeypatch: pytest.Mon
     assert not list((tmp_path / "scratch").iterdir())
 
 
+def test_forked_reader_reads_a_whole_log(seeds: Path, tmp_path: Path) -> None:
+    """Readers run in processes that are forked instead of started; this changes no answer."""
+    inputs = {"whole": lambda site: [("ingest", "--guess", site.copy("log.h5"))]}
+    (outcome,) = run_inputs([("whole", 0)], inputs, seeds, tmp_path / "scratch", signals=False)
+    assert outcome.codes == (0,), outcome.details
+
+
 def test_every_fault_is_counted() -> None:
     outcome = Outcome("values", 1, (0, 3), ("deaf",), "", 0.5, 1, True)
     counts = count([outcome, outcome])

@@ -164,12 +164,15 @@ def _fork_interpreters() -> None:
         if words[0] != sys.executable or words[1:3] != ["-P", "-c"]:
             return int(start(args, *rest))
         cwd, _, *ends = rest[3:13]
-        preexec = rest[19]
+        preexec = rest[20]
         pid = os.fork()
         if not pid:
-            with contextlib.suppress(BaseException):
+            try:
                 _interpret(words, cwd, ends, preexec)
-            os._exit(1)
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(1)
         return pid
 
     subprocess._fork_exec = fork_exec  # type: ignore[attr-defined]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 from collections.abc import Iterator
 from random import Random
@@ -97,7 +98,12 @@ def _declared_arrays(site: Site) -> list[Words]:
         words = (*words, "--resume")
     with np.load(folder / name) as arrays:
         names = tuple(arrays.files)
-    (folder / name).write_bytes(fuzz_archives.npz(site.random, names))
+    content = fuzz_archives.npz(site.random, names)
+    (folder / name).write_bytes(content)
+    if name == "network.npz":  # weights with another digest are not read
+        about = json.loads((folder / "network.json").read_text())
+        about["weights"]["sha256"] = hashlib.sha256(content).hexdigest()
+        (folder / "network.json").write_text(json.dumps(about))
     return [words]
 
 
