@@ -85,7 +85,8 @@ def _limit_process(temporary: Path, limits: RunLimits) -> None:
     os.environ["TMPDIR"] = str(temporary)
     tempfile.tempdir = None
     own = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    resource.setrlimit(resource.RLIMIT_AS, (own + limits.allocation,) * 2)
+    most = resource.getrlimit(resource.RLIMIT_AS)[1]  # children of pamid set limits of their own
+    resource.setrlimit(resource.RLIMIT_AS, (own + limits.allocation, most))
     resource.setrlimit(resource.RLIMIT_FSIZE, (limits.file_size,) * 2)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with open(os.devnull) as nothing:
