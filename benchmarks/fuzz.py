@@ -86,24 +86,28 @@ def _run(options: argparse.Namespace, scratch: Path) -> int:
     _warm_up(seeds, scratch / "warm")
     _draw_few(options.drawn)
     print(f"ready after {time.monotonic() - began:.0f} s", flush=True)
-    began = time.monotonic()
+    began, cpu = time.monotonic(), _cpu_seconds()
     counts: Counter[str] = Counter()
     outcomes = run_inputs(
         _inputs(options), KINDS, seeds, scratch / "inputs", jobs=options.jobs, keep=options.keep
     )
-    for done, outcome in enumerate(outcomes, 1):
-        counts += count([outcome])
-        if outcome.faults or options.inputs == 1:
-            faults = ", ".join(FAULTS[fault] for fault in outcome.faults) or "no fault"
-            print(
-                f"{outcome.kind} {outcome.number}: {faults}; {outcome.cpu:.1f} s CPU, "
-                f"{outcome.memory / 2**20:.0f} MiB\n{outcome.details}",
-                flush=True,
-            )
-        if done % REPORT_EVERY == 0:
-            rate = done / (time.monotonic() - began)
-            print(f"{done} inputs, {rate:.1f}/s, {_faults(counts)}", flush=True)
-    _print_summary(counts, options.inputs, time.monotonic() - began)
+    done = 0
+    try:
+        for outcome in outcomes:
+            done += 1
+            counts += count([outcome])
+            if outcome.faults or options.inputs == 1:
+                faults = ", ".join(FAULTS[fault] for fault in outcome.faults) or "no fault"
+                print(
+                    f"{outcome.kind} {outcome.number}: {faults}; {outcome.cpu:.1f} s CPU, "
+                    f"{outcome.memory / 2**20:.0f} MiB\n{outcome.details}",
+                    flush=True,
+                )
+            if done % REPORT_EVERY == 0:
+                rate = done / (time.monotonic() - began)
+                print(f"{done} inputs, {rate:.1f}/s, {_faults(counts)}", flush=True)
+    finally:  # also of a run that was interrupted
+        _print_summary(counts, done, time.monotonic() - began, _cpu_seconds() - cpu)
     return 1 if _faults(counts) else 0
 
 
@@ -122,10 +126,14 @@ def _faults(counts: Counter[str]) -> dict[str, int]:
     }
 
 
-def _print_summary(counts: Counter[str], inputs: int, seconds: float) -> None:
+def _cpu_seconds() -> float:
+    """Processor seconds of this process and of its ended children."""
+    return sum(os.times()[:4])
+
+
+def _print_summary(counts: Counter[str], inputs: int, seconds: float, cpu: float) -> None:
     from fuzz_runs import FAULTS
 
-    cpu = sum(n for name, n in counts.items() if name.startswith("ms of ")) / 1e3
     print(f"\n{inputs} inputs in {seconds:.0f} s, {inputs / seconds:.1f}/s; {cpu:.0f} s CPU")
     print(f"{'kind':<14} {'inputs':>7} {'CPU, s':>8} {'per CPU s':>9}")
     for name in sorted(name for name in counts if name.startswith("input ")):
