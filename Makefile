@@ -1,7 +1,7 @@
 # make demo     sets up .venv and runs the whole pipeline on a virtual rig
 # make test     sets up .venv, then lint, types and tests
 # make slow     the tests that take long
-# make fuzz     100 000 damaged and hostile inputs, on two cores (an hour)
+# make fuzz     100 000 damaged and hostile inputs, on two cores (one to two hours)
 # make faults   kills and failing writes at every moment (long)
 # make planted  plants every effect in turn (long)
 # make docs     the documentation, into build/docs
