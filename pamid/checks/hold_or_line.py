@@ -39,7 +39,6 @@ from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
-from pamid.recording.file_checks import TINY
 from pamid.recording.recording import Recording, match_column
 from pamid.simulation.free_runs import choose_stepping, measured_outputs
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of

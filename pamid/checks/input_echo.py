@@ -2,13 +2,13 @@
 
 Such an echo is a scaled, shifted, slightly delayed or smoothed input with nothing but white noise
 added. A stiff, fast machine looks the same, so that an echo is called one only where the rig's
-model has dynamics that could not follow the input so closely, at the data sheet's parameters and
-at `ECHO_DRAWS` others within their bounds.
+model has dynamics that could not follow the input so closely and so soon, at the data sheet's
+parameters and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads.
 
     y(t) = offset + gain * F(u)(t - delay),  F: first-order lag, lag and delay up to the correlation
                                              time of u
     echo of a recording   residual below ECHO_NOISE of the noise or ECHO_CLOSE of the motion
-    echo by a model       residual below MODEL_CLOSE of the motion
+    echo by a model       residual below MODEL_CLOSE of the motion, at most SOONER times as late
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ Array = NDArray[np.float64]
 
 ECHO_NOISE, ECHO_CLOSE = 1.5, 0.1
 LEAST_EXPLAINED = 0.5  # residual over motion: more is no echo, however large the noise
-MODEL_CLOSE = 0.2
+MODEL_CLOSE, SOONER = 0.2, 2.0
 UNRELATED = 0.9  # residual over motion without a lag
 ECHO_LAGS = 12  # tried, in geometric steps from a quarter of a sample
 ECHO_DRAWS, STEPPED_DRAWS = 16, 4  # parameters tried; of a rig that steps by itself
 MOST_ECHO_SAMPLES, MOST_STEPPED_ECHO = 4000, 500
-WIDE_BOUNDS = 10.0  # ratio of bounds from which parameters are drawn in their logarithm
+PRIOR_REACH = 2.0  # prior spreads
 
 
 def echoed_inputs(
@@ -56,33 +56,35 @@ def echoed_inputs(
         noise, motion = float(noise_level(y[:, None])[0]), float(y.std())
         least = min(max(ECHO_NOISE * noise, ECHO_CLOSE * motion), LEAST_EXPLAINED * motion)
         for j, source in enumerate(inputs):
-            left = echo_residual(comparison.u[:, j], y)
-            if left <= least and not _model_echoes(comparison, j, k):
+            left, late = closest_echo(comparison.u[:, j], y)
+            if left <= least and not _model_echoes(comparison, j, k, SOONER * max(late, 1.0)):
                 found.append(_issue(output, source, left / motion, rig))
                 break
     return found
 
 
-def echo_residual(u: Array, y: Array) -> float:
-    """Root mean square of what the closest echo of u leaves of y; both (samples,)."""
+def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
+    """Root mean square of what the closest echo of u leaves of y, both (samples,), and by how many
+    samples that echo is late, delay and lag together, at most `latest`."""
     size = min(len(u), MOST_ECHO_SAMPLES)
     u, y = u[:size] - u[0], y[:size] - y[:size].mean()
-    best = float(y.std())
-    if not float(np.ptp(u)) > 0.0 or not best > 0.0:
-        return np.inf
-    most = correlation_samples(u)[0]
-    best = min(best, _delayed_residual(u, y, round(most)))
-    if best > UNRELATED * float(y.std()):
+    if not float(np.ptp(u)) > 0.0 or not float(y.std()) > 0.0:
+        return np.inf, 0.0
+    most = min(correlation_samples(u)[0], latest)
+    best = _delayed_residual(u, y, round(most))
+    if best[0] > UNRELATED * float(y.std()):
         return best  # no short lag makes an echo of it
-    for lag in np.geomspace(0.25, most, ECHO_LAGS):
+    for lag in np.geomspace(0.25, max(most, 0.25), ECHO_LAGS):
         kernel = np.exp(-np.arange(min(size, int(8.0 * lag) + 2)) / lag)
         smooth = np.convolve(u, kernel / kernel.sum())[:size]
-        best = min(best, _delayed_residual(smooth, y, round(most)))
+        left, delay = _delayed_residual(smooth, y, round(max(most - lag, 0.0)))
+        best = min(best, (left, delay + lag))
     return best
 
 
-def _delayed_residual(u: Array, y: Array, most: int) -> float:
-    """Root mean square that gain and offset leave at the best delay of 0..most samples."""
+def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
+    """Root mean square that gain and offset leave at the best delay of 0..most samples, and that
+    delay."""
     most = min(most, len(y) // 4)
     a, b = u - u.mean(), y - y.mean()
     size = 2 * len(b)
@@ -92,11 +94,11 @@ def _delayed_residual(u: Array, y: Array, most: int) -> float:
     a, b = a - a.mean(), b - b.mean()
     power = float(a @ a)
     gain = float(a @ b) / power if power > 0.0 else 0.0
-    return float(np.sqrt(np.mean((b - gain * a) ** 2)))
+    return float(np.sqrt(np.mean((b - gain * a) ** 2))), float(delay)
 
 
-def _model_echoes(comparison: SheetComparison, source: int, output: int) -> bool:
-    """Does the rig's model follow this input as closely, somewhere within its bounds?"""
+def _model_echoes(comparison: SheetComparison, source: int, output: int, latest: float) -> bool:
+    """Whether the rig's model follows this input as closely, and at most `latest` samples late."""
     stepped = isinstance(comparison.assembly.rig, StepRig)
     size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
     u = comparison.u[:size]
@@ -105,24 +107,21 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int) -> bool
         if model is None:
             continue
         y = model[:, output]
-        if float(y.std()) > 0.0 and echo_residual(u[:, source], y) < MODEL_CLOSE * float(y.std()):
+        if closest_echo(u[:, source], y, latest)[0] < MODEL_CLOSE * float(y.std()):
             return True
     return False
 
 
 def _parameters(comparison: SheetComparison, draws: int) -> Iterator[Array]:
-    """The data sheet's, then draws between the bounds."""
+    """The data sheet's, then draws in prior spreads around it, within the bounds."""
     yield comparison.p
     random = np.random.default_rng(0)
     for _ in range(draws):
         p = comparison.p.copy()
         for k, b in enumerate(comparison.assembly.parameters):
             if b.fitted and not b.nuisance:
-                share = random.uniform()
-                wide = b.low > 0.0 and b.high > WIDE_BOUNDS * b.low
-                p[k] = (
-                    b.low * (b.high / b.low) ** share if wide else b.low + share * (b.high - b.low)
-                )
+                off = PRIOR_REACH * b.spread * random.uniform(-1.0, 1.0)
+                p[k] = np.clip(p[k] * np.exp(off) if b.log else p[k] + off, b.low, b.high)
         yield p
 
 

@@ -14,17 +14,13 @@ from numpy.typing import NDArray
 from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.lagged_linear import inputs_move
 from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.estimation.lagged_linear import inputs_move, whole_tracks
 from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
-
-#: Circular shifts that stand for "without the inputs", as shares of the track; 0 holds every input
-#: at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does not.
-SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8)
 
 
 def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
@@ -32,10 +28,11 @@ def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
 
     Where inputs move, see `_responds`; where they rest, see `_beats_extrapolation`.
     """
-    held_out = [r.full_track for r in model.replays]
-    for tracks in (held_out, list(model.fit.problem.tracks)):
-        if inputs_move(tracks):
-            return not _responds(budget, model, tracks, seed)
+    if inputs_move(whole_tracks(budget.model.evidence)):
+        held_out = [r.full_track for r in model.replays]
+        for tracks in (held_out, list(model.fit.problem.tracks)):
+            if inputs_move(tracks):
+                return not _responds(budget, model, tracks, seed)
     return not _beats_extrapolation(budget, model, seed)
 
 
@@ -65,16 +62,23 @@ def _responds(budget: Budget, model: CandidateModel, tracks: Sequence[Track], se
 
     true = replays(None)
     middle = np.concatenate([_guesses(r)[0] for r in true])
-    held, *shifted = (losses(replays(shift)) for shift in SHIFTS)
+    held, *shifted = (losses(replays(shift)) for shift in _shifts(settings))
     rivals = (middle, held, np.mean(shifted, axis=0))
     error = losses(true)
     for c in range(error.shape[1]):
         seen = ~np.isnan(error[:, c])  # a recording may lack the channel
         if all(_is_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals):
             return True
-    errors = _free_run_errors(model, [(r.track, r.entered[0]) for r in true])
-    free, flat, *without = errors
+    begun = [(r.track, r.entered[0]) for r in true]
+    free, flat, *without = _free_run_errors(model, begun, _shifts(settings))
     return bool((free < settings.naive_plain * np.min([flat, *without], axis=0)).any())
+
+
+def _shifts(settings: Settings) -> Array:
+    """Circular shifts that stand for "without the inputs", as shares of the track; 0 holds every
+    input at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does
+    not."""
+    return np.linspace(0.0, 1.0, settings.input_shifts + 1, endpoint=False)
 
 
 def _without_inputs(track: Track, shift: float) -> Track:
@@ -84,10 +88,12 @@ def _without_inputs(track: Track, shift: float) -> Track:
     return replace(track, u=np.roll(track.u, round(shift * len(track)), axis=0))
 
 
-def _free_run_errors(model: CandidateModel, begun: Sequence[tuple[Track, Array]]) -> Array:
+def _free_run_errors(
+    model: CandidateModel, begun: Sequence[tuple[Track, Array]], shifts: Sequence[float] | Array
+) -> Array:
     """Summed absolute errors per channel (SI) of one free run per track from its start: with the
-    recorded inputs, of the median, and without the inputs (rows; see `SHIFTS`)."""
-    total = np.zeros((2 + len(SHIFTS), begun[0][0].y.shape[1]))
+    recorded inputs, of the median, and without the inputs (rows; see `_shifts`)."""
+    total = np.zeros((2 + len(shifts), begun[0][0].y.shape[1]))
     for track, start in begun:
         runs = [
             run_windows(
@@ -99,7 +105,7 @@ def _free_run_errors(model: CandidateModel, begun: Sequence[tuple[Track, Array]]
                 start[None],
                 model.fit.stepping,
             )
-            for t in (track, *(_without_inputs(track, shift) for shift in SHIFTS))
+            for t in (track, *(_without_inputs(track, shift) for shift in shifts))
         ]
         runs.insert(1, np.broadcast_to(np.median(track.y, axis=0), track.y.shape))
         total += [np.nansum(np.abs(track.y - run), axis=0) for run in runs]
@@ -137,7 +143,7 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     held_out = [(r.track, r.entered[0]) for r in model.replays]
     fitted = [(t, x[0]) for t, x in zip(model.fit.problem.tracks, model.fit.starts, strict=True)]
     for begun in (held_out, fitted):
-        free, flat, *_ = _free_run_errors(model, begun)
+        free, flat = _free_run_errors(model, begun, ())
         if (free < settings.naive_plain * flat).any():
             return True
     return False

@@ -76,6 +76,7 @@ class Judged:
     classes: tuple[tuple[str, ...], ...]
     selection: ForwardSelection
     empty: bool  # no model explains anything, and the outputs do not respond to the inputs
+    unused: bool  # the best model does without the inputs: no effect may be named
     units: dict[str, Any] | None  # why units and signs are in doubt
 
     @property
@@ -115,7 +116,7 @@ def judge(
     units = scale_doubt(search.evidence, base, best, settings)
     unused = explains_nothing(search.budget, best, search.seed)
     response = search.response
-    empty = unused and (response is None or not response.is_there or response.is_reversed)
+    empty = unused and (response is None or not response.is_clear or response.is_reversed)
     doubt = "units" if units else "empty" if empty else ""
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
     compared = _Compared(
@@ -157,6 +158,7 @@ def judge(
         tuple(tuple(k) for k in classes),
         found,
         empty,
+        unused,
         units,
     )
 

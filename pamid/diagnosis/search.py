@@ -21,7 +21,6 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
-from pamid.diagnosis.lagged_linear import LaggedResponse
 from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.ranges import is_plain_inside, mirrored, vanished, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
@@ -31,6 +30,7 @@ from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import COARSE, model_with, rechecked, settles
+from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly

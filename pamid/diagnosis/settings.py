@@ -50,6 +50,12 @@ class Settings:
     naive_plain: float = setting(
         0.5, "share of the error", "a model with less is better, however few windows there are"
     )
+    input_shifts: int = setting(
+        4,
+        "count",
+        "time shifts of the inputs whose predictions stand for those without inputs",
+        "benchmarks/nonsense.py: 116 recordings without a machine",
+    )
     misfit_noise: float = setting(
         3.0, "standard deviations of the noise", "an error above it is none of the sensor's"
     )

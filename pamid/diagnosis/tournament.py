@@ -17,7 +17,6 @@ from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
 from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.judging import Judged, judge
-from pamid.diagnosis.lagged_linear import LaggedResponse, lagged_response
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
@@ -29,6 +28,7 @@ from pamid.diagnosis.search import (
 )
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
+from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
@@ -139,10 +139,10 @@ def diagnose(
     progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
-    response = lagged_response(evidence, settings)
+    response = lagged_response(evidence)
     # an output that neither the model nor any lag of the inputs predicts needs no search: whatever
     # effect reproduces it does so without the inputs
-    absent = response is not None and not response.is_there
+    absent = response is not None and response.is_absent
     nothing_responds = absent and explains_nothing(budget, base, seed)
     if nothing_responds or at_noise_floor(budget, seed):
         empty = nothing_responds or explains_nothing(budget, base, seed)

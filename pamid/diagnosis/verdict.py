@@ -141,7 +141,8 @@ def _judgement(d: Diagnosis) -> dict[str, Any]:
 
 def _believed(d: Diagnosis, probability: float) -> float:
     """No effect is probable on recordings that show nothing of the model."""
-    return 0.0 if remark(d) else probability
+    unused = d.judged is not None and d.judged.unused
+    return 0.0 if unused or remark(d) else probability
 
 
 def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:

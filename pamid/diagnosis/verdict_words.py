@@ -68,9 +68,12 @@ def remark(d: Diagnosis) -> str:
             "order of time."
         )
     else:
+        hardly = d.response is not None and not d.response.is_absent
+        respond = ("responds" if one else "respond") if hardly else "respond"
+        negation = "hardly" if hardly else f"{'does' if one else 'do'} not"
         shown = (
-            f"{channels} {'does' if one else 'do'} not respond to {sent}: the model predicts no "
-            "better with the recorded input than without it."
+            f"{channels} {negation} {respond} to {sent}: the model predicts no better with the "
+            "recorded input than without it."
         )
     return (
         f"The recordings do not show this machine. {shown} Check that every column is the channel "

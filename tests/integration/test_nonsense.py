@@ -11,16 +11,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
+from scripts import load_script
 
+from pamid.base.progress import silent
 from pamid.base.run_folder import Run
-from pamid.diagnosis import naive_forecast
-from pamid.diagnosis.candidate_model import candidate_from
+from pamid.diagnosis import input_response
+from pamid.diagnosis.budget import gap_budget
 from pamid.diagnosis.diagnosis_run import diagnose_into
-from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.settings import DEFAULT
-from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
+from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
@@ -84,10 +86,7 @@ def test_no_cause_is_found_in_what_the_input_did_not_make(
     folder, force, real = rubbing
     found = diagnosed(folder, nonsense(kind, real, 1), force)
     assert found["verdict"] == "cannot-tell" and found["causes"] == []
-    assert (
-        "do not show this machine" in found["sentence"]
-        and found["remark"] == found["sentence"]
-    )
+    assert "do not show this machine" in found["sentence"] and found["remark"] == found["sentence"]
     assert all(r["probability"] == 0.0 for r in (*found["ranking"], *found["members"]))
     assert found["unknown"] is None and found["next_experiment"] is None, (
         "nothing is described, nothing to tell apart"
@@ -102,6 +101,32 @@ def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -
     assert found["verdict"] == "explained" and found["remark"] == ""
     assert [c["effect"] for c in found["causes"]] == ["coulomb-friction"]
     assert found["how_far"]["position_m"]["shrinkage"] > 0.5
+
+
+SUITE = load_script("nonsense.py")
+SMOOTH = ("ramp", "sine, fast", "decay", "sawtooth")  # a free response reproduces them
+OTHER = ("shuffled rows", "foreign output", "output half a recording late", "foreign input")
+
+
+@pytest.mark.parametrize("rig", ["cart", "thermal-block"])
+@pytest.mark.parametrize("kind", [*SMOOTH, *OTHER, "noisy echo"])
+def test_nonsense_of_the_suite_is_rejected(kind: str, rig: str, tmp_path: Path) -> None:
+    outcome = SUITE.outcome_of(rig, kind, False, tmp_path)
+    assert outcome.word in ("refused", "called nonsense"), outcome.sentence
+
+
+def test_rows_in_reverse_order_of_time_are_reported(tmp_path: Path) -> None:
+    outcome = SUITE.outcome_of("thermal-block", "reversed time", False, tmp_path)
+    assert outcome.word == "called nonsense" and "reverse order of time" in outcome.sentence
+
+
+def test_a_silent_input_is_named(tmp_path: Path) -> None:
+    outcome = SUITE.outcome_of("cart", "ramp", False, tmp_path)
+    assert "position_m does not respond to force_n" in outcome.sentence
+
+
+def test_the_genuine_partner_of_a_ramp_is_answered(tmp_path: Path) -> None:
+    assert SUITE.outcome_of("thermal-block", "ramp", True, tmp_path).word == "right"
 
 
 @pytest.mark.parametrize("kind", ["as it was", "in another order", "a random walk"])
@@ -121,9 +146,8 @@ def test_a_model_that_follows_the_input_from_a_single_start_explains_something(
         columns["temperature_degc"] = nonsense(kind, columns["temperature_degc"], 1)
     write_recording(tmp_path / "rec.csv", time, columns)
     evidence = split_recordings(rig_named(block), [read_recording(tmp_path / "rec.csv")], [])
-    found = fit_model(evidence)
-    model = candidate_from(found.assembly, found.fit, found.held_out)
-    assert naive_forecast._follows_the_input(model, DEFAULT) == (kind == "as it was")
+    budget = gap_budget(evidence, seed=0, pool=WorkerPool(1), progress=silent, settings=DEFAULT)
+    assert explains_nothing(budget, budget.baseline, 0) == (kind != "as it was")
 
 
 @pytest.mark.parametrize(
@@ -140,7 +164,7 @@ def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
     error: float, states: tuple[str, ...], nothing: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two recordings, each of which lacks the sensor of the other; no free run follows them."""
-    monkeypatch.setattr(naive_forecast, "_follows_the_input", lambda *given: False)
+    monkeypatch.setattr(input_response, "_follows", lambda *given: False)
     time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
     replays: list[Any] = []
     for has in (0, 1):
@@ -158,4 +182,4 @@ def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
     model: Any = SimpleNamespace(
         absolutes=absolutes, replays=replays, assembly=SimpleNamespace(rig=rig)
     )
-    assert explains_nothing(budget, model, 0) == nothing
+    assert input_response._beats_extrapolation(budget, model, 0) != nothing

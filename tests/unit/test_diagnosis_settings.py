@@ -20,7 +20,7 @@ from pamid.diagnosis import notes, ranges
 from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
 from pamid.diagnosis.decision import Share, at_noise_floor
-from pamid.diagnosis.input_response import _better
+from pamid.diagnosis.input_response import _is_better
 from pamid.diagnosis.port_evidence import _Smoothing
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
 from pamid.diagnosis.search import Refitting, _Screening, _StepRefinement
@@ -220,15 +220,15 @@ def pulled(settings: Settings) -> Any:
 
 def test_the_margin_over_a_guess() -> None:
     guess = np.ones(20)
-    assert _better(0.85 * guess, guess, 0, DEFAULT)
-    assert not _better(0.85 * guess, guess, 0, replace(DEFAULT, naive_margin=0.2))
+    assert _is_better(0.85 * guess, guess, 0, DEFAULT)
+    assert not _is_better(0.85 * guess, guess, 0, replace(DEFAULT, naive_margin=0.2))
     # six windows of a slow machine: a seventh of the error, one window by accident worse
     few, own = (
         np.array([25.87, 7.97, 2.7, 0.85, 0.69, 8.89]),
         np.array([0.3, 0.8, 2.0, 0.7, 1.9, 0.4]),
     )
-    assert _better(own, few, 0, DEFAULT)
-    assert not _better(own, few, 0, replace(DEFAULT, naive_plain=0.1)), "by its interval alone"
+    assert _is_better(own, few, 0, DEFAULT)
+    assert not _is_better(own, few, 0, replace(DEFAULT, naive_plain=0.1)), "by its interval alone"
 
 
 def test_how_many_are_refitted() -> None:

@@ -15,7 +15,7 @@ from pamid.authoring.column_match import best_match
 from pamid.base.csv_table import header_line, name_fault, table_bytes
 from pamid.base.errors import DataError, FileError, listed
 from pamid.checks.inspection import inspect
-from pamid.diagnosis import memory_needed as memory
+from pamid.estimation import memory_needed as memory
 from pamid.ingest.ingesting import guess_mapping
 from pamid.model.registry import rig_named
 from pamid.recording.recording import (

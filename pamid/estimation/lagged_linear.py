@@ -9,13 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.assembly import Assembly
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.tracks import Track
+from pamid.simulation.tracks import Track, track_of
 
 Array = NDArray[np.float64]
 
+# Of the error without inputs: above ABSENT there is no response. Chance correlations of smooth
+# outputs reach 0.73 (benchmarks/nonsense.py), so that a response is clear below CLEAR.
+ABSENT, CLEAR = 0.9, 0.7
 LONGEST_LAG = 0.2  # of the longest recording
 FOLDS = 5  # of the cross-validation
 RIDGE = 1e-3  # damping per row, of standardised regressors
@@ -30,21 +32,25 @@ class LaggedResponse:
 
     ratio: float
     backwards: float
-    margin: float  # by which a ratio has to be less
 
     @property
-    def is_there(self) -> bool:
-        """Whether the inputs help to predict an output."""
-        return self.ratio < 1.0 - self.margin
+    def is_absent(self) -> bool:
+        """Whether the inputs do not help to predict any output."""
+        return self.ratio >= ABSENT
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the inputs help to predict an output, beyond what chance does."""
+        return self.ratio < CLEAR
 
     @property
     def is_reversed(self) -> bool:
         """Whether outputs precede inputs: the inputs help more with time reversed. The memory of a
         machine that forgets makes the forward direction the better one."""
-        return self.backwards < (1.0 - self.margin) * min(self.ratio, 1.0)
+        return self.backwards < ABSENT * min(self.ratio, 1.0)
 
 
-def lagged_response(data: DataSplit, settings: Settings = DEFAULT) -> LaggedResponse | None:
+def lagged_response(data: DataSplit) -> LaggedResponse | None:
     """Return how much the inputs help to predict the outputs; None where no input moves.
 
     For every channel y the increment y(t + h) - y(t) is regressed on y(t), on the increments before
@@ -52,10 +58,7 @@ def lagged_response(data: DataSplit, settings: Settings = DEFAULT) -> LaggedResp
     recording, h being the correlation time. Every fifth of each recording is predicted from the
     rest.
     """
-    plain = Assembly(data.rig)
-    tracks = [
-        t.part(t.lead, len(t)) for held in (False, True) for t in data.tracks(plain, held_out=held)
-    ]
+    tracks = whole_tracks(data)
     if not inputs_move(tracks):
         return None
     u = np.concatenate([t.u for t in tracks])
@@ -79,7 +82,15 @@ def lagged_response(data: DataSplit, settings: Settings = DEFAULT) -> LaggedResp
 
     channels = range(len(data.channels))
     forward, backwards = (min(ratio(c, direction) for c in channels) for direction in (1, -1))
-    return LaggedResponse(forward, backwards, settings.naive_margin)
+    return LaggedResponse(forward, backwards)
+
+
+def whole_tracks(data: DataSplit) -> list[Track]:
+    """Every recording as one track of the plain rig."""
+    plain = Assembly(data.rig)
+    return [
+        track_of(plain, r, data.channels, timescale_s=data.timescale_s) for r in data.recordings
+    ]
 
 
 def inputs_move(tracks: Sequence[Track]) -> bool:
@@ -112,11 +123,11 @@ class _Rows(NamedTuple):
 
 
 def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: Array) -> _Rows:
-    """Four rows per horizon. Before the beginning every signal keeps its first value."""
+    """Four rows per horizon, from two horizons on. Earlier inputs keep their first value."""
     n = len(y)
     h = min(max(2, round(horizon_s / period_s)), max(2, n // 8))
-    end = np.arange(h, n, max(1, h // 4))
-    last, half, whole = (y[np.maximum(end - k, 0)] for k in (h, h + h // 2, 2 * h))
+    end = np.arange(2 * h, n, max(1, h // 4))
+    last, half, whole = (y[end - k] for k in (h, h + h // 2, 2 * h))
     edges = np.unique(np.round(edges_s / period_s).astype(int))
     stops = np.maximum(end[:, None] + 1 - edges[:-1], 1)
     starts = np.minimum(np.maximum(end[:, None] + 1 - edges[1:], 0), stops - 1)
@@ -136,19 +147,21 @@ def _cross_validated(parts: Sequence[_Rows], groups: tuple[str, ...]) -> float:
     folds = [np.arange(len(p.increments)) * FOLDS // max(len(p.increments), 1) for p in parts]
     x = np.concatenate([np.concatenate([getattr(p, g) for g in groups], axis=1) for p in parts])
     y, fold = np.concatenate([p.increments for p in parts]), np.concatenate(folds)
-    return sum(_ridge_error(x, y, fold == k) for k in range(FOLDS))
+    total = 0.0
+    for k in range(FOLDS):
+        held = fold == k
+        if held.any() and not held.all():
+            total += float(np.abs(y[held] - _ridge(x[~held], y[~held], x[held])).sum())
+    return total
 
 
-def _ridge_error(x: Array, y: Array, held: NDArray[np.bool_]) -> float:
-    """Summed absolute error on the held-out rows of a ridge regression (Hoerl and Kennard 1970) on
-    the others. Predictions stay within the range of the others: extrapolation would decide."""
-    if held.all() or not held.any():
-        return 0.0
-    fitted = x[~held]
-    centre, spread = fitted.mean(axis=0), fitted.std(axis=0)
-    spread = np.where(spread > STANDARDISED * np.abs(fitted).max(axis=0), spread, np.inf)
-    z, target = (fitted - centre) / spread, y[~held]
+def _ridge(x: Array, y: Array, rows: Array) -> Array:
+    """Predictions for `rows` of a ridge regression of y on x (Hoerl and Kennard 1970). Regressors
+    and predictions stay within the range of x and y: extrapolation would decide."""
+    centre, spread = x.mean(axis=0), x.std(axis=0)
+    spread = np.where(spread > STANDARDISED * np.abs(x).max(axis=0), spread, np.inf)
+    z = (x - centre) / spread
     gram = z.T @ z + RIDGE * len(z) * np.eye(z.shape[1])
-    weights = np.linalg.solve(gram, z.T @ (target - target.mean()))
-    predicted = target.mean() + (x[held] - centre) / spread @ weights
-    return float(np.abs(y[held] - np.clip(predicted, target.min(), target.max())).sum())
+    weights = np.linalg.solve(gram, z.T @ (y - y.mean()))
+    seen = np.clip(rows, x.min(axis=0), x.max(axis=0))
+    return np.clip(y.mean() + (seen - centre) / spread @ weights, y.min(), y.max())
