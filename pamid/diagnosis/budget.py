@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.errors import ConvergenceError
 from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress
 from pamid.base.units import column_size
@@ -76,6 +77,11 @@ def gap_budget(
     """The baseline, fitted (parameters and background) and replayed, with the noise floor and the
     error of a black box."""
     model = pool.one(_Baseline(evidence, progress), seed)
+    if not model.fit.residuals:
+        raise ConvergenceError(
+            f"The model could not be fitted: {model.fit.why}.",
+            "check the units of the columns, and starting values and bounds of the rig",
+        )
     progress("black box on what is left")
     return Budget(
         model,
