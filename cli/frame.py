@@ -124,8 +124,6 @@ def _keep_streams_apart() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run `pamid` with these arguments and return its exit code."""
-    from pamid.base.printable_text import printable, printable_json
-
     flags = _flags(arguments)
     as_json, debug = "--json" in flags, "--debug" in flags
     stray = io.StringIO()  # in JSON mode nothing but the object may reach stdout
@@ -148,11 +146,14 @@ def run(arguments: Sequence[str]) -> int:
             aside(stray.getvalue().rstrip("\n"))
         if not isinstance(result, Result):  # --help and --version print by themselves
             result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", result or 0)
-        text = (
-            printable_json(_json(result.json)) if as_json else printable(result.text.rstrip("\n"))
-        )
-        if text:
-            say(text)
+        if as_json or result.text.strip("\n"):  # help needs no package
+            from pamid.base.printable_text import printable, printable_json
+
+            say(
+                printable_json(_json(result.json))
+                if as_json
+                else printable(result.text.rstrip("\n"))
+            )
     except OSError as error:
         return _unheard(error)
     except Exception as error:

@@ -52,11 +52,11 @@ def echoed_inputs(
     outputs = recorded_as(comparison.names, recording)
     inputs = recorded_as(comparison.inputs, recording)
     for k, output in enumerate(outputs):
-        y = comparison.y[:, k]
+        y = comparison.y[:MOST_ECHO_SAMPLES, k]
         noise, motion = float(noise_level(y[:, None])[0]), float(y.std())
         least = min(max(ECHO_NOISE * noise, ECHO_CLOSE * motion), LEAST_EXPLAINED * motion)
         for j, source in enumerate(inputs):
-            left, late = closest_echo(comparison.u[:, j], y)
+            left, late = closest_echo(comparison.u[:MOST_ECHO_SAMPLES, j], y)
             if left <= least and not _model_echoes(comparison, j, k, SOONER * max(late, 1.0)):
                 found.append(_issue(output, source, left / motion, rig))
                 break
@@ -66,8 +66,8 @@ def echoed_inputs(
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
     """Root mean square of what the closest echo of u leaves of y, both (samples,), and by how many
     samples that echo is late, delay and lag together, at most `latest`."""
-    size = min(len(u), MOST_ECHO_SAMPLES)
-    u, y = u[:size] - u[0], y[:size] - y[:size].mean()
+    size = len(u)
+    u, y = u - u[0], y - y.mean()
     if not float(np.ptp(u)) > 0.0 or not float(y.std()) > 0.0:
         return np.inf, 0.0
     most = min(correlation_samples(u)[0], latest)

@@ -15,7 +15,7 @@ from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.lagged_linear import inputs_move, whole_tracks
+from pamid.estimation.lagged_linear import LaggedResponse, inputs_move
 from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
@@ -23,12 +23,15 @@ from pamid.simulation.windows import Window
 Array = NDArray[np.float64]
 
 
-def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
+def explains_nothing(
+    budget: Budget, model: CandidateModel, response: LaggedResponse | None, seed: int
+) -> bool:
     """Return True where the model explains no channel of the recordings.
 
-    Where inputs move, see `_responds`; where they rest, see `_beats_extrapolation`.
+    Where inputs move, see `_responds`; where they rest (response is None), see
+    `_beats_extrapolation`.
     """
-    if inputs_move(whole_tracks(budget.model.evidence)):
+    if response is not None:
         held_out = [r.full_track for r in model.replays]
         for tracks in (held_out, list(model.fit.problem.tracks)):
             if inputs_move(tracks):

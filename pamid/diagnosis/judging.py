@@ -114,8 +114,8 @@ def judge(
     )
     signatures = alone(search, ranking, located)
     units = scale_doubt(search.evidence, base, best, settings)
-    unused = explains_nothing(search.budget, best, search.seed)
     response = search.response
+    unused = explains_nothing(search.budget, best, response, search.seed)
     empty = unused and (response is None or not response.is_clear or response.is_reversed)
     doubt = "units" if units else "empty" if empty else ""
     groups = isolability(search.evidence.rig, search.evidence.channels).groups

@@ -139,13 +139,13 @@ def diagnose(
     progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
-    response = lagged_response(evidence)
+    response = lagged_response(evidence, base.assembly)
     # an output that neither the model nor any lag of the inputs predicts needs no search: whatever
     # effect reproduces it does so without the inputs
     absent = response is not None and response.is_absent
-    nothing_responds = absent and explains_nothing(budget, base, seed)
+    nothing_responds = absent and explains_nothing(budget, base, response, seed)
     if nothing_responds or at_noise_floor(budget, seed):
-        empty = nothing_responds or explains_nothing(budget, base, seed)
+        empty = nothing_responds or explains_nothing(budget, base, response, seed)
         return Diagnosis(evidence, budget, half, seed, empty, response)
     search = Search(
         evidence,

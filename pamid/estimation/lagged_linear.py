@@ -15,12 +15,12 @@ from pamid.simulation.tracks import Track, track_of
 
 Array = NDArray[np.float64]
 
-# Of the error without inputs: above ABSENT there is no response. Chance correlations of smooth
-# outputs reach 0.73 (benchmarks/nonsense.py), so that a response is clear below CLEAR.
-ABSENT, CLEAR = 0.9, 0.7
-LONGEST_LAG = 0.2  # of the longest recording
+# Of the error without inputs: above the first there is no response, below the second a clear one.
+# Chance correlations of smooth outputs reach 0.73 (benchmarks/nonsense.py).
+ABSENT_RATIO, CLEAR_RATIO = 0.9, 0.7
+LONGEST_LAG_SHARE = 0.2  # of the longest recording
 FOLDS = 5  # of the cross-validation
-RIDGE = 1e-3  # damping per row, of standardised regressors
+RIDGE_DAMPING = 1e-3  # damping per row, of standardised regressors
 GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of regressors
 STANDARDISED = 1e-12  # a regressor that varies by less of its size is a constant
 
@@ -36,34 +36,38 @@ class LaggedResponse:
     @property
     def is_absent(self) -> bool:
         """Whether the inputs do not help to predict any output."""
-        return self.ratio >= ABSENT
+        return self.ratio >= ABSENT_RATIO
 
     @property
     def is_clear(self) -> bool:
         """Whether the inputs help to predict an output, beyond what chance does."""
-        return self.ratio < CLEAR
+        return self.ratio < CLEAR_RATIO
 
     @property
     def is_reversed(self) -> bool:
         """Whether outputs precede inputs: the inputs help more with time reversed. The memory of a
         machine that forgets makes the forward direction the better one."""
-        return self.backwards < ABSENT * min(self.ratio, 1.0)
+        return self.backwards < ABSENT_RATIO * min(self.ratio, 1.0)
 
 
-def lagged_response(data: DataSplit) -> LaggedResponse | None:
+def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
     """Return how much the inputs help to predict the outputs; None where no input moves.
 
     For every channel y the increment y(t + h) - y(t) is regressed on y(t), on the increments before
     it, and on means of the inputs u (and of their squares) over lags from 0 to a fifth of the
     recording, h being the correlation time. Every fifth of each recording is predicted from the
-    rest.
+    rest. Of the model only the inputs are used.
     """
-    tracks = whole_tracks(data)
+    tracks = [
+        track_of(model, r, data.channels, timescale_s=data.timescale_s) for r in data.recordings
+    ]
     if not inputs_move(tracks):
         return None
     u = np.concatenate([t.u for t in tracks])
     centre, spread = u.mean(axis=0), np.where(np.ptp(u, axis=0) > 0.0, np.ptp(u, axis=0), 1.0)
-    edges_s = _lag_edges(data.timescale_s, LONGEST_LAG * max(len(t) * t.period_s for t in tracks))
+    edges_s = _lag_edges(
+        data.timescale_s, LONGEST_LAG_SHARE * max(len(t) * t.period_s for t in tracks)
+    )
 
     def ratio(c: int, direction: int) -> float:
         parts = [
@@ -83,14 +87,6 @@ def lagged_response(data: DataSplit) -> LaggedResponse | None:
     channels = range(len(data.channels))
     forward, backwards = (min(ratio(c, direction) for c in channels) for direction in (1, -1))
     return LaggedResponse(forward, backwards)
-
-
-def whole_tracks(data: DataSplit) -> list[Track]:
-    """Every recording as one track of the plain rig."""
-    plain = Assembly(data.rig)
-    return [
-        track_of(plain, r, data.channels, timescale_s=data.timescale_s) for r in data.recordings
-    ]
 
 
 def inputs_move(tracks: Sequence[Track]) -> bool:
@@ -161,7 +157,7 @@ def _ridge(x: Array, y: Array, rows: Array) -> Array:
     centre, spread = x.mean(axis=0), x.std(axis=0)
     spread = np.where(spread > STANDARDISED * np.abs(x).max(axis=0), spread, np.inf)
     z = (x - centre) / spread
-    gram = z.T @ z + RIDGE * len(z) * np.eye(z.shape[1])
+    gram = z.T @ z + RIDGE_DAMPING * len(z) * np.eye(z.shape[1])
     weights = np.linalg.solve(gram, z.T @ (y - y.mean()))
     seen = np.clip(rows, x.min(axis=0), x.max(axis=0))
     return np.clip(y.mean() + (seen - centre) / spread @ weights, y.min(), y.max())

@@ -19,7 +19,7 @@ from pamid.base.errors import FileError, UsageError
 from pamid.base.files import GIB, LOG_MEMORY, size_words
 
 #: limit in GiB; also the variable of `pamid ingest --memory-limit`
-VARIABLE = "PAMID_INGEST_MEMORY_LIMIT"
+LIMIT_VARIABLE = "PAMID_INGEST_MEMORY_LIMIT"
 FLOAT = 8  # bytes of a float64: every channel becomes one
 
 
@@ -57,13 +57,13 @@ class MemoryBudget:
 
 def memory_limit() -> int:
     """The limit in bytes that holds in this process."""
-    text = os.environ.get(VARIABLE)
+    text = os.environ.get(LIMIT_VARIABLE)
     if not text:
         return LOG_MEMORY
     try:
         return _checked(float(text))
     except ValueError:
-        message = f"{VARIABLE}={text!r} is not a number of GiB."
+        message = f"{LIMIT_VARIABLE}={text!r} is not a number of GiB."
         raise UsageError(message, "Write a number, for example 4.") from None
 
 
@@ -74,15 +74,15 @@ def limited_memory(gib: float | None) -> Iterator[None]:
         yield
         return
     _checked(gib)
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = repr(float(gib))
+    before = os.environ.get(LIMIT_VARIABLE)
+    os.environ[LIMIT_VARIABLE] = repr(float(gib))
     try:
         yield
     finally:
         if before is None:
-            del os.environ[VARIABLE]
+            del os.environ[LIMIT_VARIABLE]
         else:
-            os.environ[VARIABLE] = before
+            os.environ[LIMIT_VARIABLE] = before
 
 
 def _checked(gib: float) -> int:

@@ -32,7 +32,7 @@ from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
 
 Array = NDArray[np.float64]
 
-MOST_NAMED = 20  # variables that a remark lists by name
+MOST_NAMED_VARIABLES = 20  # variables that a remark lists by name
 _DESCRIPTION = "modelDescription.xml"
 
 
@@ -331,8 +331,8 @@ def _remarks(
             "its states are not seen: a fit runs it from the start of each recording, and which "
             "ports sensors can tell apart is not known"
         ]
-    if len(others) > MOST_NAMED:
-        others = [*others[:MOST_NAMED], f"and {len(others) - MOST_NAMED} more"]
+    if len(others) > MOST_NAMED_VARIABLES:
+        others = [*others[:MOST_NAMED_VARIABLES], f"and {len(others) - MOST_NAMED_VARIABLES} more"]
     return [*found, *([f"left out, as no real numbers: {', '.join(others)}"] if others else [])]
 
 

@@ -124,6 +124,7 @@ def test_the_walk_sees_what_is_half_written(
         for path, data in files.items():
             with open(path, "wb") as file:
                 file.write(data[:10])
+                file.flush()  # what a fork holds in its buffer would be written twice
                 file.write(data[10:])
 
     record_cart(tmp_path, seconds=6.0)

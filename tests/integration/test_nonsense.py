@@ -20,6 +20,7 @@ from pamid.diagnosis.budget import gap_budget
 from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.input_response import explains_nothing
 from pamid.diagnosis.settings import DEFAULT
+from pamid.estimation.lagged_linear import lagged_response
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
 from pamid.parallel.jobs import WorkerPool
@@ -147,7 +148,8 @@ def test_a_model_that_follows_the_input_from_a_single_start_explains_something(
     write_recording(tmp_path / "rec.csv", time, columns)
     evidence = split_recordings(rig_named(block), [read_recording(tmp_path / "rec.csv")], [])
     budget = gap_budget(evidence, seed=0, pool=WorkerPool(1), progress=silent, settings=DEFAULT)
-    assert explains_nothing(budget, budget.baseline, 0) == (kind != "as it was")
+    response = lagged_response(evidence, budget.baseline.assembly)
+    assert explains_nothing(budget, budget.baseline, response, 0) == (kind != "as it was")
 
 
 @pytest.mark.parametrize(

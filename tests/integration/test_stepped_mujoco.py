@@ -286,7 +286,8 @@ def test_what_becomes_unstable_is_seen_and_not_begun_anew(
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
     a = Assembly(rig_named(str(_written(tmp_path))))
-    p = a.values({"knee_damping_n_m_s_per_rad": -50.0})
+    p = a.values()
+    p[a.keys["knee_damping"]] = -50.0
     memory = a.program.memory(a.start(p), period_s=PERIOD)
     y, _, bad = a.program.run(memory, COMMANDS, p, period_s=PERIOD)
     assert 0 <= bad < SAMPLES - 1

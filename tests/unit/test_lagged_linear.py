@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.estimation.lagged_linear import inputs_move, lagged_response
 from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
@@ -38,8 +39,8 @@ def force() -> Array:
 def response(folder: Path, force: Array, position: Array, period_s: float = PERIOD_S) -> Any:
     time_s = period_s * np.arange(len(force))
     write_recording(folder / "rec.csv", time_s, {"force_n": force, "position_m": position})
-    rig = rig_named(CART)
-    return lagged_response(split_recordings(rig, [read_recording(folder / "rec.csv")], []))
+    data = split_recordings(rig_named(CART), [read_recording(folder / "rec.csv")], [])
+    return lagged_response(data, Assembly(data.rig))
 
 
 def test_a_machine_responds(force: Array, tmp_path: Path) -> None:

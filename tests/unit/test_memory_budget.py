@@ -16,7 +16,7 @@ from pamid.base.errors import FileError, UsageError
 from pamid.base.files import GIB, LOG_MEMORY
 from pamid.ingest.log_kinds import read_here
 from pamid.ingest.log_reader import read_log
-from pamid.ingest.memory_budget import VARIABLE, MemoryBudget, limited_memory, memory_limit
+from pamid.ingest.memory_budget import LIMIT_VARIABLE, MemoryBudget, limited_memory, memory_limit
 
 
 def declared(path: Path, shapes: list[Any], dtype: Any = "f8") -> Path:
@@ -166,7 +166,7 @@ def test_the_limit_holds_in_the_reading_process_too(tmp_path: Path) -> None:
 
 
 def test_the_limit_is_stated_once_and_can_be_raised(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(LIMIT_VARIABLE, raising=False)
     assert memory_limit() == LOG_MEMORY
     with limited_memory(3.5):
         assert memory_limit() == 3.5 * GIB
@@ -174,7 +174,7 @@ def test_the_limit_is_stated_once_and_can_be_raised(monkeypatch: pytest.MonkeyPa
             assert memory_limit() == 3.5 * GIB
     assert memory_limit() == LOG_MEMORY
     for wrong in ("many", "-1", "nan", "inf"):
-        monkeypatch.setenv(VARIABLE, wrong)
+        monkeypatch.setenv(LIMIT_VARIABLE, wrong)
         with pytest.raises(UsageError):
             memory_limit()
     with pytest.raises(UsageError), limited_memory(0.0):
