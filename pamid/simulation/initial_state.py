@@ -64,15 +64,16 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
         r = ((Y - self.y) * self.weight).ravel()
         cost = float(r @ r) + float((away**2 * self.known).sum())
         A = self.slopes(x, A, r)
-        H, g = A.T @ A, A.T @ r
+        H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
         # a state that this window does not show stays where it was carried to, by a pull too weak
         # to count in the cost
         holds = np.maximum(CARRIED_INFORMATION * H.diagonal(), self.known)
         return _StatePoint(x, cost, H + np.diag(holds), g + holds * away)
 
     def slopes(self, x: Array, A: Array, r: Array) -> Array:
-        """Those that the steps follow, of those that the outputs have at x: samples x states."""
-        return A[:, : self.runner.start_states]
+        """Slopes that the steps follow, A being those of the outputs at x (rows x columns, the
+        states first)."""
+        return A
 
     def step(self, at: _StatePoint, damping: float) -> Array | None:
         if not np.isfinite(at.H).all():
