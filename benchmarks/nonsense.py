@@ -105,8 +105,8 @@ BENCHES = {
         (20.0, 120.0),
         2.0,
         50.0,
-        "dead-zone@pump",
-        "valve-dead-band",
+        "first-order-lag@gauge",
+        "sensor-dynamics",
         {"gain": 11.0, "upper_hole": 0.21},
     ),
 }
@@ -201,6 +201,14 @@ NONSENSE: dict[str, Making] = {
     "shuffled outputs": lambda g: (g.sent, _of_both(g, _shuffled(g, 1))[1]),
     "shuffled blocks of outputs": lambda g: (g.sent, _of_both(g, _shuffled(g, 50))[1]),
     "foreign output": lambda g: (g.sent, g.foreign),
+    "foreign output, first channel": lambda g: (
+        g.sent,
+        {**g.measured, **dict(list(g.foreign.items())[:1])},
+    ),
+    "sine in the last channel": lambda g: (
+        g.sent,
+        {**g.measured, **dict(list(NONSENSE["sine, fast"](g)[1].items())[-1:])},
+    ),
     "foreign output, with drift": lambda g: (
         g.sent,
         {k: y + y.std() * g.time / g.time[-1] for k, y in g.foreign.items()},

@@ -23,24 +23,49 @@ from pamid.simulation.windows import Window
 Array = NDArray[np.float64]
 
 
-def explains_nothing(
-    budget: Budget, model: CandidateModel, response: LaggedResponse | None, seed: int
-) -> bool:
-    """Return True where the model explains no channel of the recordings.
+Channels = NDArray[np.bool_]
 
-    Where inputs move, see `_responds`; where they rest (response is None), see
+
+def explained_channels(
+    budget: Budget, model: CandidateModel, response: LaggedResponse | None, seed: int
+) -> Channels:
+    """Channels that the model explains.
+
+    Where inputs move, see `_responding`; where they rest (response is None), all or none: see
     `_beats_extrapolation`.
     """
     if response is not None:
         held_out = [r.full_track for r in model.replays]
         for tracks in (held_out, list(model.fit.problem.tracks)):
             if inputs_move(tracks):
-                return not _responds(budget, model, tracks, seed)
-    return not _beats_extrapolation(budget, model, seed)
+                return _responding(budget, model, tracks, seed)
+    beats = _beats_extrapolation(budget, model, seed)
+    return np.full(len(budget.model.evidence.channels), beats)
 
 
-def _responds(budget: Budget, model: CandidateModel, tracks: Sequence[Track], seed: int) -> bool:
-    """Whether the recorded inputs help the model to predict any channel.
+def silent_channels(
+    budget: Budget, model: CandidateModel, explained: Channels, response: LaggedResponse | None
+) -> tuple[str, ...]:
+    """Channels that do not show this machine: neither the model nor a lagged regression finds the
+    inputs in them.
+
+    All of them where the model explains none, unless one clearly responds: then the machine is
+    there, and its model is wrong. Of several, those that are not at their noise floor.
+    """
+    names = np.array(budget.model.evidence.channels)
+    if not explained.any():
+        wrong_model = response is not None and response.is_clear and not response.is_reversed
+        return () if wrong_model else tuple(names)
+    if response is None:
+        return ()
+    far = seen_mean(model.absolutes) > budget.settings.naive_near_floor * seen_mean(budget.floor)
+    return tuple(names[~explained & response.absent & far])
+
+
+def _responding(
+    budget: Budget, model: CandidateModel, tracks: Sequence[Track], seed: int
+) -> Channels:
+    """Channels that the recorded inputs help the model to predict.
 
     They do if its error is smaller, by the margin and with 95 % confidence or by plainly more, than
     those of the median and of the same model without its inputs. The comparison is made in windows,
@@ -68,13 +93,15 @@ def _responds(budget: Budget, model: CandidateModel, tracks: Sequence[Track], se
     held, *shifted = (losses(replays(shift)) for shift in _shifts(settings))
     rivals = (middle, held, np.mean(shifted, axis=0))
     error = losses(true)
-    for c in range(error.shape[1]):
-        seen = ~np.isnan(error[:, c])  # a recording may lack the channel
-        if all(_is_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals):
-            return True
     begun = [(r.track, r.entered[0]) for r in true]
     free, flat, *without = _free_run_errors(model, begun, _shifts(settings))
-    return bool((free < settings.naive_plain * np.min([flat, *without], axis=0)).any())
+    responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
+    for c in np.flatnonzero(~responding):
+        seen = ~np.isnan(error[:, c])  # a recording may lack the channel
+        responding[c] = all(
+            _is_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals
+        )
+    return responding
 
 
 def _shifts(settings: Settings) -> Array:

@@ -19,7 +19,7 @@ from pamid.diagnosis.forward_selection import (
     refitted_with,
     select_forward,
 )
-from pamid.diagnosis.input_response import explains_nothing
+from pamid.diagnosis.input_response import explained_channels, silent_channels
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.own_terms import own_terms
@@ -75,7 +75,7 @@ class Judged:
     halves: Crossed | None  # what either half of the held-out windows would have chosen
     classes: tuple[tuple[str, ...], ...]
     selection: ForwardSelection
-    empty: bool  # no model explains anything, and the outputs do not respond to the inputs
+    silent: tuple[str, ...]  # channels that do not show this machine
     unused: bool  # the best model does without the inputs: no effect may be named
     units: dict[str, Any] | None  # why units and signs are in doubt
 
@@ -115,9 +115,12 @@ def judge(
     signatures = alone(search, ranking, located)
     units = scale_doubt(search.evidence, base, best, settings)
     response = search.response
-    unused = explains_nothing(search.budget, best, response, search.seed)
-    empty = unused and (response is None or not response.is_clear or response.is_reversed)
-    doubt = "units" if units else "empty" if empty else ""
+    explained = explained_channels(search.budget, best, response, search.seed)
+    silent, unused = (
+        silent_channels(search.budget, best, explained, response),
+        not explained.any(),
+    )
+    doubt = "units" if units else "silent" if silent else ""
     groups = isolability(search.evidence.rig, search.evidence.channels).groups
     compared = _Compared(
         ranking,
@@ -157,7 +160,7 @@ def judge(
         weighed.halves,
         tuple(tuple(k) for k in classes),
         found,
-        empty,
+        silent,
         unused,
         units,
     )

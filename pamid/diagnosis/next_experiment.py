@@ -107,7 +107,7 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
     """Pairs of models to discriminate, the better ranked one first, one model of each family: every
     pair of those that are tied, else the chosen model and each of its nearest rivals."""
-    if d.verdict == "no-structural-gap" or d.empty or d.judged is None or not d.ranking:
+    if d.verdict == "no-structural-gap" or d.silent or d.judged is None or not d.ranking:
         return []
     if d.judged.units:
         return []  # what to measure with units or signs in doubt would be a guess

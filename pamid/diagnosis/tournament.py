@@ -15,7 +15,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.cross_fitting import reported
 from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
 from pamid.diagnosis.family_forms import FreeForm, free_forms
-from pamid.diagnosis.input_response import explains_nothing
+from pamid.diagnosis.input_response import explained_channels, silent_channels
 from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.screening import by_gain
@@ -48,7 +48,7 @@ class Diagnosis:
     budget: Budget
     half: NDArray[np.bool_]  # of the held-out windows
     seed: int = 0
-    empty: bool = False  # no model explains anything: see `explains_nothing`
+    silent: tuple[str, ...] = ()  # channels that do not show this machine: `silent_channels`
     response: LaggedResponse | None = None  # of outputs to inputs; None where no input moves
     located: PortEvidence | None = None
     judged: Judged | None = None
@@ -62,7 +62,7 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         if self.judged is None:
-            return "cannot-tell" if self.empty else "no-structural-gap"
+            return "cannot-tell" if self.silent else "no-structural-gap"
         return self.judged.decision.verdict
 
     @property
@@ -140,13 +140,14 @@ def diagnose(
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
     response = lagged_response(evidence, base.assembly)
-    # an output that neither the model nor any lag of the inputs predicts needs no search: whatever
-    # effect reproduces it does so without the inputs
-    absent = response is not None and response.is_absent
-    nothing_responds = absent and explains_nothing(budget, base, response, seed)
-    if nothing_responds or at_noise_floor(budget, seed):
-        empty = nothing_responds or explains_nothing(budget, base, response, seed)
-        return Diagnosis(evidence, budget, half, seed, empty, response)
+    explained = explained_channels(budget, base, response, seed)
+    silent = silent_channels(budget, base, explained, response)
+    at_floor = at_noise_floor(budget, seed)
+    # what neither the model nor any lag of the inputs predicts needs no search: whatever effect
+    # reproduces it does so without the inputs
+    hopeless = response is not None and (response.absent.all() or explained.any())
+    if at_floor or (silent and hopeless):
+        return Diagnosis(evidence, budget, half, seed, silent, response)
     search = Search(
         evidence,
         budget,
@@ -189,7 +190,7 @@ def diagnose(
         budget,
         half,
         seed,
-        judged.empty,
+        judged.silent,
         response,
         located,
         judged,

@@ -43,7 +43,7 @@ def remark(d: Diagnosis) -> str:
     """What is wrong with the recordings, or with how they were read, where no verdict on the model
     means anything."""
     units = d.judged.units if d.judged else None
-    if units and (units["slips"] or not d.empty):
+    if units and (units["slips"] or not d.silent):
         channel, share = max(units["error_over_spread"].items(), key=lambda pair: pair[1])
         # no slip of the pen explains it: then the units may well be right
         lost = (
@@ -56,28 +56,33 @@ def remark(d: Diagnosis) -> str:
             f"The refitted model misses {channel} by {times_text(share)} times what it moves. "
             f"{units['advice']}{lost}"
         )
-    if not d.empty:
+    if not d.silent:
         return ""
-    sent, channels = _moving_inputs(d), _joined(d.evidence.channels, "and")
-    one = len(d.evidence.channels) == 1
-    if not sent:
+    sent, channels, one = _moving_inputs(d), _joined(d.silent, "and"), len(d.silent) == 1
+    if d.response is None:
         shown = f"The model predicts {channels} no better than their mean or a straight line does."
-    elif d.response and d.response.is_reversed:
+    elif d.response.is_reversed:
         shown = (
             f"{channels} {'precedes' if one else 'precede'} {sent}: the rows seem to be in reverse "
             "order of time."
         )
     else:
-        hardly = d.response is not None and not d.response.is_absent
+        hardly = not d.response.absent.any()
         respond = ("responds" if one else "respond") if hardly else "respond"
         negation = "hardly" if hardly else f"{'does' if one else 'do'} not"
         shown = (
             f"{channels} {negation} {respond} to {sent}: the model predicts no better with the "
             "recorded input than without it."
         )
+    rest = (
+        " Without it the others can be diagnosed."
+        if len(d.silent) < len(d.evidence.channels)
+        else ""
+    )
     return (
         f"The recordings do not show this machine. {shown} Check that every column is the channel "
         "in its name, that one clock recorded all of them, and that the input acted on the rig."
+        f"{rest}"
     )
 
 

@@ -25,29 +25,30 @@ GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of re
 STANDARDISED = 1e-12  # a regressor that varies by less of its size is a constant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LaggedResponse:
-    """Error of the regression with inputs over that without, of the channel where it is least;
-    `backwards`: the same with time reversed."""
+    """Error of the regression with inputs over that without, per channel; `backwards`: the same
+    with time reversed."""
 
-    ratio: float
-    backwards: float
+    forward: Array
+    backwards: Array
 
     @property
-    def is_absent(self) -> bool:
-        """Whether the inputs do not help to predict any output."""
-        return self.ratio >= ABSENT_RATIO
+    def absent(self) -> NDArray[np.bool_]:
+        """Channels that the inputs do not help to predict."""
+        return self.forward >= ABSENT_RATIO
 
     @property
     def is_clear(self) -> bool:
         """Whether the inputs help to predict an output, beyond what chance does."""
-        return self.ratio < CLEAR_RATIO
+        return float(self.forward.min()) < CLEAR_RATIO
 
     @property
     def is_reversed(self) -> bool:
         """Whether outputs precede inputs: the inputs help more with time reversed. The memory of a
         machine that forgets makes the forward direction the better one."""
-        return self.backwards < ABSENT_RATIO * min(self.ratio, 1.0)
+        least = min(float(self.forward.min()), 1.0)
+        return float(self.backwards.min()) < ABSENT_RATIO * least
 
 
 def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
@@ -85,7 +86,9 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
         return min(with_inputs) / without if without > 0.0 else 1.0
 
     channels = range(len(data.channels))
-    forward, backwards = (min(ratio(c, direction) for c in channels) for direction in (1, -1))
+    forward, backwards = (
+        np.array([ratio(c, direction) for c in channels]) for direction in (1, -1)
+    )
     return LaggedResponse(forward, backwards)
 
 

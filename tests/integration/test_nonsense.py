@@ -18,7 +18,7 @@ from pamid.base.run_folder import Run
 from pamid.diagnosis import input_response
 from pamid.diagnosis.budget import gap_budget
 from pamid.diagnosis.diagnosis_run import diagnose_into
-from pamid.diagnosis.input_response import explains_nothing
+from pamid.diagnosis.input_response import explained_channels
 from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.lagged_linear import lagged_response
 from pamid.excitation.aprbs import aprbs
@@ -121,6 +121,13 @@ def test_rows_in_reverse_order_of_time_are_reported(tmp_path: Path) -> None:
     assert outcome.word == "called nonsense" and "reverse order of time" in outcome.sentence
 
 
+def test_one_foreign_channel_of_several_is_named(tmp_path: Path) -> None:
+    kind = "sine in the last channel"
+    outcome = SUITE.outcome_of("cascaded-tanks", kind, False, tmp_path)
+    assert "upper_level_cm does not respond to pump_v" in outcome.sentence
+    assert "Without it the others can be diagnosed" in outcome.sentence
+
+
 def test_a_silent_input_is_named(tmp_path: Path) -> None:
     outcome = SUITE.outcome_of("cart", "ramp", False, tmp_path)
     assert "position_m does not respond to force_n" in outcome.sentence
@@ -149,7 +156,8 @@ def test_a_model_that_follows_the_input_from_a_single_start_explains_something(
     evidence = split_recordings(rig_named(block), [read_recording(tmp_path / "rec.csv")], [])
     budget = gap_budget(evidence, seed=0, pool=WorkerPool(1), progress=silent, settings=DEFAULT)
     response = lagged_response(evidence, budget.baseline.assembly)
-    assert explains_nothing(budget, budget.baseline, response, 0) == (kind != "as it was")
+    explained = explained_channels(budget, budget.baseline, response, 0)
+    assert explained.any() == (kind == "as it was")
 
 
 @pytest.mark.parametrize(
