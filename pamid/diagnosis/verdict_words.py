@@ -60,7 +60,7 @@ def remark(d: Diagnosis) -> str:
         return ""
     sent, channels, one = _moving_inputs(d), _joined(d.silent, "and"), len(d.silent) == 1
     if d.response is None:
-        shown = f"The model predicts {channels} no better than their mean or a straight line does."
+        shown = f"The model predicts {channels} no better than the mean or a straight line does."
     elif d.response.is_reversed:
         shown = (
             f"{channels} {'precedes' if one else 'precede'} {sent}: the rows seem to be in reverse "
