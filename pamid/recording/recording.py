@@ -342,7 +342,10 @@ def recording_files(
                 "Lower what is sent, or mend the parameters that let it grow without bound.",
             )
     formats = [f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]
-    table = table_bytes(names, np.stack(arrays, axis=1), formats)
+    rows = np.stack(arrays, axis=1)
+    if len(rows):
+        check_range(target, names[1:], rows[:, 1:])  # what cannot be read again is not written
+    table = table_bytes(names, rows, formats)
     side = {target.with_suffix(".toml"): toml_text(meta).encode()} if meta else {}
     return {**side, target: table}
 

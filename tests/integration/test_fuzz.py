@@ -41,12 +41,17 @@ FOUND = {
     "force_map": (2733,),
     "training": (8723, 52130),
     "binary_log": (15944,),
-    "raw_log": (20396,),
+    "raw_log": (7773, 20396),
     "resumed": (627, 966),
     "fit": (96557,),
-    "trial": (109190,),
+    "trial": (622, 109190),
     "excitation": (1667,),
     "model": (23788,),
+    "mapping": (8761,),
+    "values": (120, 881, 1094),
+    "diagnosed": (6,),
+    "model_file": (1564,),
+    "counts": (1755,),
 }
 NOTHING = '<svg viewBox="0 0 1 1"></svg>'
 #: absurd numbers may well draw a warning from a plot; only faults are looked for
