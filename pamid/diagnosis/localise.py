@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter, welch
 
 from pamid.base.units import (
     NONE,
@@ -144,6 +143,8 @@ def measured_signals(
 ) -> dict[str, tuple[Array, str]]:
     """What was measured, its rate of change, and what was sent, in the units of their columns:
     name -> (samples, unit)."""
+    from scipy.signal import savgol_filter  # half a second to load, in every worker process
+
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
     half = round(settings.smoothed * r.track.timescale_s / period)
@@ -271,6 +272,8 @@ def frequency_band(
     settings: Settings = DEFAULT,
 ) -> list[float]:
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
+    from scipy.signal import welch  # see `measured_signals`
+
     power, axis = None, None
     for i, b in enumerate(before):
         n = min(
