@@ -47,8 +47,8 @@ class LaggedResponse:
     def is_reversed(self) -> bool:
         """Whether outputs precede inputs: the inputs help more with time reversed. The memory of a
         machine that forgets makes the forward direction the better one."""
-        least = min(float(self.forward.min()), 1.0)
-        return float(self.backwards.min()) < ABSENT_RATIO * least
+        least = float(self.backwards.min())
+        return least < CLEAR_RATIO and least < ABSENT_RATIO * float(self.forward.min())
 
 
 def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
