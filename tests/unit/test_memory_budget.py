@@ -19,13 +19,18 @@ from pamid.ingest.log_reader import read_log
 from pamid.ingest.memory_budget import LIMIT_VARIABLE, MemoryBudget, limited_memory, memory_limit
 
 
-def declared(path: Path, shapes: list[Any], dtype: Any = "f8") -> Path:
-    """HDF5 data sets of which nothing was ever written."""
+def declared(path: Path, shapes: list[Any], dtype: Any = "f8", *, written: bool = True) -> Path:
+    """HDF5 data sets of which one chunk was written, or nothing."""
     import h5py
 
     with h5py.File(path, "w") as file:
         for number, shape in enumerate(shapes):
-            file.create_dataset(f"x{number}", shape=shape, dtype=dtype, chunks=True)
+            part = tuple(min(n, 100) for n in shape)
+            made = file.create_dataset(
+                f"x{number}", shape, dtype, chunks=part, compression="gzip" if written else None
+            )
+            if written:
+                made[(0,) * len(shape)] = np.zeros((), dtype)
         file["t"] = np.arange(100.0)
     return path
 
@@ -54,6 +59,12 @@ def test_a_compound_counts_with_the_size_of_its_record(tmp_path: Path) -> None:
     wide = np.dtype([("a", "f8"), ("b", "f8", (10_000,))])
     log = read_here(declared(tmp_path / "compound.h5", [(1_000_000,)], wide), "hdf5")
     assert [channel.name for channel in log.channels] == ["t"]
+
+
+def test_a_data_set_that_was_never_written_is_left_out(tmp_path: Path) -> None:
+    log = read_here(declared(tmp_path / "empty.h5", [(10_000_000,)], written=False), "hdf5")
+    assert [channel.name for channel in log.channels] == ["t"]
+    assert any("declared, but never written" in detail for detail in log.details)
 
 
 def test_an_image_is_left_out_unread(tmp_path: Path) -> None:

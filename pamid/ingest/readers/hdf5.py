@@ -91,6 +91,9 @@ def _dataset(gathering: Gathering, datasets: dict[str, Any], dataset: Any, name:
         return
     if dataset.shape is None:
         return
+    if not dataset.id.get_storage_size():  # reading it would make its fill value of nothing
+        gathering.leave_out(name, "declared, but never written")
+        return
     kind = dataset.dtype
     if not gathering.reserve(name, dataset.shape, kind.itemsize):
         return
