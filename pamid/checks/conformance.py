@@ -40,6 +40,7 @@ from pamid.symbolic.vocabulary import Number, absolute, sqrt
 Array = NDArray[np.float64]
 
 SAMPLES = 800
+FULL_STRETCH_STATES, LEAST_SAMPLES = 24, 80  # of a stepped rig
 # of the largest output: an effect at its null (a lag of 0 s leaves 1e-9 of a step)
 NULL_TOLERANCE = 1e-8
 SAME_SLOPE = 1e-3  # of the largest sensitivity of a channel
@@ -176,7 +177,11 @@ class ExcitedRig:
                 continue
             centre, half = usual or (0.0, 0.7)
             level = aprbs(
-                self.samples * period, period, half, (8 * period, 60 * period), seed=self.seed + i
+                self.samples * period,
+                period,
+                half,
+                (8 * period, min(60, self.samples // 6) * period),
+                seed=self.seed + i,
             )
             columns.append(centre + (ramps(level) if name in rig.ramped else level))
         return (
@@ -256,11 +261,20 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
     return float(np.nanmax(np.abs(trial.run(p, step) - before) / _scale(before)))
 
 
+def _half_stretch(rig: Rig) -> int:
+    """Samples of the longer checks. Derivatives of a stepped rig cost the square of its states, so
+    that one of many states is tried over fewer."""
+    if not isinstance(rig, StepRig):
+        return SAMPLES // 2
+    share = min(1.0, FULL_STRETCH_STATES / max(len(rig.states), 1)) ** 2
+    return max(LEAST_SAMPLES, round(share * (SAMPLES // 2)))
+
+
 def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
     """Points of the bounds, in words, at which the outputs are not finite (empty: none found)."""
-    trial = ExcitedRig(rig, attachment, samples=SAMPLES // 2)
+    trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig))
     random = np.random.default_rng(seed)
     found = []
     for draw in range(draws):
@@ -279,7 +293,7 @@ def finite_everywhere(
 def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int = 0) -> float:
     """Largest disagreement of exact sensitivities with central differences, relative to each
     channel's largest."""
-    trial = ExcitedRig(rig, attachment, samples=SAMPLES // 2, seed=seed)
+    trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig), seed=seed)
     p = trial.assembly.values()
     for i, b in trial.own:
         # a little off the typical value: round numbers sit on corners (a delay of whole samples, a

@@ -241,7 +241,7 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     assert found is not None and found["error_over_spread"]["force_n"] > 10.0
     assert {"kind": "parameter", "name": "area", "factor": 1e-4} in found["slips"]
     judged: Any = SimpleNamespace(units=found)
-    told: Any = SimpleNamespace(judged=judged, empty=False)
+    told: Any = SimpleNamespace(judged=judged, silent=())
     assert "Check units and signs: " in remark(told) and "area" in remark(told)
     assert "got nowhere" not in remark(told)
     judged.units = {**found, "slips": [], "advice": "Check units and signs."}
