@@ -258,17 +258,28 @@ def _matches(found: dict[int, Words]) -> Places:
     return np.stack([owner[at], owner[at + 1], place[at] - place[at + 1]], axis=1).astype(np.int64)
 
 
+def _overlapping(
+    one: dict[str, _Signal], other: dict[str, _Signal], shift: int
+) -> tuple[list[tuple[str, Array, Array]], int, int]:
+    """Values of both in every signal that both have where they overlap, its first sample (of
+    `one`), and its length."""
+    names = [n for n in one if n in other]
+    stop = min(len(one[names[0]].values), len(other[names[0]].values) + shift)
+    start = max(0, shift)
+    pairs = [
+        (n, one[n].values[start:stop], other[n].values[start - shift : stop - shift]) for n in names
+    ]
+    return pairs, start, stop - start
+
+
 def _shared(
     one: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[int, int] | None:
     """First sample (of `one`) and length of the stretch that tells most among those alike in every
     signal that both have; None where it tells too little."""
-    names = [n for n in one if n in other]
-    size = min(len(one[names[0]].values), len(other[names[0]].values) + shift)
-    start = max(0, shift)
-    same, moves = np.ones(size - start, bool), np.zeros(size - start, bool)
-    for n in names:
-        a, b = one[n].values[start:size], other[n].values[start - shift : size - shift]
+    pairs, start, size = _overlapping(one, other, shift)
+    same, moves = np.ones(size, bool), np.zeros(size, bool)
+    for n, a, b in pairs:
         near = 0.5 * (one[n].step + other[n].step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
         same &= np.abs(a - b) <= 1.000001 * near
         moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
@@ -279,12 +290,9 @@ def _shared_but_scaled(
     one: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[int, int] | None:
     """As `_shared`, where every signal of the other is a straight line over that of the one."""
-    names = [n for n in one if n in other]
-    size = min(len(one[names[0]].values), len(other[names[0]].values) + shift)
-    start = max(0, shift)
-    same, moves = np.ones(size - start, bool), np.zeros(size - start, bool)
-    for n in names:
-        a, b = one[n].values[start:size], other[n].values[start - shift : size - shift]
+    pairs, start, size = _overlapping(one, other, shift)
+    same, moves = np.ones(size, bool), np.zeros(size, bool)
+    for n, a, b in pairs:
         line = _line(a, b, one[n].noise)
         if line is None:
             return None
