@@ -35,10 +35,11 @@ def explained_channels(
     `_beats_extrapolation`.
     """
     if response is not None:
-        held_out = [r.full_track for r in model.replays]
-        for tracks in (held_out, list(model.fit.problem.tracks)):
-            if inputs_move(tracks):
-                return _responding(budget, model, tracks, seed)
+        if inputs_move([r.full_track for r in model.replays]):
+            return _responding(budget, model, model.replays, seed)
+        tracks = model.fit.problem.tracks
+        if inputs_move(tracks):
+            return _responding(budget, model, _replays(budget, model, tracks), seed)
     beats = _beats_extrapolation(budget, model, seed)
     return np.full(len(budget.model.evidence.channels), beats)
 
@@ -62,35 +63,30 @@ def silent_channels(
     return tuple(names[~explained & response.absent & far])
 
 
+def _replays(budget: Budget, model: CandidateModel, tracks: Sequence[Track]) -> list[Replay]:
+    noise, f = budget.model.evidence.noise, model.fit
+    return [replay_track(model.assembly, f.p, t, f.stepping, noise) for t in tracks]
+
+
 def _responding(
-    budget: Budget, model: CandidateModel, tracks: Sequence[Track], seed: int
+    budget: Budget, model: CandidateModel, true: Sequence[Replay], seed: int
 ) -> Channels:
-    """Channels that the recorded inputs help the model to predict.
+    """Channels that the recorded inputs help the model to predict. true: replays with them.
 
     They do if its error is smaller, by the margin and with 95 % confidence or by plainly more, than
     those of the median and of the same model without its inputs. The comparison is made in windows,
     and over one free run, since a window shows little of a slow machine.
     """
-    settings, noise = budget.settings, budget.model.evidence.noise
+    settings = budget.settings
 
-    def replays(shift: float | None) -> list[Replay]:
-        return [
-            replay_track(
-                model.assembly,
-                model.fit.p,
-                t if shift is None else _without_inputs(t, shift),
-                model.fit.stepping,
-                noise,
-            )
-            for t in tracks
-        ]
-
-    def losses(rs: list[Replay]) -> Array:
+    def losses(rs: Sequence[Replay]) -> Array:
         return np.concatenate([r.losses() for r in rs])
 
-    true = replays(None)
     middle = np.concatenate([_guesses(r)[0] for r in true])
-    held, *shifted = (losses(replays(shift)) for shift in _shifts(settings))
+    held, *shifted = (
+        losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
+        for shift in _shifts(settings)
+    )
     rivals = (middle, held, np.mean(shifted, axis=0))
     error = losses(true)
     begun = [(r.track, r.entered[0]) for r in true]
