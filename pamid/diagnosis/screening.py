@@ -177,13 +177,6 @@ class ScreeningBaseline:
             self.stepping,
         )
 
-    @property
-    def affordable(self) -> int:
-        """Candidates that may be refitted without a choice among them."""
-        problem = self.baseline.fit.problem
-        samples = sum(len(t) for t in problem.tracks) * problem.assembly.program.worth
-        return 0 if self.held else self.settings.refits_all // samples
-
     def model_beside(self, evidence: DataSplit, attachment: Attachment, sizes: Sizes) -> Assembly:
         """The baseline and a candidate; what was widened for the baseline stays wide."""
         made = model_with(evidence, (*self.baseline.attached, attachment), sizes)
@@ -387,12 +380,14 @@ def by_gain(screened: Iterable[Screened]) -> list[Screened]:
 def promising(
     family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
-    """The candidates to refit, by gain. On top of the baseline: all, where that is affordable; else
-    the first `refits_least`, further ones with a share of the largest gain, and the best of every
-    other family. Beside effects that are already found: the leading ones alone."""
+    """Return the candidates to refit, by gain.
+
+    On top of the baseline: the first `refits_least`, further ones with a share of the largest gain,
+    and the best of every other family. On top of effects already named: the leading ones alone.
+    """
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
-    if not usable or (first_round and len(usable) <= reference.affordable):
+    if not usable:
         return usable
     top = usable[0].gain
     leading = usable[: settings.refits if first_round else settings.refits_beside]

@@ -148,9 +148,6 @@ class Settings:
         8, "candidates", "refitted by their gain, beside the best of every further family", COST
     )
     refits_least: int = setting(6, "candidates", "refitted in any case", COST)
-    refits_all: int = setting(
-        250_000, "fitted samples", "times candidates up to which all are refitted, by gain", COST
-    )
     refit_share: float = setting(
         0.1, "share of the largest gain", "further candidates with less are not refitted", COST
     )

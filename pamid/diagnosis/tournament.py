@@ -167,11 +167,14 @@ def diagnose(
     failed = first.failed
     opposite: list[tuple[CandidateModel, float]] = []
     if judged.decision.verdict not in NOTHING_OPEN:
-        # before it is said that nothing known explains it, or not all of it, everything known that
-        # acts there is fitted: a few steps of screening are no verdict
-        rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
+        # before the verdict says that nothing known explains the gap, every known effect that acts
+        # there is refitted: a few steps of screening are not enough to reject it
         named = bool(judged.decision.named)
-        rest = by_gain(rest)[: first.reference.affordable if named else None]
+        rest = [
+            s
+            for s in ([] if named else by_gain(first.passed_over))
+            if _acts_where(located, s.attachment, settings)
+        ]
         models, more = refit_screened(search, base, rest)
         failed = failed + more
         # what stands behind a name has been fitted to its end

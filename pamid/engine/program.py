@@ -92,10 +92,9 @@ class Program:
     """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
     array.
 
-    worth: samples of equations that one costs in a fit; ordered: do finer steps change less and
-    less? keeps_slopes: are there any that are dear enough to be kept?"""
+    ordered: do finer steps change less and less? keeps_slopes: are there any that are dear enough
+    to be kept?"""
 
-    worth: ClassVar[int] = 1
     ordered: ClassVar[bool] = True
     keeps_slopes: ClassVar[bool] = False
 

@@ -45,9 +45,6 @@ if TYPE_CHECKING:  # numba is loaded when a model is run, not with the package
 Array = NDArray[np.float64]
 
 MOST_EXCHANGES = 64  # per sample
-# samples of equations that one of a simulator costs in a fit whose slopes are known: 0.7 us against
-# 11 with MuJoCo and 100 with Python (`benchmarks/stepped.py`)
-WORTH = 16
 
 
 class FarRunner(Protocol):
@@ -83,7 +80,6 @@ class SteppedProgram:
     known: KnownSlopes | None = None  # of the exchanges of the next run with sensitivities
     states: tuple[str, ...] = field(init=False)
     outputs: tuple[str, ...] = field(init=False)
-    worth: ClassVar[int] = WORTH
     ordered: ClassVar[bool] = False  # contacts come and go with the length of a step
 
     def __post_init__(self) -> None:

@@ -13,7 +13,6 @@ from pamid.diagnosis import screening
 from pamid.diagnosis.screening import ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
-from pamid.engine.stepped import WORTH
 from pamid.estimation import grey_box
 from pamid.estimation.grey_box import settles
 from pamid.estimation.problem import Fit, Problem
@@ -49,17 +48,6 @@ def test_finer_steps_are_fitted_where_they_settle_something(
     a = Assembly(WrittenPendulum())
     assert settles(a, _fitted(a), (), NONE, 1.0)  # the steps of equations have an order
     assert not asked
-
-
-def test_what_is_stepped_is_refitted_as_often_as_it_costs() -> None:
-    samples = DEFAULT.refits_all // (2 * WORTH)
-    counts = []
-    for rig in (WrittenPendulum(), SteppedTwin()):
-        problem = SimpleNamespace(assembly=Assembly(rig), tracks=(range(samples),))
-        baseline: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem))
-        base = ScreeningBaseline(baseline, (), (), NONE, 0.0, False, DEFAULT)
-        counts.append(base.affordable)
-    assert counts == [2 * WORTH, 2]
 
 
 def test_what_is_stepped_is_screened_by_no_finer_steps_than_it_asks_for(
