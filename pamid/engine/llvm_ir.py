@@ -2,7 +2,7 @@
 
 Every function has the same signature, seven addresses: states, cells, past cells, inputs,
 parameters, ticks, out. `out` receives the values and, where derivatives are asked for, the non-zero
-partials row by row.
+partials row by row. A value is a double, or a vector of doubles, one per hypothesis (`ValueType`).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from pamid.symbolic.derivative import gradients
 from pamid.symbolic.expression import Expr, plain, substitute, symbol, walk
@@ -23,6 +24,48 @@ _ARRAY = {space: i for i, space in enumerate(SPACES)} | {
 LONG_MODULE, PART = 3000, 200  # operations: of a module that is written in parts, and of a part
 IN_PARTS = "; in parts"  # its first line
 LANES = 8  # sensitivity columns handled at once; matrices are padded to a multiple of it
+
+
+@dataclass(frozen=True)
+class ValueType:
+    """The LLVM type of a value: double, or a vector of so many lanes.
+
+    functions: of vectors, instead of the scalar functions of these names that operators call.
+    """
+
+    lanes: int = 1
+    functions: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def name(self) -> str:
+        return "double" if self.lanes == 1 else f"<{self.lanes} x double>"
+
+    @property
+    def truth(self) -> str:
+        return "i1" if self.lanes == 1 else f"<{self.lanes} x i1>"
+
+    @property
+    def alignment(self) -> str:
+        """Of a load or a store: NumPy aligns no array to a whole vector."""
+        return "" if self.lanes == 1 else ", align 8"
+
+    def constant(self, value: float) -> str:
+        # the bits of the double: LLVM refuses a decimal that is not exactly one
+        bits = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+        return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
+
+    def line(self, scalar: str) -> str:
+        """An operator's line of IR, which the table has for doubles, for this type."""
+        if self.lanes == 1:
+            return scalar
+        line = scalar.replace("double", self.name).replace("select i1", f"select {self.truth}")
+        for name, function in self.functions:
+            line = line.replace(f"@{name}(", f"@{function}(")
+        return line.replace(".f64(", f".v{self.lanes}f64(")
+
+
+SCALAR = ValueType()
+_SAME_IN_ALL_LANES = ("input", "rise", "tick")  # spaces with a single value for all lanes
 
 
 def part_of(groups: list[list[Expr]]) -> int | None:
@@ -41,28 +84,26 @@ def declarations(part: int | None) -> str:
     return "\n".join(found)
 
 
-def _constant(value: float) -> str:
-    # the bits of the double: LLVM refuses a decimal that is not exactly one
-    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
-
-
 def function_text(
-    name: str, roots: list[Expr], index: Callable[[str, str], int], part: int | None = None
+    name: str,
+    roots: list[Expr],
+    index: Callable[[str, str], int],
+    part: int | None = None,
+    kind: ValueType = SCALAR,
 ) -> str:
     """LLVM IR of one function that stores `roots` to out[0], out[1], ...
 
     index(space, name) is the place of a symbol in its array. part: operations of a part: a part
     hands on in memory what others need and keeps nothing in registers, without which what LLVM
-    takes to distribute them grows faster than the function; None is one part.
+    takes to distribute them grows faster than the function; None is one part. kind: of the values
+    in all arrays but those of inputs and ticks, which hold doubles.
     """
     order = walk(roots)
-    writer = _FunctionWriter(index, _parts(order, part), roots)
+    writer = _FunctionWriter(index, _parts(order, part), roots, kind)
     for node in order:
         writer.write(node)
     for i, root in enumerate(roots):
-        value = writer.value(root)
-        place = writer.fresh(f"getelementptr double, ptr %b{len(SPACES)}, i64 {i}")
-        writer.lines.append(f"store double {value}, ptr {place}")
+        writer.store(writer.value(root), f"%b{len(SPACES)}, i64 {i}")
     return writer.text(name)
 
 
@@ -80,9 +121,13 @@ class _FunctionWriter:
     """
 
     def __init__(
-        self, index: Callable[[str, str], int], parts: dict[Expr, int], roots: list[Expr]
+        self,
+        index: Callable[[str, str], int],
+        parts: dict[Expr, int],
+        roots: list[Expr],
+        kind: ValueType,
     ) -> None:
-        self.index, self.parts = index, parts
+        self.index, self.parts, self.kind = index, parts, kind
         self.lines: list[str] = []
         self.names: dict[Expr, str] = {}
         self.truths: dict[Expr, str] = {}
@@ -101,20 +146,39 @@ class _FunctionWriter:
     def value(self, node: Expr) -> str:
         """The register that holds a node, loaded where the present part has none."""
         if node.op == "const":
-            return _constant(node.value)
+            return self.kind.constant(node.value)
         if node not in self.names:
             if node.op == "symbol":
                 space, what = node.value
                 place = f"%b{_ARRAY[space]}, i64 {self.index(space, what)}"
+                shared = space in _SAME_IN_ALL_LANES and self.kind != SCALAR
+                self.names[node] = self._spread(place) if shared else self._load(place, self.kind)
             else:
-                place = f"%kept, i64 {self.kept[node]}"
-            at = self.fresh(f"getelementptr double, ptr {place}")
-            self.names[node] = self.fresh(f"load double, ptr {at}")
+                self.names[node] = self._load(f"%kept, i64 {self.kept[node]}", self.kind)
         return self.names[node]
+
+    def _load(self, place: str, kind: ValueType) -> str:
+        at = self.fresh(f"getelementptr {kind.name}, ptr {place}")
+        return self.fresh(f"load {kind.name}, ptr {at}{kind.alignment}")
+
+    def _spread(self, place: str) -> str:
+        """A double in every lane."""
+        name, lanes = self.kind.name, self.kind.lanes
+        first = self.fresh(
+            f"insertelement {name} poison, double {self._load(place, SCALAR)}, i64 0"
+        )
+        return self.fresh(
+            f"shufflevector {name} {first}, {name} poison, <{lanes} x i32> zeroinitializer"
+        )
+
+    def store(self, register: str, place: str) -> None:
+        at = self.fresh(f"getelementptr {self.kind.name}, ptr {place}")
+        self.lines.append(f"store {self.kind.name} {register}, ptr {at}{self.kind.alignment}")
 
     def _truth(self, node: Expr) -> str:
         if node not in self.truths:
-            self.truths[node] = self.fresh(f"fcmp one double {self.value(node)}, 0.0")
+            zero = "0.0" if self.kind == SCALAR else "zeroinitializer"
+            self.truths[node] = self.fresh(f"fcmp one {self.kind.name} {self.value(node)}, {zero}")
         return self.truths[node]
 
     def write(self, node: Expr) -> None:
@@ -124,26 +188,25 @@ class _FunctionWriter:
                 self.value(node)
             return
         self._enter(self.parts[node])
+        kind = self.kind
         if node.op == "where":
             truth = self._truth(node.args[0])
-            one, other = (self.value(a) for a in node.args[1:])
-            self.names[node] = self.fresh(f"select i1 {truth}, double {one}, double {other}")
+            one, other = (f"{kind.name} {self.value(a)}" for a in node.args[1:])
+            self.names[node] = self.fresh(f"select {kind.truth} {truth}, {one}, {other}")
         else:
             a = [self.value(x) for x in node.args]
             operator, last = OPERATORS[node.op], ""
             for line in operator.llvm:
-                last = self.fresh(line.format(*a, last=last))
+                last = self.fresh(kind.line(line).format(*a, last=last))
             if operator.is_comparison:
                 # kept beside the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
                 self.truths[node] = last
-                last = self.fresh(
-                    f"select i1 {last}, double {_constant(1.0)}, double {_constant(0.0)}"
-                )
+                one, zero = (f"{kind.name} {kind.constant(v)}" for v in (1.0, 0.0))
+                last = self.fresh(f"select {kind.truth} {last}, {one}, {zero}")
             self.names[node] = last
         if node in self.wanted:
             self.kept[node] = len(self.kept)
-            at = self.fresh(f"getelementptr double, ptr %kept, i64 {self.kept[node]}")
-            self.lines.append(f"store double {self.names[node]}, ptr {at}")
+            self.store(self.names[node], f"%kept, i64 {self.kept[node]}")
 
     def _enter(self, part: int) -> None:
         if part == self.now:
@@ -161,7 +224,7 @@ class _FunctionWriter:
         if not self.last:
             return "\n".join([*head, *self.lines, "ret void", "}"])
         head.append(f"%always = icmp ne i64 %a{len(SPACES)}, 0")
-        head.append(f"%kept = alloca double, i64 {max(len(self.kept), 1)}")
+        head.append(f"%kept = alloca {self.kind.name}, i64 {max(len(self.kept), 1)}")
         return "\n".join([*head, *self.lines, "br label %end", "end:", "ret void", "}"])
 
 

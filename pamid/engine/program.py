@@ -117,9 +117,7 @@ class Program:
         lanes."""
         columns = -(-columns // LANES) * LANES
         nx, nc = len(self.states), len(self.cells)
-        step = period_s / (stepping or Stepping()).substeps
-        size = max([int(np.ceil(d / step)) + 3 for d in self.delays], default=1)
-        nd = len(self.delays)
+        nd, size = len(self.delays), line_length(self.delays, stepping, period_s)
         return Memory(
             np.array(x, float),
             np.zeros(nc),
@@ -246,16 +244,7 @@ class Program:
     exchange_matrix = rate_matrix  # by which the length of a step is chosen
 
     def _with_rises(self, u: Array, after: Array | None) -> Array:
-        """u and, behind it, by how much every linear input rises over each sample, unless that is
-        there already."""
-        plain = np.ascontiguousarray(u, float)
-        if not self.linear or plain.shape[1] > len(self.inputs):
-            return plain
-        moving = plain[:, self.linear]
-        end = moving[-1:] if after is None else np.asarray(after, float)[None, list(self.linear)]
-        return np.ascontiguousarray(
-            np.concatenate([plain, np.diff(moving, axis=0, append=end)], axis=1)
-        )
+        return with_rises(u, after, self.linear, len(self.inputs))
 
     def _prepared(self, p: Array) -> Array:
         """Parameters followed by what depends on them alone."""
@@ -264,6 +253,25 @@ class Program:
         values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
         prepare(self._equations.address[-1], values, values[len(p) :])
         return values
+
+
+def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: int) -> Array:
+    """u and, behind its inputs, by how much every linear one rises over each sample, unless that is
+    there already."""
+    plain = np.ascontiguousarray(u, float)
+    if not linear or plain.shape[1] > inputs:
+        return plain
+    moving = plain[:, linear]
+    end = moving[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
+    return np.ascontiguousarray(
+        np.concatenate([plain, np.diff(moving, axis=0, append=end)], axis=1)
+    )
+
+
+def line_length(delays: tuple[float, ...], stepping: Stepping | None, period_s: float) -> int:
+    """Steps that the longest of these delays (s) takes, with what is read between them."""
+    step = period_s / (stepping or Stepping()).substeps
+    return max([int(np.ceil(d / step)) + 3 for d in delays], default=1)
 
 
 @lru_cache(maxsize=256)
@@ -286,8 +294,8 @@ def build_program(
     from pamid.engine.integrator import CompiledEquations
     from pamid.engine.jit_cache import addresses
 
-    phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
-    layout = _Layout.of(equations, inputs, parameters, linear)
+    phases, phase_n, phase_first, phase_delay, delays = cell_phases(equations)
+    layout = Layout.of(equations, inputs, parameters, linear)
     code = _module_code([[*equations.rates], [*equations.outputs], *phases], layout, sensitive)
     address = addresses("\n".join(code.parts), code.names)
 
@@ -325,13 +333,13 @@ def module_text(
 ) -> tuple[str, list[str]]:
     """What `build_program` compiles of the same arguments: LLVM IR, and names of functions."""
     _, sensitive, linear = rest
-    layout, phases = _Layout.of(equations, inputs, parameters, linear), _phases(equations)[0]
+    layout, phases = Layout.of(equations, inputs, parameters, linear), cell_phases(equations)[0]
     code = _module_code([[*equations.rates], [*equations.outputs], *phases], layout, sensitive)
     return "\n".join(code.parts), code.names
 
 
 @dataclass(frozen=True)
-class _Layout:
+class Layout:
     """Where symbols stand: place in the array of their space, first column of each space among the
     partials, and the parameters' first column (those before it are the rows of S)."""
 
@@ -345,7 +353,7 @@ class _Layout:
         inputs: tuple[str, ...],
         parameters: tuple[str, ...],
         linear: tuple[str, ...],
-    ) -> _Layout:
+    ) -> Layout:
         nx, nc = len(equations.states), len(equations.cells)
         place = {("state", n): i for i, n in enumerate(equations.states)}
         place |= {
@@ -357,10 +365,10 @@ class _Layout:
         place |= {("tick", n): i for i, n in enumerate(TICKS)}
         return cls(place, {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc})
 
-    def with_derived(self, count: int) -> _Layout:
+    def with_derived(self, count: int) -> Layout:
         """The same with so many values behind the parameters that follow from these alone."""
         first = sum(space == "parameter" for space, _ in self.place)
-        return _Layout(
+        return Layout(
             self.place | {("derived", str(i)): first + i for i in range(count)}, self.base
         )
 
@@ -396,7 +404,7 @@ class _ModuleCode:
 
 
 def _module_code(
-    groups: list[list[Expr]], layout: _Layout, sensitive: frozenset[str] | None
+    groups: list[list[Expr]], layout: Layout, sensitive: frozenset[str] | None
 ) -> _ModuleCode:
     """Three functions per group, the rates first: f its values, d these and their partials, s the
     product of the partials with S."""
@@ -429,7 +437,7 @@ def _module_code(
     )
 
 
-def _phases(
+def cell_phases(
     equations: StateEquations,
 ) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
     """Cut the ordered cells after every delay line: the driver moves the line between two phases.

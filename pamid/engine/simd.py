@@ -4,6 +4,7 @@ keep in registers."""
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
 from llvmlite import ir
@@ -16,7 +17,10 @@ _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _INT64_LANES = ir.VectorType(INT64, LANES)
 # added and taken away again, it leaves a whole number, whose bits stand last
 _ROUNDING = 1.5 * 2.0**52
+_ROUNDING_BITS = struct.unpack("<q", struct.pack("<d", _ROUNDING))[0]
 _BIAS = 1023  # of the exponent of a double
+_OFFSET = 2048  # even, and above the size of every exponent
+_EXP_RANGE = (-746.0, 710.0)  # beyond, exp is 0 or inf
 _TANH_FLAT = 20.0  # tanh is 1 from here on
 _TERMS = 13  # of the series of exp within +- ln(2) / 2: error 4e-18
 # high and low part
@@ -69,31 +73,77 @@ class Vectors:
     def tanh(self, a: Any) -> Any:
         """1 - 2 / (exp(2 a) + 1): right to round-off of 1, not of a small result."""
         b, one = self.builder, self.constant(1.0)
-        # what is not a number stays as it is
-        for bound, beyond in ((_TANH_FLAT, ">"), (-_TANH_FLAT, "<")):
-            a = b.select(b.fcmp_ordered(beyond, a, self.constant(bound)), self.constant(bound), a)
+        a = self._between(a, -_TANH_FLAT, _TANH_FLAT)
         e = self._exp(b.fmul(a, self.constant(2.0)))
         return b.fsub(one, b.fdiv(self.constant(2.0), b.fadd(e, one)))
 
     def _exp(self, a: Any) -> Any:
-        """exp(a) for |a| < 700: 2^k times a series in a - k ln(2).
+        """exp(a) for |a| < 700: 2^k times a series in a - k ln(2)."""
+        shifted, r = self._reduced(a)
+        exponent = self.builder.add(self._bits(shifted), self._integers(_BIAS))
+        return self.builder.fmul(self._series(r, 0), self._power(exponent))
+
+    def exp(self, a: Any) -> Any:
+        """exp(a) for every a: inf, 0, denormal and NaN where the exact result rounds to these."""
+        b = self.builder
+        shifted, r = self._reduced(self._between(a, *_EXP_RANGE))
+        # 2^k in two factors, since k may leave the range of exponents; the offset makes k positive,
+        # because narrow vector units have no shift that keeps a sign
+        half = b.lshr(
+            b.add(self._bits(shifted), self._integers(_OFFSET - _ROUNDING_BITS)), self._integers(1)
+        )
+        rest = b.sub(
+            b.add(self._bits(shifted), self._integers(_OFFSET // 2 + _BIAS - _ROUNDING_BITS)), half
+        )
+        first = b.add(half, self._integers(_BIAS - _OFFSET // 2))
+        return b.fmul(b.fmul(self._series(r, 0), self._power(first)), self._power(rest))
+
+    def tanh_to_zero(self, a: Any) -> Any:
+        """tanh(a) to round-off of the result: e / (e + 2), with e = exp(2 a) - 1."""
+        b = self.builder
+        shifted, r = self._reduced(
+            b.fmul(self._between(a, -_TANH_FLAT, _TANH_FLAT), self.constant(2.0))
+        )
+        power = self._power(b.add(self._bits(shifted), self._integers(_BIAS)))
+        series = b.fmul(self._series(r, 1), r)
+        e = self.fma(series, power, b.fsub(power, self.constant(1.0)))
+        return b.fdiv(e, b.fadd(e, self.constant(2.0)))
+
+    def _between(self, a: Any, low: float, high: float) -> Any:
+        """a no lower and no higher than these; NaN stays NaN."""
+        b = self.builder
+        for bound, beyond in ((high, ">"), (low, "<")):
+            a = b.select(b.fcmp_ordered(beyond, a, self.constant(bound)), self.constant(bound), a)
+        return a
+
+    def _reduced(self, a: Any) -> tuple[Any, Any]:
+        """k = a / ln(2), rounded, in the last bits of the first vector; a - k ln(2).
 
         ln(2) is taken off in two parts, of which the first times k is exact (Cody and Waite 1980,
         Software Manual for the Elementary Functions).
         """
-        b = self.builder
         shifted = self.fma(a, self.constant(1.0 / math.log(2.0)), self.constant(_ROUNDING))
-        k = b.fsub(shifted, self.constant(_ROUNDING))
-        r = self.fma(k, self.constant(-_LN2[1]), self.fma(k, self.constant(-_LN2[0]), a))
-        series = self.constant(1.0 / math.factorial(_TERMS))
-        for n in range(_TERMS - 1, -1, -1):
-            series = self.fma(series, r, self.constant(1.0 / math.factorial(n)))
-        # k stands in the last bits of `shifted`; with the bias, 52 places further up, it is 2^k
-        exponent = b.add(
-            b.bitcast(shifted, _INT64_LANES), ir.Constant(_INT64_LANES, [_BIAS] * LANES)
+        k = self.builder.fsub(shifted, self.constant(_ROUNDING))
+        return shifted, self.fma(
+            k, self.constant(-_LN2[1]), self.fma(k, self.constant(-_LN2[0]), a)
         )
-        power = b.bitcast(b.shl(exponent, ir.Constant(_INT64_LANES, [52] * LANES)), _VECTOR)
-        return b.fmul(series, power)
+
+    def _series(self, r: Any, first: int) -> Any:
+        """The series of exp(r) from this term on, divided by r to the power of `first`."""
+        series = self.constant(1.0 / math.factorial(_TERMS))
+        for n in range(_TERMS - 1, first - 1, -1):
+            series = self.fma(series, r, self.constant(1.0 / math.factorial(n)))
+        return series
+
+    def _bits(self, a: Any) -> Any:
+        return self.builder.bitcast(a, _INT64_LANES)
+
+    def _integers(self, value: int) -> Any:
+        return ir.Constant(_INT64_LANES, [value] * LANES)
+
+    def _power(self, exponent: Any) -> Any:
+        """2^(exponent - _BIAS), of which only the last bits count."""
+        return self.builder.bitcast(self.builder.shl(exponent, self._integers(52)), _VECTOR)
 
     def _at(self, base: Any, place: Any) -> Any:
         return self.builder.bitcast(self.builder.gep(base, [place]), _VECTOR.as_pointer())

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
+from pamid.engine.lane_program import LaneProgram
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import (
     PERIODS,
@@ -24,7 +25,7 @@ from pamid.model.bound_parameter import (
     within,
 )
 from pamid.model.effect import Effect
-from pamid.model.executable import Executable, program_of
+from pamid.model.executable import Executable, lane_program_of, program_of
 from pamid.model.known_bounds import CURE, KnownObjection, objection
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
@@ -253,8 +254,22 @@ class Assembly:
     def program_with(self, extra: dict[str, Expr]) -> Executable:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own.
         These have no sensitivities, and where there are any, no parameter has."""
-        t = self.traced
-        outputs = {k: t.outputs[k] for k in self.outputs or t.outputs}
-        outputs |= {k: held(value) for k, value in extra.items()}
         sensitive = frozenset[str]() if extra else self.sensitive
-        return program_of(self.rig, t, outputs, tuple(self.keys), sensitive)
+        return program_of(
+            self.rig, self.traced, self._outputs_with(extra), tuple(self.keys), sensitive
+        )
+
+    @cached_property
+    def lane_program(self) -> LaneProgram | None:
+        """The equations for several hypotheses side by side; None for a rig that a simulator
+        steps."""
+        return self.lane_program_with({})
+
+    def lane_program_with(self, extra: dict[str, Expr]) -> LaneProgram | None:
+        """`lane_program` with further outputs, as of `program_with`."""
+        outputs = self._outputs_with(extra)
+        return lane_program_of(self.rig, self.traced, outputs, tuple(self.keys))
+
+    def _outputs_with(self, extra: dict[str, Expr]) -> dict[str, Expr]:
+        outputs = {k: self.traced.outputs[k] for k in self.outputs or self.traced.outputs}
+        return outputs | {k: held(value) for k, value in extra.items()}

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import TypeAlias
 
 from pamid.base.errors import UsageError
+from pamid.engine.lane_program import LaneProgram, build_lane_program
 from pamid.engine.program import Program, build_program
 from pamid.engine.stepped import SteppedProgram
 from pamid.model.rig import Rig
@@ -37,6 +38,18 @@ def program_of(
     return build_program(
         lowered, traced.inputs, parameters, tuple(outputs), sensitive, traced.linear
     )
+
+
+def lane_program_of(
+    rig: Rig, traced: Traced, outputs: Mapping[str, Expr], parameters: tuple[str, ...]
+) -> LaneProgram | None:
+    """The same for several hypotheses side by side; None for a rig that a simulator steps."""
+    if isinstance(rig, StepRig):
+        return None
+    lowered = _lowered(
+        tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
+    )
+    return build_lane_program(lowered, traced.inputs, parameters, tuple(outputs), traced.linear)
 
 
 @lru_cache(maxsize=32)

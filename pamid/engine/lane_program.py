@@ -1,0 +1,285 @@
+"""Equations run for several hypotheses side by side: other parameters or start states in each lane,
+the same inputs.
+
+Eight lanes take little longer than one run of `pamid.engine.program.Program` without sensitivities
+(`benchmarks/lanes.py`). Any number of lanes may be given; they run in groups of eight, the last of
+which is filled up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.llvm_ir import LANES, extract_derived
+from pamid.engine.program import Layout, Stepping, cell_phases, line_length, with_rises
+from pamid.symbolic.expression import plain
+from pamid.symbolic.memory_cells import StateEquations
+
+if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
+    from pamid.engine.lane_sweep import LaneArrays, LaneEquations
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class LaneMemory:
+    """Everything that the lanes carry from one run to the next.
+
+    Arrays stand in groups of LANES lanes: states (groups, states, LANES), cells and past (groups,
+    cells, LANES), buffers (groups, delays, length, LANES), heads (groups, delays); lanes: how many
+    are in use; begin until the first run; join: the state was set anew since the last one.
+    """
+
+    states: Array
+    cells: Array
+    past: Array
+    buffers: Array
+    heads: NDArray[np.int64]
+    lanes: int
+    begin: bool = True
+    join: bool = False
+
+    @property
+    def x(self) -> Array:
+        """The states (states, lanes), a copy."""
+        return _joined_lanes(self.states.transpose(1, 0, 2), self.lanes)
+
+    def enter(self, x: Array) -> None:
+        """Set the first states anew: x (n, lanes), or (n,) for all lanes."""
+        self.states[:, : len(x)] = _grouped(_per_lane(x, self.lanes)).transpose(1, 0, 2)
+        self.join = True
+
+    def arrays(self) -> LaneArrays:
+        from pamid.engine.lane_sweep import LaneArrays
+
+        return LaneArrays(self.states, self.cells, self.past, self.buffers, self.heads)
+
+    def copy(self) -> LaneMemory:
+        states, cells, past, buffers, heads = (array.copy() for array in self.arrays())
+        return LaneMemory(states, cells, past, buffers, heads, self.lanes, self.begin, self.join)
+
+
+@dataclass(frozen=True)
+class LaneProgram:
+    """Compiled equations without derivatives. `states`, `inputs`, `parameters`, `outputs` give the
+    order of every array, as in `Program`."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+    cells: tuple[str, ...]
+    delays: tuple[float, ...]
+    derived: int
+    linear: tuple[int, ...]  # places of the inputs that are linear over a sample; others are held
+    _equations: LaneEquations = field(repr=False)
+    _prepare: int = field(repr=False)
+
+    def memory(
+        self, x: Array, *, stepping: Stepping | None = None, period_s: float = 1.0
+    ) -> LaneMemory:
+        """Fresh memory at states x (states, lanes)."""
+        states = np.ascontiguousarray(_grouped(np.asarray(x, float)).transpose(1, 0, 2))
+        groups, nc, nd = len(states), len(self.cells), len(self.delays)
+        size = line_length(self.delays, stepping, period_s)
+        return LaneMemory(
+            states,
+            np.zeros((groups, nc, LANES)),
+            np.zeros((groups, nc, LANES)),
+            np.zeros((groups, nd, size, LANES)),
+            np.zeros((groups, nd), np.int64),
+            x.shape[1],
+        )
+
+    def run(
+        self,
+        memory: LaneMemory,
+        u: Array,
+        p: Array,
+        *,
+        period_s: float,
+        time_s: float = 0.0,
+        stepping: Stepping | None = None,
+        after: Array | None = None,
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Simulate over the rows of u in all lanes, carrying `memory` on.
+
+        Parameters
+        ----------
+        u : (samples, inputs), shared by the lanes
+        p : (parameters, lanes), or (parameters,) for all lanes
+        time_s, after : time of the first row; inputs one sample behind the last one, as in
+            `Program.run`
+
+        Returns
+        -------
+        outputs (samples, outputs, lanes), NaN in a lane behind the sample at which its state blew
+        up, and these samples (lanes,), -1 where none is.
+        """
+        nothing = np.empty((1, 0, memory.lanes))
+        edges = np.array([0, len(u)])
+        Y, _, bad = self._run(memory, u, p, edges, nothing, period_s, time_s, stepping, after)
+        return Y, bad
+
+    def run_windows(
+        self,
+        memory: LaneMemory,
+        u: Array,
+        p: Array,
+        edges: NDArray[np.int64],
+        entered: Array,
+        *,
+        period_s: float,
+        time_s: float = 0.0,
+        stepping: Stepping | None = None,
+        after: Array | None = None,
+        dependent: int | None = None,
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Simulate window after window, setting the first states anew at the start of each.
+
+        Parameters
+        ----------
+        u : (samples, inputs) of the whole track, whose first row is at `time_s`
+        p : (parameters, lanes), or (parameters,) for all lanes
+        edges : (windows + 1,) rows at which windows start, and the end of the last one
+        entered : (windows, n, lanes) values of the first n states at the start of each window
+        dependent : first lane that differs from lane 0 by the start of a single window: what lies
+            behind the first n states (other states, cells, delay lines) is taken over from lane 0
+            at each start. None: every lane carries its memory from window to window.
+
+        Returns
+        -------
+        outputs (rows between the first and the last edge, outputs, lanes) and the state at the end
+        of each window (windows, states, lanes), NaN in a lane that has blown up; for each lane the
+        row at which it did, -1 where none is. Where lane 0 blows up and others depend on it, all
+        end with its window.
+        """
+        memory.join = True
+        course = period_s, time_s, stepping, after, dependent
+        return self._run(memory, u, p, np.asarray(edges), entered, *course)
+
+    def _run(
+        self,
+        memory: LaneMemory,
+        u: Array,
+        p: Array,
+        edges: NDArray[np.int64],
+        entered: Array,
+        period_s: float,
+        time_s: float,
+        stepping: Stepping | None,
+        after: Array | None,
+        dependent: int | None = None,
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
+        from pamid.engine.lane_sweep import (
+            LaneInputs,
+            LaneResults,
+            LaneTimes,
+            LaneWindows,
+            sweep_lanes,
+        )
+
+        step = stepping or Stepping()
+        groups, windows, first = len(memory.states), len(edges) - 1, int(edges[0])
+        all_lanes = groups * LANES
+        results = LaneResults(
+            np.empty((int(edges[-1]) - first, len(self.outputs), groups, LANES)),
+            np.empty((windows, len(self.states), groups, LANES)),
+            np.full((groups, LANES), -1),
+        )
+        sweep_lanes(
+            self._equations,
+            memory.arrays(),
+            LaneInputs(
+                with_rises(u, after, self.linear, len(self.inputs))[first:],
+                self._prepared(p, memory),
+            ),
+            LaneTimes(
+                float(time_s) + first * float(period_s),
+                float(period_s),
+                step.substeps,
+                memory.begin,
+                memory.join,
+            ),
+            LaneWindows(
+                edges - first,
+                _grouped(entered),
+                all_lanes if dependent is None or dependent >= memory.lanes else dependent,
+            ),
+            results,
+        )
+        memory.begin = memory.join = False
+        Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)
+        return Y, ends, np.where(bad < 0, bad, bad + first)
+
+    def _prepared(self, p: Array, memory: LaneMemory) -> Array:
+        """Parameters (groups, parameters, LANES), followed by what depends on them alone."""
+        from pamid.engine.lane_sweep import prepare_lanes
+
+        known = len(self.parameters)
+        values = np.empty((len(memory.states), known + self.derived, LANES))
+        values[:, :known] = _grouped(_per_lane(p, memory.lanes)).transpose(1, 0, 2)
+        prepare_lanes(self._prepare, values, known)
+        return values
+
+
+def _per_lane(values: Array, lanes: int) -> Array:
+    """values (n, lanes), where they are not given by lane the same in each."""
+    values = np.asarray(values, float)
+    return values if values.ndim > 1 else np.repeat(values[:, None], lanes, axis=1)
+
+
+def _grouped(values: Array) -> Array:
+    """values (..., lanes) as (..., groups, LANES), the last group filled up with copies of lane
+    0."""
+    lanes = values.shape[-1]
+    filling = np.repeat(values[..., :1], -lanes % LANES, axis=-1)
+    groups = -(-lanes // LANES)
+    return np.concatenate([values, filling], axis=-1).reshape(*values.shape[:-1], groups, LANES)
+
+
+def _joined_lanes(values: NDArray[Any], lanes: int) -> NDArray[Any]:
+    """values (..., groups, LANES) as (..., lanes)."""
+    groups, width = values.shape[-2:]
+    return values.reshape(*values.shape[:-2], groups * width)[..., :lanes]
+
+
+@lru_cache(maxsize=256)
+def build_lane_program(
+    equations: StateEquations,
+    inputs: tuple[str, ...],
+    parameters: tuple[str, ...],
+    outputs: tuple[str, ...],
+    linear: tuple[str, ...] = (),
+) -> LaneProgram:
+    """Compile equations for lanes; the arguments are those of
+    `pamid.engine.program.build_program`."""
+    # LLVM is loaded when a model is compiled, not with the package
+    from pamid.engine.jit_cache import addresses
+    from pamid.engine.lane_ir import lane_module_text
+    from pamid.engine.lane_sweep import LaneEquations
+
+    phases, phase_n, phase_first, phase_delay, delays = cell_phases(equations)
+    groups = [plain(group) for group in ([*equations.rates], [*equations.outputs], *phases)]
+    values, derived = extract_derived(groups)
+    layout = Layout.of(equations, inputs, parameters, linear).with_derived(len(derived))
+    functions = {f"v{i}": group for i, group in enumerate(values)} | {"prepare": derived}
+    *address, prepare = addresses(lane_module_text(functions, layout.index), list(functions))
+    columns = (np.array(c, np.int64) for c in (address, phase_n, phase_first, phase_delay))
+    return LaneProgram(
+        equations.states,
+        inputs,
+        parameters,
+        outputs,
+        tuple(c.name for c in equations.cells),
+        tuple(delays),
+        len(derived),
+        tuple(inputs.index(n) for n in linear),
+        LaneEquations(*columns),
+        prepare,
+    )
