@@ -8,14 +8,14 @@ which is filled up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.llvm_ir import LANES, extract_derived
+from pamid.engine.llvm_ir import LANES, extract_derived, with_partials
 from pamid.engine.program import Layout, Stepping, cell_phases, line_length, with_rises
 from pamid.symbolic.expression import plain
 from pamid.symbolic.memory_cells import StateEquations
@@ -64,28 +64,40 @@ class LaneMemory:
         return LaneMemory(states, cells, past, buffers, heads, self.lanes, self.begin, self.join)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LaneProgram:
-    """Compiled equations without derivatives. `states`, `inputs`, `parameters`, `outputs` give the
-    order of every array, as in `Program`."""
+    """Equations without sensitivities, compiled when they are first run. `states`, `inputs`,
+    `parameters`, `outputs` give the order of every array, as in `Program`; linear: names of the
+    inputs that are linear over a sample."""
 
-    states: tuple[str, ...]
+    equations: StateEquations
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
-    cells: tuple[str, ...]
-    delays: tuple[float, ...]
-    derived: int
-    linear: tuple[int, ...]  # places of the inputs that are linear over a sample; others are held
-    _equations: LaneEquations = field(repr=False)
-    _prepare: int = field(repr=False)
+    linear: tuple[str, ...]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return self.equations.states
+
+    @cached_property
+    def delays(self) -> tuple[float, ...]:
+        return tuple(cell_phases(self.equations)[4])
+
+    @cached_property
+    def _explicit(self) -> _LaneCode:
+        return _compiled(self, implicit=False)
+
+    @cached_property
+    def _implicit(self) -> _LaneCode:
+        return _compiled(self, implicit=True)
 
     def memory(
         self, x: Array, *, stepping: Stepping | None = None, period_s: float = 1.0
     ) -> LaneMemory:
         """Fresh memory at states x (states, lanes)."""
         states = np.ascontiguousarray(_grouped(np.asarray(x, float)).transpose(1, 0, 2))
-        groups, nc, nd = len(states), len(self.cells), len(self.delays)
+        groups, nc, nd = len(states), len(self.equations.cells), len(self.delays)
         size = line_length(self.delays, stepping, period_s)
         return LaneMemory(
             states,
@@ -187,22 +199,25 @@ class LaneProgram:
         step = stepping or Stepping()
         groups, windows, first = len(memory.states), len(edges) - 1, int(edges[0])
         all_lanes = groups * LANES
+        code = self._implicit if step.implicit else self._explicit
+        linear = tuple(self.inputs.index(n) for n in self.linear)
         results = LaneResults(
             np.empty((int(edges[-1]) - first, len(self.outputs), groups, LANES)),
             np.empty((windows, len(self.states), groups, LANES)),
             np.full((groups, LANES), -1),
         )
         sweep_lanes(
-            self._equations,
+            code.equations,
             memory.arrays(),
             LaneInputs(
-                with_rises(u, after, self.linear, len(self.inputs))[first:],
-                self._prepared(p, memory),
+                with_rises(u, after, linear, len(self.inputs))[first:],
+                self._prepared(code, p, memory),
             ),
             LaneTimes(
                 float(time_s) + first * float(period_s),
                 float(period_s),
                 step.substeps,
+                step.implicit,
                 memory.begin,
                 memory.join,
             ),
@@ -217,14 +232,14 @@ class LaneProgram:
         Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)
         return Y, ends, np.where(bad < 0, bad, bad + first)
 
-    def _prepared(self, p: Array, memory: LaneMemory) -> Array:
+    def _prepared(self, code: _LaneCode, p: Array, memory: LaneMemory) -> Array:
         """Parameters (groups, parameters, LANES), followed by what depends on them alone."""
         from pamid.engine.lane_sweep import prepare_lanes
 
         known = len(self.parameters)
-        values = np.empty((len(memory.states), known + self.derived, LANES))
+        values = np.empty((len(memory.states), known + code.derived, LANES))
         values[:, :known] = _grouped(_per_lane(p, memory.lanes)).transpose(1, 0, 2)
-        prepare_lanes(self._prepare, values, known)
+        prepare_lanes(code.prepare, values, known)
         return values
 
 
@@ -249,6 +264,42 @@ def _joined_lanes(values: NDArray[Any], lanes: int) -> NDArray[Any]:
     return values.reshape(*values.shape[:-2], groups * width)[..., :lanes]
 
 
+@dataclass(frozen=True)
+class _LaneCode:
+    """Compiled equations, the address of what fills the derived parameters, and their number."""
+
+    equations: LaneEquations
+    prepare: int
+    derived: int
+
+
+def _compiled(program: LaneProgram, *, implicit: bool) -> _LaneCode:
+    """implicit: with the partials that implicit steps want."""
+    # LLVM is loaded when a model is compiled, not with the package
+    from pamid.engine.jit_cache import addresses
+    from pamid.engine.lane_ir import lane_module_text
+    from pamid.engine.lane_sweep import LaneEquations
+
+    equations, nx = program.equations, len(program.states)
+    phases, phase_n, phase_first, phase_delay, _ = cell_phases(equations)
+    layout = Layout.of(equations, program.inputs, program.parameters, program.linear)
+    groups = [plain(group) for group in ([*equations.rates], [*equations.outputs], *phases)]
+    pointer, columns = [0] * (nx + 1), list[int]()
+    if implicit:
+        values, pointer, columns = with_partials(
+            [*equations.rates], layout.column, frozenset(), spaces=("state",)
+        )
+        groups.append(values)
+    groups, derived = extract_derived(groups)
+    layout = layout.with_derived(len(derived))
+    functions = {f"v{i}": group for i, group in enumerate(groups)} | {"prepare": derived}
+    *address, prepare = addresses(lane_module_text(functions, layout.index), list(functions))
+    tables = (address, phase_n, phase_first, phase_delay, pointer, columns)
+    return _LaneCode(
+        LaneEquations(*(np.array(table, np.int64) for table in tables)), prepare, len(derived)
+    )
+
+
 @lru_cache(maxsize=256)
 def build_lane_program(
     equations: StateEquations,
@@ -257,29 +308,6 @@ def build_lane_program(
     outputs: tuple[str, ...],
     linear: tuple[str, ...] = (),
 ) -> LaneProgram:
-    """Compile equations for lanes; the arguments are those of
+    """The program of these equations, in one process only once; the arguments are those of
     `pamid.engine.program.build_program`."""
-    # LLVM is loaded when a model is compiled, not with the package
-    from pamid.engine.jit_cache import addresses
-    from pamid.engine.lane_ir import lane_module_text
-    from pamid.engine.lane_sweep import LaneEquations
-
-    phases, phase_n, phase_first, phase_delay, delays = cell_phases(equations)
-    groups = [plain(group) for group in ([*equations.rates], [*equations.outputs], *phases)]
-    values, derived = extract_derived(groups)
-    layout = Layout.of(equations, inputs, parameters, linear).with_derived(len(derived))
-    functions = {f"v{i}": group for i, group in enumerate(values)} | {"prepare": derived}
-    *address, prepare = addresses(lane_module_text(functions, layout.index), list(functions))
-    columns = (np.array(c, np.int64) for c in (address, phase_n, phase_first, phase_delay))
-    return LaneProgram(
-        equations.states,
-        inputs,
-        parameters,
-        outputs,
-        tuple(c.name for c in equations.cells),
-        tuple(delays),
-        len(derived),
-        tuple(inputs.index(n) for n in linear),
-        LaneEquations(*columns),
-        prepare,
-    )
+    return LaneProgram(equations, inputs, parameters, outputs, linear)

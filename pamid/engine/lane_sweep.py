@@ -15,6 +15,7 @@ import numpy as np
 
 from pamid.engine.function_calls import call
 from pamid.engine.integrator import BLOWN_UP, OUTPUTS, PHASES, RATES
+from pamid.engine.lane_newton import sdirk2_lanes
 from pamid.engine.numba_cache import njit
 from pamid.engine.simd import LANES
 
@@ -22,15 +23,18 @@ from pamid.engine.simd import LANES
 class LaneEquations(NamedTuple):
     """A model compiled on lanes; all arrays are int64.
 
-    address         of the rates, the outputs and the phases of the cells
-    phase_n, phase_first, phase_delay
-                    (phases): as in `pamid.engine.integrator.CompiledEquations`
+    address         of the rates, the outputs and the phases of the cells; for implicit steps, last,
+                    of the rates and their partials by the states
+    phase_n, phase_first, phase_delay, pointer, columns
+                    as in `pamid.engine.integrator.CompiledEquations`
     """
 
     address: Any
     phase_n: Any
     phase_first: Any
     phase_delay: Any
+    pointer: Any
+    columns: Any
 
 
 class LaneArrays(NamedTuple):
@@ -58,6 +62,7 @@ class LaneTimes(NamedTuple):
     time_s: float
     period_s: float
     substeps: int
+    implicit: bool
     begin: bool
     join: bool
 
@@ -82,20 +87,52 @@ class LaneResults(NamedTuple):
 
 
 class LaneScratch(NamedTuple):
-    """out (values of a function), ticks (8,), x0 and slope (nx * LANES): as in
-    `pamid.engine.integrator.SweepScratch`."""
+    """Scratch of a sweep; with a last axis of lanes that of
+    `pamid.engine.integrator.SweepScratch`, where x0, slope and out are flat.
+
+    worst, left         sizes of Newton's steps, from here and from where the step would lead
+    reach               by which a step is shortened
+    going, trying       lanes that Newton's method goes on with, that look for a shorter step
+    """
 
     out: Any
     ticks: Any
     x0: Any
     slope: Any
+    M: Any
+    pivots: Any
+    step: Any
+    next_step: Any
+    before: Any
+    base: Any
+    worst: Any
+    left: Any
+    reach: Any
+    going: Any
+    trying: Any
 
 
 @njit(cache=True)
-def _work(memory, n_outputs):  # type: ignore[no-untyped-def]
+def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
     nx, nc = memory.x.shape[1], memory.cells.shape[1]
-    width = LANES * (max(max(nx, n_outputs), nc) + 2)
-    return LaneScratch(np.zeros(width), np.zeros(8), np.zeros(nx * LANES), np.zeros(nx * LANES))
+    width = max(max(nx + equations.columns.shape[0], n_outputs), nc) + 2
+    return LaneScratch(
+        np.zeros(width * LANES),
+        np.zeros(8),
+        np.zeros(nx * LANES),
+        np.zeros(nx * LANES),
+        np.zeros((nx, nx, LANES)),
+        np.zeros((nx, LANES), np.int64),
+        np.zeros((nx, LANES)),
+        np.zeros((nx, LANES)),
+        np.zeros((nx, LANES)),
+        np.zeros((nx, LANES)),
+        np.zeros(LANES),
+        np.zeros(LANES),
+        np.zeros(LANES),
+        np.zeros(LANES, np.bool_),
+        np.zeros(LANES, np.bool_),
+    )
 
 
 @njit(cache=True)
@@ -188,7 +225,10 @@ def _sweep(equations, memory, inputs, times, begin, end, Y, bad, work):  # type:
                 for i in range(ny):
                     for lane in range(LANES):
                         Y[k, i, lane] = out[i * LANES + lane]
-            _rk4(equations, memory, u, row, p, h, work)
+            if times.implicit:
+                sdirk2_lanes(equations, memory, u, row, p, h, bad, work)
+            else:
+                _rk4(equations, memory, u, row, p, h, work)
         lost = 0
         for i in range(x.shape[0]):
             lost += 0 if abs(x[i]) < BLOWN_UP else 1
@@ -235,7 +275,7 @@ def sweep_lanes(equations, memory, inputs, times, windows, results):  # type: ig
     edges, entered, dependent = windows
     Y, ends, bad = results
     groups, nx, n = memory.x.shape[0], memory.x.shape[1], entered.shape[1]
-    work = _work(memory, Y.shape[1])
+    work = _work(equations, memory, Y.shape[1])
     for w in range(edges.shape[0] - 1):
         if w > 0:
             _take_over(memory, n, dependent)
@@ -243,6 +283,7 @@ def sweep_lanes(equations, memory, inputs, times, windows, results):  # type: ig
             times.time_s,
             times.period_s,
             times.substeps,
+            times.implicit,
             times.begin and w == 0,
             times.join or w > 0,
         )

@@ -255,13 +255,17 @@ def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Ex
 
 
 def with_partials(
-    roots: list[Expr], column: Callable[[str, str], int], parameters: frozenset[str] | None = None
+    roots: list[Expr],
+    column: Callable[[str, str], int],
+    parameters: frozenset[str] | None = None,
+    spaces: tuple[str, ...] = SPACES,
 ) -> tuple[list[Expr], list[int], list[int]]:
-    """Roots followed by their non-zero partials, and the sparse pattern of these: row pointers and
-    columns."""
+    """Roots followed by their non-zero partials by symbols of these spaces, and the sparse pattern
+    of these: row pointers and columns."""
     values, pointer, columns = list(roots), [0], []
     for gradient in gradients(roots, parameters):
-        entries = sorted(((column(*s.value), d) for s, d in gradient.items()), key=lambda e: e[0])
+        partials = [(s.value, d) for s, d in gradient.items() if s.value[0] in spaces]
+        entries = sorted(((column(*place), d) for place, d in partials), key=lambda e: e[0])
         columns += [c for c, _ in entries]
         values += [d for _, d in entries]
         pointer.append(len(columns))

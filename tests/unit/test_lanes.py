@@ -68,7 +68,11 @@ def _largest_error(Y: Array, single: Array) -> float:
 
 
 @pytest.mark.parametrize("rig, names", CASES, ids=[f"{r}-{'-'.join(n)}" for r, n in CASES])
-@pytest.mark.parametrize("stepping", [Stepping(1), Stepping(2)], ids=["one", "two"])
+@pytest.mark.parametrize(
+    "stepping",
+    [Stepping(1), Stepping(2), Stepping(1, implicit=True)],
+    ids=["one", "two", "implicit"],
+)
 def test_lanes_are_single_runs(rig: str, names: tuple[str, ...], stepping: Stepping) -> None:
     machine = rig_named(rig)
     effect = tuple(attach(machine, name, effects()) for name in names)

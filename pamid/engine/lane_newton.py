@@ -1,0 +1,181 @@
+"""Implicit steps of several hypotheses side by side: Newton's method of `pamid.engine.integrator`
+with a matrix, a damping and an end of its own in each lane.
+
+Systems of equations are those of `pamid.engine.lu`, M (n, n, LANES) with pivots (n, LANES): a lane
+exchanges its rows by itself, all lanes eliminate together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pamid.engine.function_calls import call
+from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, LAST_STEP, NEWTON_STEPS, RATES
+from pamid.engine.numba_cache import njit
+from pamid.engine.simd import LANES
+
+SIZE_FLOOR = 1e-6  # added to a state's size, of which steps are a share
+
+
+@njit(cache=True)
+def factor_lanes(M, pivots):  # type: ignore[no-untyped-def]
+    """L and U in the place of M; pivots int64."""
+    n = M.shape[0]
+    largest = np.empty(LANES)
+    for j in range(n):
+        for lane in range(LANES):
+            pivots[j, lane] = j
+            largest[lane] = abs(M[j, j, lane])
+        for i in range(j + 1, n):
+            for lane in range(LANES):
+                if abs(M[i, j, lane]) > largest[lane]:
+                    largest[lane] = abs(M[i, j, lane])
+                    pivots[j, lane] = i
+        for lane in range(LANES):
+            best = pivots[j, lane]
+            if best != j:
+                for k in range(n):
+                    M[j, k, lane], M[best, k, lane] = M[best, k, lane], M[j, k, lane]
+            if M[j, j, lane] == 0.0:
+                M[j, j, lane] = 1e-300
+        for i in range(j + 1, n):
+            for lane in range(LANES):
+                M[i, j, lane] /= M[j, j, lane]
+            for k in range(j + 1, n):
+                for lane in range(LANES):
+                    M[i, k, lane] -= M[i, j, lane] * M[j, k, lane]
+
+
+@njit(cache=True)
+def solve_lanes(M, pivots, b):  # type: ignore[no-untyped-def]
+    """Solve M x = b by what `factor_lanes` left of M: b (n, LANES) becomes x."""
+    n = b.shape[0]
+    for j in range(n):
+        for lane in range(LANES):
+            best = pivots[j, lane]
+            if best != j:
+                b[j, lane], b[best, lane] = b[best, lane], b[j, lane]
+    for j in range(n):
+        for i in range(j + 1, n):
+            for lane in range(LANES):
+                b[i, lane] -= M[i, j, lane] * b[j, lane]
+    for j in range(n - 1, -1, -1):
+        for lane in range(LANES):
+            b[j, lane] /= M[j, j, lane]
+        for i in range(j):
+            for lane in range(LANES):
+                b[i, lane] -= M[i, j, lane] * b[j, lane]
+
+
+@njit(cache=True)
+def _newton_matrix(equations, nx, gh, out, M):  # type: ignore[no-untyped-def]
+    """M = I - gh df/dx; the partials follow the rates in out."""
+    pointer, columns = equations.pointer, equations.columns
+    for i in range(nx):
+        for j in range(nx):
+            for lane in range(LANES):
+                M[i, j, lane] = 1.0 if i == j else 0.0
+        for e in range(pointer[i], pointer[i + 1]):
+            for lane in range(LANES):
+                M[i, columns[e], lane] -= gh * out[(nx + e) * LANES + lane]
+
+
+@njit(cache=True)
+def _step_from(base, gh, out, x, step):  # type: ignore[no-untyped-def]
+    """The right-hand side of a Newton step: base + gh f(x) - x."""
+    for i in range(x.shape[0]):
+        for lane in range(LANES):
+            step[i, lane] = base[i, lane] + gh * out[i * LANES + lane] - x[i, lane]
+
+
+@njit(cache=True)
+def _sizes(step, x, sizes):  # type: ignore[no-untyped-def]
+    """Largest |step_i| / (SIZE_FLOOR + |x_i|) of each lane."""
+    for lane in range(LANES):
+        sizes[lane] = 0.0
+    for i in range(x.shape[0]):
+        for lane in range(LANES):
+            sizes[lane] = max(sizes[lane], abs(step[i, lane]) / (SIZE_FLOOR + abs(x[i, lane])))
+
+
+@njit(cache=True)
+def _move(before, step, reach, x):  # type: ignore[no-untyped-def]
+    """x = before + reach step; reach is 0 in a lane that stays."""
+    for i in range(x.shape[0]):
+        for lane in range(LANES):
+            if reach[lane] > 0.0:
+                x[i, lane] = before[i, lane] + reach[lane] * step[i, lane]
+
+
+@njit(cache=True)
+def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-untyped-def]
+    """Solve x = base + gh f(x) in place, in all lanes but those that are lost; see
+    `pamid.engine.integrator._newton`. A lane that does not converge becomes NaN."""
+    address, x, c, b = equations.address, memory.x, memory.cells, memory.past
+    t, out, M, pivots = work.ticks, work.out, work.M, work.pivots
+    step, following, before, base = work.step, work.next_step, work.before, work.base
+    worst, left, reach, trying = work.worst, work.left, work.reach, work.trying
+    going = work.going
+    remaining = 0
+    for lane in range(LANES):
+        going[lane] = lost[lane] < 0
+        remaining += going[lane]
+    for _ in range(NEWTON_STEPS):
+        if remaining == 0:
+            return
+        call(address[-1], x, c, b, u, row, p, t, out)
+        _newton_matrix(equations, x.shape[0], gh, out, M)
+        factor_lanes(M, pivots)
+        _step_from(base, gh, out, x, step)
+        solve_lanes(M, pivots, step)
+        _sizes(step, x, worst)
+        before[:] = x
+        damped = 0
+        for lane in range(LANES):
+            reach[lane] = 1.0 if going[lane] else 0.0
+            trying[lane] = going[lane] and worst[lane] > DAMPED
+            damped += trying[lane]
+        _move(before, step, reach, x)
+        for _ in range(HALVINGS):
+            if damped == 0:
+                break
+            call(address[RATES], x, c, b, u, row, p, t, out)
+            _step_from(base, gh, out, x, following)
+            solve_lanes(M, pivots, following)
+            _sizes(following, before, left)
+            for lane in range(LANES):
+                if trying[lane]:
+                    if left[lane] <= (1.0 - 0.25 * reach[lane]) * worst[lane]:
+                        trying[lane] = False
+                        damped -= 1
+                    else:
+                        reach[lane] *= 0.5
+            if damped > 0:
+                _move(before, step, reach, x)
+        for lane in range(LANES):
+            if going[lane] and worst[lane] < LAST_STEP:
+                going[lane] = False
+                remaining -= 1
+    for lane in range(LANES):
+        if going[lane]:
+            x[:, lane] = np.nan
+
+
+@njit(cache=True)
+def sdirk2_lanes(equations, memory, u, row, p, h, lost, work):  # type: ignore[no-untyped-def]
+    """One step of h in all lanes, as `pamid.engine.integrator._sdirk2` does it."""
+    x, x0, k1, base, t = memory.x.ravel(), work.x0, work.slope, work.base.ravel(), work.ticks
+    gh, begun, share = GAMMA * h, t[6], h / t[2]
+    for i in range(x.shape[0]):
+        x0[i] = x[i]
+        k1[i] = 0.0
+    for stage in range(2):
+        carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
+        t[7] = GAMMA if stage == 0 else 1.0
+        t[6] = begun + t[7] * share
+        for i in range(x.shape[0]):
+            base[i] = x0[i] + carry * k1[i]
+        _newton(equations, memory, u, row, p, gh, lost, work)
+        if stage == 0:
+            for i in range(x.shape[0]):
+                k1[i] = (x[i] - x0[i]) / gh
