@@ -7,43 +7,78 @@ exchanges its rows by itself, all lanes eliminate together.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba import types
+from numba.extending import intrinsic as _intrinsic
 
 from pamid.engine.function_calls import call
 from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, LAST_STEP, NEWTON_STEPS, RATES
 from pamid.engine.numba_cache import njit
-from pamid.engine.simd import LANES
+from pamid.engine.simd import INT64, LANES, Vectors
 
+# numba's own annotation keeps the typing context that a call leaves out
+intrinsic: Any = _intrinsic
 SIZE_FLOOR = 1e-6  # added to a state's size, of which steps are a share
+
+
+def _lane_codegen(change):  # type: ignore[no-untyped-def]
+    """Code that changes the lanes in row i of an array by those in row j of another, and in row k
+    of the first."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        to, i, other, j, k = args
+        data = [
+            context.make_array(sig.args[n])(context, builder, array).data
+            for n, array in ((0, to), (2, other))
+        ]
+        v = Vectors(builder)
+        i, j, k = (builder.mul(row, INT64(LANES)) for row in (i, j, k))
+        values = v.load(data[0], i), v.load(data[1], j), v.load(data[0], k)
+        v.store(change(v, *values), data[0], i)
+        return context.get_dummy_value()
+
+    return codegen
+
+
+@intrinsic
+def _subtract_product(typingctx, to, i, other, j, k):  # type: ignore[no-untyped-def]
+    """to[i] -= other[j] * to[k], in all lanes."""
+    return types.void(to, types.intp, other, types.intp, types.intp), _lane_codegen(
+        lambda v, value, factor, row: v.builder.fsub(value, v.builder.fmul(factor, row))
+    )
+
+
+@intrinsic
+def _divide(typingctx, to, i, other, j):  # type: ignore[no-untyped-def]
+    """to[i] /= other[j], in all lanes."""
+    codegen = _lane_codegen(lambda v, value, divisor, _: v.builder.fdiv(value, divisor))
+    return types.void(to, types.intp, other, types.intp), lambda c, builder, sig, args: codegen(
+        c, builder, sig, [*args, args[1]]
+    )
 
 
 @njit(cache=True)
 def factor_lanes(M, pivots):  # type: ignore[no-untyped-def]
     """L and U in the place of M; pivots int64."""
     n = M.shape[0]
-    largest = np.empty(LANES)
     for j in range(n):
         for lane in range(LANES):
-            pivots[j, lane] = j
-            largest[lane] = abs(M[j, j, lane])
-        for i in range(j + 1, n):
-            for lane in range(LANES):
-                if abs(M[i, j, lane]) > largest[lane]:
-                    largest[lane] = abs(M[i, j, lane])
-                    pivots[j, lane] = i
-        for lane in range(LANES):
-            best = pivots[j, lane]
+            best = j
+            for i in range(j + 1, n):
+                if abs(M[i, j, lane]) > abs(M[best, j, lane]):
+                    best = i
+            pivots[j, lane] = best
             if best != j:
                 for k in range(n):
                     M[j, k, lane], M[best, k, lane] = M[best, k, lane], M[j, k, lane]
             if M[j, j, lane] == 0.0:
                 M[j, j, lane] = 1e-300
         for i in range(j + 1, n):
-            for lane in range(LANES):
-                M[i, j, lane] /= M[j, j, lane]
+            _divide(M, i * n + j, M, j * n + j)
             for k in range(j + 1, n):
-                for lane in range(LANES):
-                    M[i, k, lane] -= M[i, j, lane] * M[j, k, lane]
+                _subtract_product(M, i * n + k, M, i * n + j, j * n + k)
 
 
 @njit(cache=True)
@@ -57,14 +92,11 @@ def solve_lanes(M, pivots, b):  # type: ignore[no-untyped-def]
                 b[j, lane], b[best, lane] = b[best, lane], b[j, lane]
     for j in range(n):
         for i in range(j + 1, n):
-            for lane in range(LANES):
-                b[i, lane] -= M[i, j, lane] * b[j, lane]
+            _subtract_product(b, i, M, i * n + j, j)
     for j in range(n - 1, -1, -1):
-        for lane in range(LANES):
-            b[j, lane] /= M[j, j, lane]
+        _divide(b, j, M, j * n + j)
         for i in range(j):
-            for lane in range(LANES):
-                b[i, lane] -= M[i, j, lane] * b[j, lane]
+            _subtract_product(b, i, M, i * n + j, j)
 
 
 @njit(cache=True)
