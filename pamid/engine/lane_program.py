@@ -193,6 +193,7 @@ class LaneProgram:
             LaneResults,
             LaneTimes,
             LaneWindows,
+            lane_scratch,
             sweep_lanes,
         )
 
@@ -227,6 +228,9 @@ class LaneProgram:
                 all_lanes if dependent is None or dependent >= memory.lanes else dependent,
             ),
             results,
+            lane_scratch(
+                code.equations, len(self.states), len(self.outputs), len(self.equations.cells)
+            ),
         )
         memory.begin = memory.join = False
         Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)

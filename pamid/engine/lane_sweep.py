@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pamid.engine.function_calls import call
+from pamid.engine.function_calls import borrowed, call
 from pamid.engine.integrator import BLOWN_UP, OUTPUTS, PHASES, RATES
 from pamid.engine.lane_newton import sdirk2_lanes
 from pamid.engine.numba_cache import njit
@@ -112,26 +112,20 @@ class LaneScratch(NamedTuple):
     trying: Any
 
 
-@njit(cache=True)
-def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
-    nx, nc = memory.x.shape[1], memory.cells.shape[1]
-    width = max(max(nx + equations.columns.shape[0], n_outputs), nc) + 2
+def lane_scratch(equations, states, outputs, cells):  # type: ignore[no-untyped-def]
+    """Scratch for so many states, outputs and cells."""
+    width = max(states + len(equations.columns), outputs, cells) + 2
+    by_state = [np.zeros((states, LANES)) for _ in range(4)]
     return LaneScratch(
         np.zeros(width * LANES),
         np.zeros(8),
-        np.zeros(nx * LANES),
-        np.zeros(nx * LANES),
-        np.zeros((nx, nx, LANES)),
-        np.zeros((nx, LANES), np.int64),
-        np.zeros((nx, LANES)),
-        np.zeros((nx, LANES)),
-        np.zeros((nx, LANES)),
-        np.zeros((nx, LANES)),
-        np.zeros(LANES),
-        np.zeros(LANES),
-        np.zeros(LANES),
-        np.zeros(LANES, np.bool_),
-        np.zeros(LANES, np.bool_),
+        np.zeros(states * LANES),
+        np.zeros(states * LANES),
+        np.zeros((states, states, LANES)),
+        np.zeros((states, LANES), np.int64),
+        *by_state,
+        *(np.zeros(LANES) for _ in range(3)),
+        *(np.zeros(LANES, np.bool_) for _ in range(2)),
     )
 
 
@@ -250,8 +244,8 @@ def _note_lost(x, k, bad):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _group(memory, g):  # type: ignore[no-untyped-def]
-    return LaneArrays(
-        memory.x[g], memory.cells[g], memory.past[g], memory.buffers[g], memory.heads[g]
+    return borrowed(
+        LaneArrays(memory.x[g], memory.cells[g], memory.past[g], memory.buffers[g], memory.heads[g])
     )
 
 
@@ -267,7 +261,7 @@ def _take_over(memory, n, dependent):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def sweep_lanes(equations, memory, inputs, times, windows, results):  # type: ignore[no-untyped-def]
+def sweep_lanes(equations, memory, inputs, times, windows, results, work):  # type: ignore[no-untyped-def]
     """Run over all windows, filling Y, ends and bad; memory is carried on in place.
 
     It ends early where lane 0 is lost and others depend on it, or where no lane is left.
@@ -275,7 +269,7 @@ def sweep_lanes(equations, memory, inputs, times, windows, results):  # type: ig
     edges, entered, dependent = windows
     Y, ends, bad = results
     groups, nx, n = memory.x.shape[0], memory.x.shape[1], entered.shape[1]
-    work = _work(equations, memory, Y.shape[1])
+    equations, work = borrowed(equations), borrowed(work)
     for w in range(edges.shape[0] - 1):
         if w > 0:
             _take_over(memory, n, dependent)
@@ -293,8 +287,10 @@ def sweep_lanes(equations, memory, inputs, times, windows, results):  # type: ig
             for i in range(n):
                 for lane in range(LANES):
                     part.x[i, lane] = entered[w, i, g, lane]
-            mine = LaneInputs(inputs.u, inputs.p[g])
-            _sweep(equations, part, mine, now, edges[w], edges[w + 1], Y[:, :, g], bad[g], work)
+            mine = borrowed(LaneInputs(inputs.u, inputs.p[g]))
+            begin, end = edges[w], edges[w + 1]
+            outputs, lost = borrowed((Y[:, :, g], bad[g]))
+            _sweep(equations, part, mine, now, begin, end, outputs, lost, work)
             for i in range(nx):
                 for lane in range(LANES):
                     ends[w, i, g, lane] = part.x[i, lane] if bad[g, lane] < 0 else np.nan
