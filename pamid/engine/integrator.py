@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pamid.engine.function_calls import call, multiply
+from pamid.engine.function_calls import borrowed, call, multiply
 from pamid.engine.lu import factor, solve
 from pamid.engine.numba_cache import njit
 
@@ -440,8 +440,23 @@ def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped
     Memory is carried on in place, so that the next call continues. Returns the first sample at
     which the state is no longer finite, or -1.
     """
-    x, nc, nu = memory.x, memory.cells.shape[0], inputs.u.shape[1]
     work = _work(equations, memory, results.Y.shape[1])
+    bad = _samples(
+        borrowed(equations),
+        borrowed(memory),
+        borrowed(inputs),
+        times,
+        borrowed(results),
+        borrowed(work),
+    )
+    work.ticks[0] = 0.0  # a last use, up to which the scratch is kept
+    return bad
+
+
+@njit(cache=True)
+def _samples(equations, memory, inputs, times, results, work):  # type: ignore[no-untyped-def]
+    """The samples of `sweep`, one after the other."""
+    x, nc, nu = memory.x, memory.cells.shape[0], inputs.u.shape[1]
     t = work.ticks
     h = times.period_s / times.substeps
     t[1], t[2] = h, times.period_s
