@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,10 @@ from pamid.diagnosis.parameter_scan import Scanned, scanned_values
 from pamid.diagnosis.ranges import as_wide
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
+from pamid.engine.damped_gauss_newton import iterate
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
+from pamid.estimation.frozen_jacobian import FrozenJacobian, begin_chords
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parameters
@@ -164,6 +167,16 @@ class ScreeningBaseline:
         return _screened_by(self.baseline.fit)
 
     @cached_property
+    def frozen(self) -> FrozenJacobian | None:
+        """The baseline's Jacobian along these parts, for chord steps of the candidates; None of a
+        rig that is stepped, whose slopes are reused (`known`)."""
+        base = self.baseline.fit
+        if base.problem.assembly.lane_program is None:
+            return None
+        short = _short(base.problem, self.spans, self.held)
+        return FrozenJacobian.of(short, self.p, self.starts, base.weights, self.stepping)
+
+    @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
         """Slopes of what steps by itself along these parts, for the candidates to begin with."""
         base = self.baseline.fit
@@ -240,38 +253,47 @@ def screen(
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
-    unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
-    best, found = unstable, None
-    here = hints.at(attachment.ports[0])
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
+    by_chords = starts is not None and reference.frozen and assembly.lane_program is not None
+    probe = _Probing(reference, problem, reference.frozen if by_chords else None)
+    best, fitted, predicted = None, None, np.inf
+    here = hints.at(attachment.ports[0])
     points = starting_points(assembly, attachment, here, settings)
     points += _scanned_at_null(reference, evidence, problem, starts, attachment)
     for first, steps in points:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        done = _probed(reference, problem, p, starts, steps, reference.stepping)
+        probed = probe(p, starts, steps, reference.stepping)
         # the baseline's integration steps are too long for this effect
-        if not np.isfinite(done.cost):
-            done = _probed(reference, problem, p, starts, steps, None)
-        if reference.cost - done.cost > best.gain:
-            best, found = Screened(attachment, assembly, first, reference.cost - done.cost), done
-    if found is None:
-        return unstable
+        if not np.isfinite(probed.fit.cost):
+            probed = probe(p, starts, steps, None)
+        predicted = min(predicted, probed.predicted_cost)
+        if fitted is None or probed.fit.cost < fitted.cost:
+            best, fitted = first, probed.fit
+    if best is None or fitted is None or not np.isfinite(fitted.cost):
+        return Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     more = settings.screen_steps
-    done = _probed(reference, problem, found.p, found.starts, more, found.stepping, found.known)
-    if reference.cost - done.cost < best.gain:
-        done = found
-    beside = _scanned_beside(reference, attachment, done)
-    if beside is not done:
+    further = probe(fitted.p, fitted.starts, more, fitted.stepping, fitted.known).fit
+    fitted = further if further.cost < fitted.cost else fitted
+    promised, gain = reference.cost - predicted, reference.cost - fitted.cost
+    if by_chords and promised - gain > max(settings.rescue_nats, settings.rescue_share * promised):
+        # the frozen Jacobian misleads here
+        import os; os.environ.get("RESCUE") and print("rescued", attachment.label, promised, gain)
+        exact = _Probing(reference, problem, None)
+        further = exact(fitted.p, fitted.starts, settings.probe_steps + more, fitted.stepping).fit
+        fitted = further if further.cost < fitted.cost else fitted
+    scanned = _scanned_beside(reference, attachment, fitted, probe)
+    if scanned is not fitted:
         keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
-        best = replace(best, first={key: float(beside.p[i]) for key, i in keys.items()})
-        done = beside
-    return replace(
+        best, fitted = {key: float(scanned.p[i]) for key, i in keys.items()}, scanned
+    return Screened(
+        attachment,
+        assembly,
         best,
-        gain=reference.cost - done.cost,
-        p=done.p,
-        starts=done.starts,
-        stepping=done.stepping,
+        reference.cost - fitted.cost,
+        p=fitted.p,
+        starts=fitted.starts,
+        stepping=fitted.stepping,
     )
 
 
@@ -319,7 +341,9 @@ def _shaping(problem: Problem, attachment: Attachment) -> bool:
     return any(b.owner == attachment.label and b.null is None and not b.scan[1] for b in free)
 
 
-def _scanned_beside(reference: ScreeningBaseline, attachment: Attachment, found: Fit) -> Fit:
+def _scanned_beside(
+    reference: ScreeningBaseline, attachment: Attachment, found: Fit, probe: _Probing
+) -> Fit:
     """The fit, or a better one from another value of a scanned parameter that shows beside the
     effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
     take something off."""
@@ -343,33 +367,66 @@ def _scanned_beside(reference: ScreeningBaseline, attachment: Attachment, found:
             p = found.p.copy()
             p[i] = value
             steps = settings.probe_steps + settings.screen_steps
-            done = _probed(reference, problem, p, found.starts, steps, found.stepping)
+            done = probe(p, found.starts, steps, found.stepping).fit
             best = done if done.cost < best.cost else best
     return best
 
 
-def _probed(
-    reference: ScreeningBaseline,
-    problem: Problem,
-    p: Array,
-    starts: tuple[Array, ...] | None,
-    steps: int,
-    stepping: Stepping | None,
-    known: tuple[KnownSlopes | None, ...] = (),
-) -> Fit:
-    """A few steps from p; known: slopes along the way so far, else those of the baseline."""
-    base = reference.baseline.fit
-    return fit(
-        problem,
-        p=p,
-        starts=starts,
-        weights=base.weights,
-        continuity=begun_from(base, problem.assembly).continuity,
-        known=known or reference.known,
-        iterations=steps,
-        probe=True,
-        stepping=stepping,
-    )
+class _Probed(NamedTuple):
+    """A fit of a few steps, and the cost that one undamped step from its start was expected to
+    reach."""
+
+    fit: Fit
+    predicted_cost: float
+
+
+@dataclass(frozen=True)
+class _Probing:
+    """Fits of a few steps each: chord steps with the baseline's Jacobian, or exact ones where
+    `frozen` is None."""
+
+    reference: ScreeningBaseline
+    problem: Problem
+    frozen: FrozenJacobian | None
+
+    def __call__(
+        self,
+        p: Array,
+        starts: tuple[Array, ...] | None,
+        steps: int,
+        stepping: Stepping | None,
+        known: tuple[KnownSlopes | None, ...] = (),
+    ) -> _Probed:
+        """So many steps from p (SI) and these window starts; known: slopes of a stepped rig along
+        the way, else those of the baseline."""
+        base = self.reference.baseline.fit
+        continuity = begun_from(base, self.problem.assembly).continuity
+        if self.frozen is None or starts is None:
+            exact = fit(
+                self.problem,
+                p=p,
+                starts=starts,
+                weights=base.weights,
+                continuity=continuity,
+                known=known or self.reference.known,
+                iterations=steps,
+                probe=True,
+                stepping=stepping,
+            )
+            return _Probed(exact, exact.cost)
+        shooting, begun = begin_chords(
+            self.problem,
+            self.frozen,
+            p=p,
+            starts=starts,
+            weights=base.weights,
+            continuity=continuity,
+            stepping=stepping or careful_stepping(self.problem, p),
+        )
+        if not begun.point.normal.fine:
+            return _Probed(shooting.fit(begun), np.inf)
+        predicted = shooting.predicted_cost(begun.point)
+        return _Probed(shooting.fit(iterate(shooting, begun, steps)), predicted)
 
 
 def by_gain(screened: Iterable[Screened]) -> list[Screened]:

@@ -97,7 +97,7 @@ def _eliminated(
     return X, x, np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
 
 
-def _reduced(
+def reduced(
     normal: ShootingNormal, s: Array, scale: Scale, damping: float
 ) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array, Array, Array]]]:
     """Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters alone (Schur
@@ -110,7 +110,7 @@ def _reduced(
     return H, g, scale.held(s, g), parts
 
 
-class _ShootingPoint(NamedTuple):
+class ShootingPoint(NamedTuple):
     """Scaled free parameters, states at the start of every window per track, and the normal
     equations there; linearised: are derivatives in these?"""
 
@@ -133,7 +133,7 @@ class _ShootingStep(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
+class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
     """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
     which the free ones are replaced; runners: of the tracks, which may keep slopes of what is
     stepped from point to point; probe: the last point is not differentiated."""
@@ -152,15 +152,15 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
     def scale(self) -> Scale:
         return self.problem.scale
 
-    def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _ShootingPoint:
+    def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> ShootingPoint:
         tracks = run_tracks(self, s, starts, derivatives)
-        return _ShootingPoint(s, starts, assembled(self, s, tracks, derivatives), derivatives)
+        return ShootingPoint(s, starts, assembled(self, s, tracks, derivatives), derivatives)
 
-    def step(self, at: _ShootingPoint, damping: float) -> _ShootingStep:
+    def step(self, at: ShootingPoint, damping: float) -> _ShootingStep:
         """Eliminating the window starts block by block leaves the reduced system of the parameters
         (Schur complement); of these, one at a bound that the gradient would push it through
         stays."""
-        H, g, held, parts = _reduced(at.normal, at.s, self.scale, damping)
+        H, g, held, parts = reduced(at.normal, at.s, self.scale, damping)
         ds = np.zeros(len(at.s))
         free = np.logical_not(held)
         if free.any():
@@ -174,13 +174,13 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
         return _ShootingStep(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
 
-    def moved(self, at: _ShootingPoint, step: _ShootingStep, last: bool) -> _ShootingPoint:
+    def moved(self, at: ShootingPoint, step: _ShootingStep, last: bool) -> ShootingPoint:
         prior, scale = self.problem.prior, self.scale
         s = np.clip(prior.moved(at.s, step.s), scale.low, scale.high) if prior else at.s + step.s
         starts = tuple(x + d for x, d in zip(at.starts, step.starts, strict=True))
         return self.at(s, starts, not (self.probe and last))
 
-    def settled(self, gain: float, before: _ShootingPoint, after: _ShootingPoint) -> bool:
+    def settled(self, gain: float, before: ShootingPoint, after: ShootingPoint) -> bool:
         # -2 log posterior: a gain far below 1 is no evidence; of a cost beyond 1000 a share of it
         return gain < self.tolerance * (1.0 + 1e-3 * after.cost)
 
@@ -188,7 +188,7 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         # strong damping makes any step short
         return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
 
-    def stuck(self, at: _ShootingPoint, step: _ShootingStep) -> bool:
+    def stuck(self, at: ShootingPoint, step: _ShootingStep) -> bool:
         if float(np.abs(step.s).max(initial=0.0)) < 1e-7:
             return True
         # by slopes that were used again the cost need not fall at all, as near as this to the end
@@ -199,9 +199,7 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         """Slopes that are kept, per track."""
         return tuple(runner.known for runner in self.runners)
 
-    def exactly(
-        self, ended: Iteration[_ShootingPoint], iterations: int
-    ) -> Iteration[_ShootingPoint]:
+    def exactly(self, ended: Iteration[ShootingPoint], iterations: int) -> Iteration[ShootingPoint]:
         """Where slopes were used again, on from where that has ended, with slopes of that point and
         steps that are made, all of them; where it has used up its steps, that point as it is."""
         if not any(known and known.counts[1] for known in self.known):
@@ -223,14 +221,14 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
         pairs = zip(self.runners, known, strict=True)
         return replace(self, runners=tuple(replace(r, known=k) for r, k in pairs))
 
-    def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
+    def resumed(self, probe: Iteration[ShootingPoint]) -> Fit:
         """The fit to which a probe comes that goes on."""
         full, point = replace(self, probe=False), probe.point
         point = point if point.linearised else full.at(point.s, point.starts)
         ended = iterate(full, replace(probe, point=point), ITERATIONS)
         return full.fit(full.exactly(ended, ITERATIONS))
 
-    def fit(self, ended: Iteration[_ShootingPoint]) -> Fit:
+    def fit(self, ended: Iteration[ShootingPoint]) -> Fit:
         s, starts, now, _ = ended.point
         p, free = self.p.copy(), list(self.problem.free)
         p[free] = self.scale.outside(s)
@@ -251,7 +249,7 @@ class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
             return found
         # Laplace's approximation: the inverse of the half Hessian of -2 log posterior, with the
         # starts marginalised (the Schur complement does that)
-        H, g, held, _ = _reduced(now, s, self.scale, 0.0)
+        H, g, held, _ = reduced(now, s, self.scale, 0.0)
         covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
         return replace(
             found,
@@ -272,7 +270,7 @@ def begin(
     continuity: tuple[Array, ...] = (),
     known: tuple[KnownSlopes | None, ...] = (),
     probe: bool = False,
-) -> tuple[MultipleShooting, Iteration[_ShootingPoint]]:
+) -> tuple[MultipleShooting, Iteration[ShootingPoint]]:
     """The least squares of a fit and the point where it begins; arguments as of `fit`."""
     p = problem.start() if p is None else p.copy()
     stepping = stepping or careful_stepping(problem, p)
@@ -289,7 +287,7 @@ def begin(
         problem, p, weights, continuity or none, stepping, runners, tolerance, probe
     )
     tracks = run_tracks(shooting, s, starts, True)
-    point = _ShootingPoint(s, starts, assembled(shooting, s, tracks, True), True)
+    point = ShootingPoint(s, starts, assembled(shooting, s, tracks, True), True)
     if point.normal.fine and not continuity:
         # the factor by which residuals exceed what the sensors' noise explains: by as much more the
         # states of a wrong model may depart from where they were carried to

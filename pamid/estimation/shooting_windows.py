@@ -4,7 +4,7 @@ to (`pamid.estimation.multiple_shooting` says of what)."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
+#: of a track's window starts: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
+Blocks: TypeAlias = tuple[Array, Array, Array, Array]
 
 
 class ShootingFit(Protocol):
@@ -41,8 +43,7 @@ class ShootingNormal:
     cost: float
     H: Array
     g: Array
-    # per track: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
-    blocks: list[tuple[Array, Array, Array, Array]]
+    blocks: list[Blocks]  # per track
     residuals: list[Array]
     fine: bool
 
@@ -121,7 +122,7 @@ def assembled(
     problem = fitted.problem
     k, n = len(problem.free), len(problem.assembly.rig.states)
     cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
-    blocks: list[tuple[Array, Array, Array, Array]] = []
+    blocks: list[Blocks] = []
     if tracks is None:
         return ShootingNormal(np.inf, H, g, blocks, [], False)
     residuals = [track.residuals for track in tracks]

@@ -1,0 +1,318 @@
+"""Multiple shooting with a frozen Jacobian: chord steps for a model on top of one already fitted.
+
+A candidate adds a few parameters to a fitted model. The derivatives of the fitted model's residuals
+by its own parameters, J_b, are computed once and serve every candidate. Those by the candidate's
+parameters and by the window starts, C = [J_e J_x], are differences of runs side by side
+(`LaneProgram`): one run at the point itself, one for each moved value. With residuals r the normal
+equations of a window are
+
+    N = [ J_b'J_b  J_b'C ]      v = [ J_b'r ]
+        [ C'J_b    C'C   ]          [ C'r   ]
+
+and everything else (priors, joints between windows, bounds, damping) is as in
+`pamid.estimation.multiple_shooting`. The cost of a point is that of a real run, so that an outdated
+J_b costs steps and never pretends a gain. Chord method: Ortega and Rheinboldt (1970), Iterative
+Solution of Nonlinear Equations in Several Variables, section 7.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.damped_gauss_newton import Iteration
+from pamid.engine.program import Stepping
+from pamid.estimation.multiple_shooting import (
+    TOLERANCE,
+    MultipleShooting,
+    ShootingPoint,
+    reduced,
+)
+from pamid.estimation.prior import terms_of_sheet
+from pamid.estimation.problem import Problem
+from pamid.estimation.shooting_windows import Blocks, ShootingNormal
+from pamid.estimation.weights import Weights
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner, Window
+
+Array = NDArray[np.float64]
+
+MOVE = 1e-5  # of a prior spread, or of a state's standard deviation over the window starts
+
+
+class PaddedWindows:
+    """The windows of a track as rows of equal length, shorter ones padded with zeros."""
+
+    def __init__(self, windows: list[Window]) -> None:
+        first = np.array([w.start for w in windows])
+        length = np.array([w.stop - w.start for w in windows])
+        offsets = np.arange(length.max())
+        self.inside = offsets < length[:, None]
+        self.index = np.where(self.inside, first[:, None] + offsets, first[:, None])
+
+    def rows(self, values: Array) -> Array:
+        """(windows, samples x channels, ...) of values (samples, channels, ...)."""
+        out = values[self.index]
+        out[~self.inside] = 0.0
+        return out.reshape(len(out), -1, *out.shape[3:])
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenTrack:
+    """J_b of one track, by parameters in SI: turned (windows, parameters, samples x channels), its
+    transpose, weighted; gram (windows, parameters, parameters) J_b'J_b; ends (windows, states,
+    parameters), of the rig's states at the end of each window."""
+
+    turned: Array
+    gram: Array
+    ends: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenJacobian:
+    """J_b of a fitted model. keys: of its free parameters, in the order of the columns."""
+
+    keys: tuple[str, ...]
+    tracks: tuple[FrozenTrack, ...]
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        p: Array,
+        starts: tuple[Array, ...],
+        weights: Weights,
+        stepping: Stepping,
+    ) -> FrozenJacobian | None:
+        """Linearise the residuals at parameters p (SI) and these window starts; None where the
+        model does not stay finite."""
+        frozen = []
+        for track, entered in zip(problem.tracks, starts, strict=True):
+            runner = Runner(problem.assembly, track, stepping, problem.free)
+            values, k = runner.parameters(p), len(problem.free)
+            memory, n = runner.memory(values), runner.start_states
+            root, windows = np.where(track.seen, weights.root, 0.0), problem.windows(track)
+            by_parameters = np.empty((*track.y.shape, k))
+            ends = np.empty((len(windows), n, k))
+            for w, window in enumerate(windows):
+                runner.enter(memory, entered[w])
+                _, slopes, finite = runner.run(memory, window, values, True, root)
+                if not finite or not np.isfinite(slopes).all():
+                    return None
+                columns = slopes[:, :k].reshape(-1, track.y.shape[1], k)
+                by_parameters[window.start : window.stop] = columns
+                ends[w] = memory.S[:n, :k]
+            rows = PaddedWindows(windows).rows(by_parameters)
+            turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
+            frozen.append(FrozenTrack(turned, turned @ rows, ends))
+        keys = tuple(problem.assembly.parameters[i].key for i in problem.free)
+        return cls(keys, tuple(frozen))
+
+    def of_shared(self, problem: Problem) -> FrozenJacobian:
+        """The columns of the parameters that a problem shares, in its order."""
+        keys = tuple(problem.assembly.parameters[i].key for i in problem.free)
+        shared = tuple(key for key in keys if key in self.keys)
+        if shared == self.keys:
+            return self
+        at = np.array([self.keys.index(key) for key in shared], np.intp)
+        tracks = (
+            FrozenTrack(t.turned[:, at], t.gram[:, at[:, None], at], t.ends[:, :, at])
+            for t in self.tracks
+        )
+        return FrozenJacobian(shared, tuple(tracks))
+
+
+class _TrackSums(NamedTuple):
+    """Sums over the windows of a track: the cost, normal equations N (windows, unknowns, unknowns)
+    and v (windows, unknowns) by (scaled parameters, window start), derivatives of the end states
+    (windows, states, unknowns), jumps (windows - 1, states) from an end to the next start, and
+    residuals (samples, channels) in SI."""
+
+    cost: float
+    N: Array
+    v: Array
+    ends: Array
+    jumps: Array
+    residuals: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ChordShooting(MultipleShooting):
+    """The least squares of a fit whose Jacobian is frozen for the parameters of the model below.
+    moves: per track, the differences by which the states of window starts are moved."""
+
+    frozen: FrozenJacobian
+    moves: tuple[Array, ...]
+
+    @cached_property
+    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Places, among the free parameters, of those with a column in `frozen` and of the rest."""
+        bounds = self.problem.assembly.parameters
+        shared = np.array([bounds[i].key in self.frozen.keys for i in self.problem.free], bool)
+        return np.flatnonzero(shared), np.flatnonzero(~shared)
+
+    def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> ShootingPoint:
+        """The point with its normal equations, which cost nothing beyond the run."""
+        return ShootingPoint(s, starts, self._normal(s, starts), True)
+
+    def predicted_cost(self, at: ShootingPoint) -> float:
+        """The cost that the linearised model expects behind one undamped step."""
+        step = self.step(at, 0.0)
+        H, g, _, parts = reduced(at.normal, at.s, self.scale, 0.0)
+        by_starts = sum(
+            float(x.ravel() @ block[3].ravel())
+            for (_, x, _, _), block in zip(parts, at.normal.blocks, strict=True)
+        )
+        return float(at.cost - by_starts + 2.0 * g @ step.s + step.s @ H @ step.s)
+
+    # a model that runs away overflows in its sums: these are looked at afterwards
+    @np.errstate(over="ignore", invalid="ignore")
+    def _normal(self, s: Array, starts: tuple[Array, ...]) -> ShootingNormal:
+        problem = self.problem
+        cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
+        blocks, residuals, fine = [], [], True
+        for i, entered in enumerate(starts):
+            sums = self._track_sums(i, s, entered)
+            cost += sums.cost + float((sums.jumps**2 * self.continuity[i]).sum())
+            blocks.append(_with_joints(sums, self.continuity[i], H, g))
+            residuals.append(sums.residuals)
+            fine = fine and all(np.isfinite(part).all() for part in blocks[-1])
+        fine = fine and bool(np.isfinite(cost) and np.isfinite(H).all())
+        return ShootingNormal(cost if fine else np.inf, H, g, blocks, residuals, fine)
+
+    def _track_sums(self, i: int, s: Array, entered: Array) -> _TrackSums:
+        """One track run at scaled parameters and states of its window starts (windows, states)."""
+        problem, frozen = self.problem, self.frozen.tracks[i]
+        track, free = problem.tracks[i], list(problem.free)
+        windows, (count, n), k = problem.windows(track), entered.shape, len(s)
+        shared, own = self.places
+        # lane 0 is the point; then follows one lane per own parameter and per state of the starts
+        first, lanes = 1 + len(own), 1 + len(own) + n
+        inward = np.where(s[own] + MOVE > self.scale.high[own], -MOVE, MOVE)
+        moves = np.concatenate([inward, self.moves[i]])
+        scaled = np.repeat(s[:, None], lanes, 1)
+        scaled[own, range(1, first)] += moves[: len(own)]
+        p = np.repeat(self.p[:, None], lanes, 1)
+        p[free] = np.stack([self.scale.outside(column) for column in scaled.T], 1)
+        p[list(track.known)] = track.p[list(track.known), None]
+        x = np.repeat(entered[:, :, None], lanes, 2)
+        x[:, range(n), range(first, lanes)] += moves[len(own) :]
+        Y, ends = self._run_lanes(track, windows, x, p, first)
+        root, padded = np.where(track.seen, self.weights.root, 0.0), PaddedWindows(windows)
+        left = Y[:, :, 0] - track.y
+        # C, and the residuals as one more column
+        columns = np.empty((*left.shape, lanes))
+        columns[:, :, :-1] = (Y[:, :, 1:] - Y[:, :, :1]) * (root[:, None] / moves)
+        columns[:, :, -1] = np.nan_to_num(left * root)
+        columns = padded.rows(columns)
+        cross, inner = frozen.turned @ columns, columns.transpose(0, 2, 1) @ columns
+        slope, m = self.scale.slope(p[free, 0])[shared], len(shared)
+        cross *= slope[:, None]
+        N, v = np.empty((count, k + n, k + n)), np.empty((count, k + n))
+        by = np.empty((count, n, k + n))
+        N[:, :m, :m] = slope[:, None] * frozen.gram * slope
+        N[:, :m, m:], N[:, m:, :m] = cross[:, :, :-1], cross[:, :, :-1].transpose(0, 2, 1)
+        N[:, m:, m:] = inner[:, :-1, :-1]
+        v[:, :m], v[:, m:] = cross[:, :, -1], inner[:, :-1, -1]
+        by[:, :, :m] = frozen.ends * slope
+        by[:, :, m:] = (ends[:, :n, 1:] - ends[:, :n, :1]) / moves
+        # from the order shared parameters, own parameters, start states
+        place = np.concatenate([shared, own, k + np.arange(n)])
+        back = np.argsort(place)
+        return _TrackSums(
+            float(inner[:, -1, -1].sum()),
+            N[:, back[:, None], back],
+            v[:, back],
+            by[:, :, back],
+            entered[1:] - ends[:-1, :n, 0],
+            left,
+        )
+
+    def _run_lanes(
+        self, track: Track, windows: list[Window], x: Array, p: Array, first: int
+    ) -> tuple[Array, Array]:
+        """Run windows entered at x (windows, states, lanes).
+
+        first: of the lanes that differ from the point by the start of a single window. Returns
+        outputs (samples, channels, lanes) and states at the end of each window (windows, states,
+        lanes). A moved lane that runs away equals the point: its difference is zero.
+        """
+        program = self.problem.assembly.lane_program
+        assert program is not None
+        # windows set the rig's states, and effects remember nothing at first
+        fresh = np.zeros((len(program.states), x.shape[2]))
+        edges = np.array([*(w.start for w in windows), windows[-1].stop])
+        Y, ends, _ = program.run_windows(
+            program.memory(fresh, stepping=self.stepping, period_s=track.period_s),
+            track.u,
+            p,
+            edges,
+            x,
+            period_s=track.period_s,
+            time_s=track.first * track.period_s,
+            stepping=self.stepping,
+            dependent=first,
+        )
+        lost = ~(np.isfinite(Y).all(axis=(0, 1)) & np.isfinite(ends).all(axis=(0, 1)))
+        Y[:, :, lost], ends[:, :, lost] = Y[:, :, :1], ends[:, :, :1]
+        return Y, ends
+
+
+def begin_chords(
+    problem: Problem,
+    frozen: FrozenJacobian,
+    *,
+    p: Array,
+    starts: tuple[Array, ...],
+    weights: Weights,
+    continuity: tuple[Array, ...],
+    stepping: Stepping,
+) -> tuple[ChordShooting, Iteration[ShootingPoint]]:
+    """The least squares of a fit by chord steps, and the point where it begins.
+
+    Parameters
+    ----------
+    problem : of a model with the parameters of `frozen` and more, over the same tracks
+    p : all parameters (SI)
+    starts : states at the start of every window, per track (windows, states)
+    weights, continuity, stepping : as of `pamid.estimation.multiple_shooting.fit`
+    """
+    moves, shared = tuple(_state_moves(x) for x in starts), frozen.of_shared(problem)
+    runners = tuple(Runner(problem.assembly, track, stepping) for track in problem.tracks)
+    shooting = ChordShooting(
+        problem, p, weights, continuity, stepping, runners, TOLERANCE, True, shared, moves
+    )
+    scale = problem.scale
+    s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
+    return shooting, Iteration(shooting.at(s, starts), shooting.rule.start)
+
+
+def _state_moves(entered: Array) -> Array:
+    """Differences (states,) for states at window starts (windows, states)."""
+    size = entered.std(axis=0)
+    # a state that starts every window at the same value moves by its own size, at zero by 1 (SI)
+    size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))
+    return MOVE * np.where(size > 0.0, size, 1.0)
+
+
+def _with_joints(sums: _TrackSums, weight: Array, H: Array, g: Array) -> Blocks:
+    """Blocks of the window starts, with the joints |L (x_(w+1) - f_w(s, x_w))|^2; H and g of the
+    parameters are added to in place. weight: the diagonal of L'L."""
+    k, n = len(g), sums.ends.shape[1]
+    D, B, gx = sums.N[:, k:, k:].copy(), sums.N[:, k:, :k].copy(), sums.v[:, k:].copy()
+    end, P = sums.ends[:-1], weight[:, None]
+    by_s, by_x, jump = end[:, :, :k], end[:, :, k:], weight * sums.jumps
+    turned = by_x.transpose(0, 2, 1)
+    H += sums.N[:, :k, :k].sum(axis=0) + (by_s.transpose(0, 2, 1) @ (P * by_s)).sum(axis=0)
+    g += sums.v[:, :k].sum(axis=0) - np.einsum("wnk,wn->k", by_s, jump)
+    D[:-1] += turned @ (P * by_x)
+    B[:-1] += turned @ (P * by_s)
+    gx[:-1] -= np.einsum("wnm,wn->wm", by_x, jump)
+    D[1:, range(n), range(n)] += weight
+    B[1:] -= P * by_s
+    gx[1:] += jump
+    return D, -P * by_x, B, gx
