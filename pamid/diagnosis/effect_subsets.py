@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.screening import Screened, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.linear_rows import linear_rows, orthonormal_span
+from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -58,27 +58,24 @@ class Responding(ObjectWork[Screened, Response]):
         assembly, p = item.ended
         assert item.stepping is not None
         problem = self.reference.problem(self.evidence, assembly)
-        base, settings = self.reference.baseline.fit, self.reference.settings
-        rows = linear_rows(
-            problem,
-            p,
-            item.starts,
-            base.weights,
-            base.continuity,
-            item.stepping,
-            settings.subset_rows,
-            known=self.reference.known,
-        )
+        base, most = self.reference.baseline.fit, self.reference.settings.subset_rows
         label, bounds = item.attachment.label, assembly.parameters
         own = np.array([bounds[i].owner == label for i in problem.free], bool)
-        # the last rows are the data sheet's, and the baseline has none for the effect
-        kept = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
-        columns = np.column_stack(
-            [rows.away[kept] - self.ground, rows.by_parameters[np.ix_(kept, own)]]
-        )
         scale = problem.scale
-        at = scale.inside(p[list(problem.free)])
-        room = np.column_stack([scale.low - at, scale.high - at])[own]
+        s = scale.inside(p[list(problem.free)])
+        point = problem, p, item.starts, base.weights, base.continuity, item.stepping, most
+        if assembly.lane_program is not None:
+            away, by_own = moved_rows(*point, np.flatnonzero(own))
+            sheet = s[~own]
+            away = np.concatenate([away, sheet])
+            by_own = np.concatenate([by_own, np.zeros((len(sheet), by_own.shape[1]))])
+        else:
+            rows = linear_rows(*point, known=self.reference.known)
+            # the last rows are the data sheet's, and the baseline has none for the effect
+            shared = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
+            away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, own)]
+        columns = np.column_stack([away - self.ground, by_own])
+        room = np.column_stack([scale.low - s, scale.high - s])[own]
         return Response(
             columns - self.spanned @ (self.spanned.T @ columns),
             np.concatenate([[[0.0, np.inf]], room]),

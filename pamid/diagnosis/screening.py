@@ -278,7 +278,6 @@ def screen(
     promised, gain = reference.cost - predicted, reference.cost - fitted.cost
     if by_chords and promised - gain > max(settings.rescue_nats, settings.rescue_share * promised):
         # the frozen Jacobian misleads here
-        import os; os.environ.get("RESCUE") and print("rescued", attachment.label, promised, gain)
         exact = _Probing(reference, problem, None)
         further = exact(fitted.p, fitted.starts, settings.probe_steps + more, fitted.stepping).fit
         fitted = further if further.cost < fitted.cost else fitted

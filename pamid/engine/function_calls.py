@@ -24,7 +24,7 @@ def borrowed(typingctx, arrays):  # type: ignore[no-untyped-def]
 
     def without_owner(context, builder, kind, value):  # type: ignore[no-untyped-def]
         if isinstance(kind, types.BaseTuple):
-            for place, part in enumerate(kind.types):
+            for place, part in enumerate(kind.types):  # type: ignore[attr-defined]
                 found = builder.extract_value(value, place)
                 found = without_owner(context, builder, part, found)
                 value = builder.insert_value(value, found, place)

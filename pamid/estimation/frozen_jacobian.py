@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.damped_gauss_newton import Iteration
 from pamid.engine.program import Stepping
+from pamid.estimation.lane_windows import MOVE, run_lanes
 from pamid.estimation.multiple_shooting import (
     TOLERANCE,
     MultipleShooting,
@@ -36,12 +37,9 @@ from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Problem
 from pamid.estimation.shooting_windows import Blocks, ShootingNormal
 from pamid.estimation.weights import Weights
-from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
-
-MOVE = 1e-5  # of a prior spread, or of a state's standard deviation over the window starts
 
 
 class PaddedWindows:
@@ -198,10 +196,9 @@ class ChordShooting(MultipleShooting):
         scaled[own, range(1, first)] += moves[: len(own)]
         p = np.repeat(self.p[:, None], lanes, 1)
         p[free] = np.stack([self.scale.outside(column) for column in scaled.T], 1)
-        p[list(track.known)] = track.p[list(track.known), None]
         x = np.repeat(entered[:, :, None], lanes, 2)
         x[:, range(n), range(first, lanes)] += moves[len(own) :]
-        Y, ends = self._run_lanes(track, windows, x, p, first)
+        Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)
         root, padded = np.where(track.seen, self.weights.root, 0.0), PaddedWindows(windows)
         left = Y[:, :, 0] - track.y
         # C, and the residuals as one more column
@@ -231,35 +228,6 @@ class ChordShooting(MultipleShooting):
             entered[1:] - ends[:-1, :n, 0],
             left,
         )
-
-    def _run_lanes(
-        self, track: Track, windows: list[Window], x: Array, p: Array, first: int
-    ) -> tuple[Array, Array]:
-        """Run windows entered at x (windows, states, lanes).
-
-        first: of the lanes that differ from the point by the start of a single window. Returns
-        outputs (samples, channels, lanes) and states at the end of each window (windows, states,
-        lanes). A moved lane that runs away equals the point: its difference is zero.
-        """
-        program = self.problem.assembly.lane_program
-        assert program is not None
-        # windows set the rig's states, and effects remember nothing at first
-        fresh = np.zeros((len(program.states), x.shape[2]))
-        edges = np.array([*(w.start for w in windows), windows[-1].stop])
-        Y, ends, _ = program.run_windows(
-            program.memory(fresh, stepping=self.stepping, period_s=track.period_s),
-            track.u,
-            p,
-            edges,
-            x,
-            period_s=track.period_s,
-            time_s=track.first * track.period_s,
-            stepping=self.stepping,
-            dependent=first,
-        )
-        lost = ~(np.isfinite(Y).all(axis=(0, 1)) & np.isfinite(ends).all(axis=(0, 1)))
-        Y[:, :, lost], ends[:, :, lost] = Y[:, :, :1], ends[:, :, :1]
-        return Y, ends
 
 
 def begin_chords(

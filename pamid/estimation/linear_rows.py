@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, Stepping
+from pamid.estimation.lane_windows import MOVE, run_lanes
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Runner, Window
@@ -56,7 +57,7 @@ def linear_rows(
     derivatives: without them those of the model are zero, and the runs cost a small part."""
     free, scale = list(problem.free), problem.scale
     k, columns = len(free), sum(x.size for x in starts)
-    every = max(1, -(-sum(t.y.size for t in problem.tracks) // most))
+    every = _thinning(problem, most)
     blocks, at = list[tuple[Array, Array]](), 0  # residuals, derivatives by everything
     channel = list[NDArray[np.intp]]()
     for i, (track, x, joint) in enumerate(zip(problem.tracks, starts, continuity, strict=True)):
@@ -86,6 +87,47 @@ def linear_rows(
     by = np.concatenate([by, sheet])
     channel.append(np.full(k, -1))
     return LinearRows(away, by[:, :k], by[:, k:], np.concatenate(channel))
+
+
+def moved_rows(
+    problem: Problem,
+    p: Array,
+    starts: tuple[Array, ...],
+    weights: Weights,
+    continuity: tuple[Array, ...],
+    stepping: Stepping,
+    most: int,
+    moved: NDArray[np.intp],
+) -> tuple[Array, Array]:
+    """Rows of residuals and joints as in `linear_rows`, without those of the data sheet.
+
+    moved: places, among the free parameters, of those to differentiate by. Returns the rows (m,)
+    and their derivatives (m, moved) in prior spreads, as differences of runs side by side.
+    """
+    free, scale, every = list(problem.free), problem.scale, _thinning(problem, most)
+    s = np.clip(scale.inside(p[free]), scale.low, scale.high)
+    moves = np.where(s[moved] + MOVE > scale.high[moved], -MOVE, MOVE)
+    lanes, blocks = np.repeat(p[:, None], 1 + len(moved), 1), list[Array]()
+    for lane, (place, move) in enumerate(zip(moved, moves, strict=True), start=1):
+        at = s.copy()
+        at[place] += move
+        lanes[free, lane] = scale.outside(at)
+    for track, x, joint in zip(problem.tracks, starts, continuity, strict=True):
+        windows, n = problem.windows(track), x.shape[1]
+        Y, ends = run_lanes(problem.assembly, track, windows, x, lanes, stepping)
+        root = np.sqrt(every) * np.where(track.seen, weights.root, 0.0)
+        away = np.nan_to_num((Y - track.y[:, :, None]) * root[:, None])
+        jumps = np.sqrt(joint)[:, None] * (x[1:, :, None] - ends[:-1, :n])
+        for w, window in enumerate(windows):
+            blocks.append(away[window.start : window.stop : every].reshape(-1, lanes.shape[1]))
+            blocks += [jumps[w]] if w + 1 < len(windows) else []
+    rows = np.concatenate(blocks)
+    return rows[:, 0], (rows[:, 1:] - rows[:, :1]) / moves
+
+
+def _thinning(problem: Problem, most: int) -> int:
+    """Of how many samples one is used, for about `most` rows."""
+    return max(1, -(-sum(t.y.size for t in problem.tracks) // most))
 
 
 def orthonormal_span(columns: Array) -> Array:

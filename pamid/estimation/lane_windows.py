@@ -1,0 +1,63 @@
+"""Windows of a track run for several hypotheses side by side."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Window
+
+Array = NDArray[np.float64]
+
+MOVE = 1e-5  # of a prior spread, or of a state's standard deviation over the window starts
+
+
+def run_lanes(
+    assembly: Assembly,
+    track: Track,
+    windows: list[Window],
+    entered: Array,
+    p: Array,
+    stepping: Stepping,
+    dependent: int | None = None,
+) -> tuple[Array, Array]:
+    """Run a model of equations over the windows of a track in all lanes.
+
+    Parameters
+    ----------
+    entered : (windows, states, lanes) or, for all lanes, (windows, states): the rig's states at
+        window starts
+    p : (parameters, lanes), SI; values that the recording knows take their place
+    dependent : first of the lanes that differ from lane 0 by the start of a single window
+
+    Returns
+    -------
+    outputs (samples, channels, lanes) and states at the end of each window (windows, states,
+    lanes). A lane that runs away equals lane 0, so that its difference is zero.
+    """
+    program, lanes = assembly.lane_program, p.shape[1]
+    assert program is not None  # of a rig that is stepped there is none
+    p = p.copy()
+    p[list(track.known)] = track.p[list(track.known), None]
+    if entered.ndim < 3:
+        entered = np.repeat(entered[:, :, None], lanes, 2)
+    # windows set the rig's states, and effects remember nothing at first
+    fresh = np.zeros((len(program.states), lanes))
+    Y, ends, _ = program.run_windows(
+        program.memory(fresh, stepping=stepping, period_s=track.period_s),
+        track.u,
+        p,
+        np.array([*(w.start for w in windows), windows[-1].stop]),
+        entered,
+        period_s=track.period_s,
+        time_s=track.first * track.period_s,
+        stepping=stepping,
+        dependent=dependent,
+    )
+    lost = ~(np.isfinite(Y).all(axis=(0, 1)) & np.isfinite(ends).all(axis=(0, 1)))
+    if lost.any():
+        Y[:, :, lost], ends[:, :, lost] = Y[:, :, :1], ends[:, :, :1]
+    return Y, ends
