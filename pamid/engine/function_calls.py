@@ -24,10 +24,11 @@ def borrowed(typingctx, arrays):  # type: ignore[no-untyped-def]
 
     def without_owner(context, builder, kind, value):  # type: ignore[no-untyped-def]
         if isinstance(kind, types.BaseTuple):
-            for place, part in enumerate(kind.types):  # type: ignore[attr-defined]
-                found = builder.extract_value(value, place)
-                found = without_owner(context, builder, part, found)
-                value = builder.insert_value(value, found, place)
+            parts: Any = kind
+            for place, part in enumerate(parts):
+                field = builder.extract_value(value, place)
+                field = without_owner(context, builder, part, field)
+                value = builder.insert_value(value, field, place)
         elif isinstance(kind, types.Array):
             view = context.make_array(kind)(context, builder, value)
             for owner in ("meminfo", "parent"):

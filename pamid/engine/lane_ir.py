@@ -1,8 +1,8 @@
 """LLVM IR of equations for several hypotheses side by side: a value is a vector, one lane each.
 
 The text is written as for one hypothesis (`pamid.engine.llvm_ir`). LLVM lowers square roots,
-absolute values and rounding to vector instructions, and calls the C library lane by lane for sines,
-logarithms and powers. exp and tanh, which nearly every model has, are vector code
+absolute values and rounding to vector instructions, and calls the C library lane by lane for
+logarithms and powers. exp, tanh, sin and cos, which most models have, are vector code
 (`pamid.engine.simd`).
 """
 
@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from llvmlite import ir
 
 from pamid.engine.llvm_ir import IN_PARTS, ValueType, function_text, part_of
-from pamid.engine.simd import LANES, Vectors
+from pamid.engine.simd import FAR_ANGLE, LANES, Vectors
 from pamid.symbolic.expression import Expr
 
-HYPOTHESES = ValueType(LANES, (("llvm.exp.f64", "lanes_exp"), ("tanh", "lanes_tanh")))
+_FUNCTIONS = {"llvm.exp.f64": "exp", "tanh": "tanh", "llvm.sin.f64": "sin", "llvm.cos.f64": "cos"}
+HYPOTHESES = ValueType(LANES, tuple((name, f"lanes_{own}") for name, own in _FUNCTIONS.items()))
 
 
 def lane_module_text(groups: dict[str, list[Expr]], index: Callable[[str, str], int]) -> str:
@@ -31,7 +33,7 @@ def lane_module_text(groups: dict[str, list[Expr]], index: Callable[[str, str], 
 
 def _declarations(text: str) -> list[str]:
     """Intrinsics that a text calls and does not declare."""
-    calls = re.findall(r"call (<\d+ x double>) @(llvm\.\w+\.v\d+f64)\(([^)]*)\)", text)
+    calls = re.findall(r'call (<\d+ x double>) @"?(llvm\.\w+\.v\d+f64)"?\(([^)]*)\)', text)
     arguments = {name: (kind, values.count(kind)) for kind, name, values in calls}
     return [
         f"declare {kind} @{name}({', '.join([kind] * count)})"
@@ -39,19 +41,37 @@ def _declarations(text: str) -> list[str]:
     ]
 
 
+@cache
 def _vector_functions() -> str:
-    module = ir.Module()
-    kind = ir.FunctionType(*[(v := ir.VectorType(ir.DoubleType(), LANES)), [v]])
-    writers: dict[str, Callable[[Vectors, Any], Any]] = {
-        "lanes_exp": Vectors.exp,
-        "lanes_tanh": Vectors.tanh_to_zero,
+    writers: dict[str, Callable[[Vectors, Any], None]] = {
+        "lanes_exp": lambda v, a: v.builder.ret(v.exp(a)),
+        "lanes_tanh": lambda v, a: v.builder.ret(v.tanh_to_zero(a)),
+        "lanes_sin": lambda v, a: _circle_function(v, a, 0, "sin"),
+        "lanes_cos": lambda v, a: _circle_function(v, a, 1, "cos"),
     }
+    module = ir.Module()
+    vector = ir.VectorType(ir.DoubleType(), LANES)
     functions = []
     for name, write in writers.items():
-        function = ir.Function(module, kind, name)
+        function = ir.Function(module, ir.FunctionType(vector, [vector]), name)
         function.linkage = "internal"
         function.attributes.add("alwaysinline")
-        builder = ir.IRBuilder(function.append_basic_block())
-        builder.ret(write(Vectors(builder), function.args[0]))
+        write(Vectors(ir.IRBuilder(function.append_basic_block())), function.args[0])
         functions.append(str(function))
+    for name in ("sin", "cos"):
+        kind = HYPOTHESES.name
+        functions.append(
+            f"define internal {kind} @far_{name}({kind} %a) noinline cold {{\n"
+            f"%v = call {kind} @llvm.{name}.v{LANES}f64({kind} %a)\nret {kind} %v\n}}"
+        )
     return "\n".join(functions)
+
+
+def _circle_function(v: Vectors, a: Any, which: int, name: str) -> None:
+    """sin or cos by vectors, or by the C library where a lane is far from zero or not finite."""
+    b = v.builder
+    far = ir.Function(b.module, b.function.function_type, f"far_{name}")
+    near = v.all_within(a, FAR_ANGLE)
+    with b.if_then(b.not_(near)):
+        b.ret(b.call(far, [a]))
+    b.ret(v.sin_and_cos(a)[which])

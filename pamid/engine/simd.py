@@ -25,6 +25,12 @@ _TANH_FLAT = 20.0  # tanh is 1 from here on
 _TERMS = 13  # of the series of exp within +- ln(2) / 2: error 4e-18
 # high and low part
 _LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))
+# pi / 2
+_HALF_PI = tuple(
+    map(float.fromhex, ("0x1.921fb54400000p+0", "0x1.0b4611a600000p-34", "0x1.3198a2e037073p-69"))
+)
+_CIRCLE_TERMS = 8  # of the series of sin and cos within +- pi / 4, behind the first: error 2e-18
+FAR_ANGLE = 1e6  # rad, up to which k takes no more than 20 bits
 
 
 class Vectors:
@@ -108,6 +114,53 @@ class Vectors:
         series = b.fmul(self._series(r, 1), r)
         e = self.fma(series, power, b.fsub(power, self.constant(1.0)))
         return b.fdiv(e, b.fadd(e, self.constant(2.0)))
+
+    def sin_and_cos(self, a: Any) -> tuple[Any, Any]:
+        """sin(a) and cos(a) for |a| < FAR_ANGLE: series in a - k pi/2, of which k chooses.
+
+        pi/2 is taken off in three parts, of which the first two times k are exact (Cody and Waite
+        1980).
+        """
+        b = self.builder
+        shifted = self.fma(a, self.constant(2.0 / math.pi), self.constant(_ROUNDING))
+        k, r = b.fsub(shifted, self.constant(_ROUNDING)), a
+        for part in _HALF_PI:
+            r = self.fma(k, self.constant(-part), r)
+        square = b.fmul(r, r)
+        odd, even = (self._alternating(square, first) for first in (1, 0))
+        odd = b.fmul(odd, r)
+        bits, one = self._bits(shifted), self._integers(1)
+        swapped = b.icmp_unsigned("==", b.and_(bits, one), one)
+        values = b.select(swapped, even, odd), b.select(swapped, odd, even)
+        signs = b.shl(bits, self._integers(62)), b.shl(b.add(bits, one), self._integers(62))
+        sign_bit = self._integers(-(2**63))
+        sine, cosine = (
+            b.bitcast(b.xor(self._bits(v), b.and_(sign, sign_bit)), _VECTOR)
+            for v, sign in zip(values, signs, strict=True)
+        )
+        return sine, cosine
+
+    def _alternating(self, square: Any, first: int) -> Any:
+        """The series of sin(r) / r (first = 1) or cos(r) (0) in the square of r."""
+        series = self.constant(0.0)
+        for n in range(_CIRCLE_TERMS, -1, -1):
+            term = (-1.0) ** n / math.factorial(2 * n + first)
+            series = (
+                self.constant(term)
+                if n == _CIRCLE_TERMS
+                else self.fma(series, square, self.constant(term))
+            )
+        return series
+
+    def all_within(self, a: Any, bound: float) -> Any:
+        """Is |a| below the bound in every lane?"""
+        b = self.builder
+        inside = b.and_(
+            b.fcmp_ordered("<", a, self.constant(bound)),
+            b.fcmp_ordered(">", a, self.constant(-bound)),
+        )
+        every = b.bitcast(inside, ir.IntType(LANES))
+        return b.icmp_unsigned("==", every, ir.Constant(ir.IntType(LANES), -1))
 
     def _between(self, a: Any, low: float, high: float) -> Any:
         """a no lower and no higher than these; NaN stays NaN."""

@@ -120,7 +120,10 @@ def _full_range() -> Array:
     edges = [0.0, np.inf, np.nan, 5e-324, 2.2e-308, 709.782712893384, 709.7827128933841, 710.0]
     edges += [708.0, 745.13, 745.14, 744.0, 746.0, 20.0, 40.0, 0.5 * np.log(2.0)]
     values = np.concatenate([sizes, random.uniform(0.0, 760.0, 4000), edges])
-    return np.concatenate([values, -values, random.uniform(-2.0, 2.0, 2000)])
+    # apart from the others: angles far from zero take another way, for all lanes of a vector
+    turns = 0.5 * np.pi * np.arange(-640000, 640000, 311)
+    near = [random.uniform(-size, size, 2000) for size in (1e-3, 2.0, 40.0, 1e6)]
+    return np.concatenate([values, -values, np.zeros(-2 * len(values) % 8), turns, *near])
 
 
 @pytest.mark.parametrize("name", ["exp", "tanh", "sqrt", "sin", "cos", "log", "floor"])
