@@ -33,7 +33,6 @@ COLUMNS = 48
 
 def run_lanes(s: Setting) -> None:
     program = s.assembly.lane_program
-    assert program is not None
     x = np.repeat(s.assembly.start(s.p)[:, None], LANES, axis=1)
     memory = program.memory(x, stepping=s.stepping, period_s=PERIOD_S)
     _, bad = program.run(memory, s.u, s.p, period_s=PERIOD_S, stepping=s.stepping)
@@ -72,7 +71,6 @@ def steps_text(s: Setting, what: str) -> list[str]:
 def run_briefly(assembly: Assembly, *, implicit: bool) -> None:
     """Compile the program on lanes, and run it over no sample."""
     program = assembly.lane_program
-    assert program is not None
     x, u = np.zeros((len(program.states), 1)), np.zeros((0, len(program.inputs)))
     program.run(
         program.memory(x), u, assembly.values(), period_s=1.0, stepping=Stepping(1, implicit)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -20,13 +21,22 @@ from pamid.engine.simd import FAR_ANGLE, LANES, Vectors
 from pamid.symbolic.expression import Expr
 
 _FUNCTIONS = {"llvm.exp.f64": "exp", "tanh": "tanh", "llvm.sin.f64": "sin", "llvm.cos.f64": "cos"}
-HYPOTHESES = ValueType(LANES, tuple((name, f"lanes_{own}") for name, own in _FUNCTIONS.items()))
+HYPOTHESES = ValueType(
+    LANES,
+    tuple((name, f"lanes_{vector}") for name, vector in _FUNCTIONS.items()),
+    ("input", "rise", "tick"),
+)
 
 
-def lane_module_text(groups: dict[str, list[Expr]], index: Callable[[str, str], int]) -> str:
-    """A module with one function per group, of this name, whose values are vectors."""
-    part = part_of(list(groups.values()))
-    functions = [function_text(n, g, index, part, HYPOTHESES) for n, g in groups.items()]
+def lane_module_text(
+    groups: dict[str, list[Expr]],
+    index: Callable[[str, str], int],
+    shared: tuple[str, ...] = HYPOTHESES.shared,
+) -> str:
+    """A module with one function per group, of this name, whose values are vectors; shared: spaces
+    with a single value for all lanes."""
+    part, kind = part_of(list(groups.values())), replace(HYPOTHESES, shared=shared)
+    functions = [function_text(n, g, index, part, kind) for n, g in groups.items()]
     text = "\n".join([_vector_functions(), *functions])
     return "\n".join([*([] if part is None else [IN_PARTS]), *_declarations(text), text])
 

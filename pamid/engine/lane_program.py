@@ -84,14 +84,6 @@ class LaneProgram:
     def delays(self) -> tuple[float, ...]:
         return tuple(cell_phases(self.equations)[4])
 
-    @cached_property
-    def _explicit(self) -> _LaneCode:
-        return _compiled(self, implicit=False)
-
-    @cached_property
-    def _implicit(self) -> _LaneCode:
-        return _compiled(self, implicit=True)
-
     def memory(
         self, x: Array, *, stepping: Stepping | None = None, period_s: float = 1.0
     ) -> LaneMemory:
@@ -123,7 +115,7 @@ class LaneProgram:
 
         Parameters
         ----------
-        u : (samples, inputs), shared by the lanes
+        u : (samples, inputs), shared by the lanes, or (samples, inputs, lanes)
         p : (parameters, lanes), or (parameters,) for all lanes
         time_s, after : time of the first row; inputs one sample behind the last one, as in
             `Program.run`
@@ -156,7 +148,8 @@ class LaneProgram:
 
         Parameters
         ----------
-        u : (samples, inputs) of the whole track, whose first row is at `time_s`
+        u : (samples, inputs) or (samples, inputs, lanes) of the whole track, whose first row is
+            at `time_s`
         p : (parameters, lanes), or (parameters,) for all lanes
         edges : (windows + 1,) rows at which windows start, and the end of the last one
         entered : (windows, n, lanes) values of the first n states at the start of each window
@@ -200,8 +193,7 @@ class LaneProgram:
         step = stepping or Stepping()
         groups, windows, first = len(memory.states), len(edges) - 1, int(edges[0])
         all_lanes = groups * LANES
-        code = self._implicit if step.implicit else self._explicit
-        linear = tuple(self.inputs.index(n) for n in self.linear)
+        code = _compiled(self, step.implicit, u.ndim == 2)
         results = LaneResults(
             np.empty((int(edges[-1]) - first, len(self.outputs), groups, LANES)),
             np.empty((windows, len(self.states), groups, LANES)),
@@ -210,10 +202,7 @@ class LaneProgram:
         sweep_lanes(
             code.equations,
             memory.arrays(),
-            LaneInputs(
-                with_rises(u, after, linear, len(self.inputs))[first:],
-                self._prepared(code, p, memory),
-            ),
+            LaneInputs(self._by_group(u, after, first), self._prepared(code, p, memory)),
             LaneTimes(
                 float(time_s) + first * float(period_s),
                 float(period_s),
@@ -235,6 +224,16 @@ class LaneProgram:
         memory.begin = memory.join = False
         Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)
         return Y, ends, np.where(bad < 0, bad, bad + first)
+
+    def _by_group(self, u: Array, after: Array | None, first: int) -> Array:
+        """The inputs as `LaneInputs` has them, from a row on, followed by what the linear ones rise
+        by."""
+        linear = tuple(self.inputs.index(n) for n in self.linear)
+        rising = with_rises(u, after, linear, len(self.inputs))[first:]
+        if u.ndim == 2:
+            return rising[None]
+        groups = _grouped(rising).transpose(2, 0, 1, 3)
+        return np.ascontiguousarray(groups.reshape(*groups.shape[:2], -1))
 
     def _prepared(self, code: _LaneCode, p: Array, memory: LaneMemory) -> Array:
         """Parameters (groups, parameters, LANES), followed by what depends on them alone."""
@@ -277,8 +276,10 @@ class _LaneCode:
     derived: int
 
 
-def _compiled(program: LaneProgram, *, implicit: bool) -> _LaneCode:
-    """implicit: with the partials that implicit steps want."""
+@lru_cache(maxsize=256)
+def _compiled(program: LaneProgram, implicit: bool, shared: bool) -> _LaneCode:
+    """implicit: with the partials that implicit steps want; shared: all lanes have the same
+    inputs."""
     # LLVM is loaded when a model is compiled, not with the package
     from pamid.engine.jit_cache import addresses
     from pamid.engine.lane_ir import lane_module_text
@@ -297,7 +298,12 @@ def _compiled(program: LaneProgram, *, implicit: bool) -> _LaneCode:
     groups, derived = extract_derived(groups)
     layout = layout.with_derived(len(derived))
     functions = {f"v{i}": group for i, group in enumerate(groups)} | {"prepare": derived}
-    *address, prepare = addresses(lane_module_text(functions, layout.index), list(functions))
+    *address, prepare = addresses(
+        lane_module_text(
+            functions, layout.index, ("input", "rise", "tick") if shared else ("tick",)
+        ),
+        list(functions),
+    )
     tables = (address, phase_n, phase_first, phase_delay, pointer, columns)
     return _LaneCode(
         LaneEquations(*(np.array(table, np.int64) for table in tables)), prepare, len(derived)

@@ -2,9 +2,9 @@
 lanes after the other.
 
 The recursion is that of `pamid.engine.integrator`, without sensitivities, and so are the names.
-Inputs and ticks are shared; every other array has the lanes last. Nothing that happens in a lane
-reaches another: where a state is no longer finite its lane alone is reported, and goes on computing
-what is not read.
+Ticks are shared, and mostly inputs; every other array has the lanes last. Nothing that happens in a
+lane reaches another: where a state is no longer finite its lane alone is reported, and goes on
+computing what is not read.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class LaneArrays(NamedTuple):
 
 
 class LaneInputs(NamedTuple):
-    """u (samples, inputs) is shared; p (groups, parameters and derived ones, LANES)."""
+    """u (1, samples, inputs) where all lanes share it, else (groups, samples, inputs * LANES); p
+    (groups, parameters and derived ones, LANES). Without the first axis these are a group's."""
 
     u: Any
     p: Any
@@ -287,7 +288,7 @@ def sweep_lanes(equations, memory, inputs, times, windows, results, work):  # ty
             for i in range(n):
                 for lane in range(LANES):
                     part.x[i, lane] = entered[w, i, g, lane]
-            mine = borrowed(LaneInputs(inputs.u, inputs.p[g]))
+            mine = borrowed(LaneInputs(inputs.u[min(g, inputs.u.shape[0] - 1)], inputs.p[g]))
             begin, end = edges[w], edges[w + 1]
             outputs, lost = borrowed((Y[:, :, g], bad[g]))
             _sweep(equations, part, mine, now, begin, end, outputs, lost, work)

@@ -30,11 +30,13 @@ LANES = 8  # sensitivity columns handled at once; matrices are padded to a multi
 class ValueType:
     """The LLVM type of a value: double, or a vector of so many lanes.
 
-    functions: of vectors, instead of the scalar functions of these names that operators call.
+    functions: of vectors, instead of the scalar functions of these names that operators call;
+    shared: spaces whose arrays hold a single value for all lanes.
     """
 
     lanes: int = 1
     functions: tuple[tuple[str, str], ...] = ()
+    shared: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -65,7 +67,6 @@ class ValueType:
 
 
 SCALAR = ValueType()
-_SAME_IN_ALL_LANES = ("input", "rise", "tick")  # spaces with a single value for all lanes
 
 
 def part_of(groups: list[list[Expr]]) -> int | None:
@@ -96,7 +97,7 @@ def function_text(
     index(space, name) is the place of a symbol in its array. part: operations of a part: a part
     hands on in memory what others need and keeps nothing in registers, without which what LLVM
     takes to distribute them grows faster than the function; None is one part. kind: of the values
-    in all arrays but those of inputs and ticks, which hold doubles.
+    in all arrays but those that lanes share, which hold doubles.
     """
     order = walk(roots)
     writer = _FunctionWriter(index, _parts(order, part), roots, kind)
@@ -151,8 +152,11 @@ class _FunctionWriter:
             if node.op == "symbol":
                 space, what = node.value
                 place = f"%b{_ARRAY[space]}, i64 {self.index(space, what)}"
-                shared = space in _SAME_IN_ALL_LANES and self.kind != SCALAR
-                self.names[node] = self._spread(place) if shared else self._load(place, self.kind)
+                self.names[node] = (
+                    self._spread(place)
+                    if space in self.kind.shared
+                    else self._load(place, self.kind)
+                )
             else:
                 self.names[node] = self._load(f"%kept, i64 {self.kept[node]}", self.kind)
         return self.names[node]

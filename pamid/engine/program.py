@@ -256,8 +256,8 @@ class Program:
 
 
 def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: int) -> Array:
-    """u and, behind its inputs, by how much every linear one rises over each sample, unless that is
-    there already."""
+    """u (samples, inputs, ...) and, behind its inputs, by how much every linear one rises over each
+    sample, unless that is there already."""
     plain = np.ascontiguousarray(u, float)
     if not linear or plain.shape[1] > inputs:
         return plain

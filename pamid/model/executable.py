@@ -6,11 +6,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import TypeAlias
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
-from pamid.engine.lane_program import LaneProgram, build_lane_program
-from pamid.engine.program import Program, build_program
+from pamid.engine.lane_program import build_lane_program
+from pamid.engine.program import Program, Stepping, build_program
+from pamid.engine.serial_lanes import SerialLanes
 from pamid.engine.stepped import SteppedProgram
 from pamid.model.rig import Rig
 from pamid.model.step_rig import SIMULATED, RigSimulator, StepRig
@@ -19,7 +23,47 @@ from pamid.symbolic.expression import ZERO, substitute, symbol, walk
 from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
 from pamid.symbolic.vocabulary import Expr
 
+Array = NDArray[np.float64]
+
 Executable: TypeAlias = Program | SteppedProgram
+
+
+class Lanes(Protocol):
+    """Several hypotheses run together; see `LaneProgram`, whose methods these are."""
+
+    @property
+    def states(self) -> tuple[str, ...]: ...
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+
+    def memory(
+        self, x: Array, *, stepping: Stepping | None = None, period_s: float = 1.0
+    ) -> Any: ...
+    def run(
+        self,
+        memory: Any,
+        u: Array,
+        p: Array,
+        *,
+        period_s: float,
+        time_s: float = 0.0,
+        stepping: Stepping | None = None,
+        after: Array | None = None,
+    ) -> tuple[Array, NDArray[np.int64]]: ...
+    def run_windows(
+        self,
+        memory: Any,
+        u: Array,
+        p: Array,
+        edges: NDArray[np.int64],
+        entered: Array,
+        *,
+        period_s: float,
+        time_s: float = 0.0,
+        stepping: Stepping | None = None,
+        after: Array | None = None,
+        dependent: int | None = None,
+    ) -> tuple[Array, Array, NDArray[np.int64]]: ...
 
 
 def program_of(
@@ -42,10 +86,11 @@ def program_of(
 
 def lane_program_of(
     rig: Rig, traced: Traced, outputs: Mapping[str, Expr], parameters: tuple[str, ...]
-) -> LaneProgram | None:
-    """The same for several hypotheses side by side; None for a rig that a simulator steps."""
+) -> Lanes:
+    """The same for several hypotheses side by side, or one after the other where a simulator steps
+    the rig."""
     if isinstance(rig, StepRig):
-        return None
+        return SerialLanes(_stepped(rig, traced, outputs, parameters, frozenset()))
     lowered = _lowered(
         tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
     )

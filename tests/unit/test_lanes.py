@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pamid.engine.jit_cache import addresses
 from pamid.engine.lane_ir import lane_module_text
 from pamid.engine.lane_program import LaneMemory, LaneProgram, build_lane_program
 from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.serial_lanes import SerialLanes
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
@@ -23,6 +25,7 @@ from pamid.symbolic.vocabulary import cos, delay, exp, floor, integral, log, pla
 
 TOLERANCE = 1e-9  # of the largest output: lanes and single runs round differently
 SAMPLES = 300
+PENDULUM = Path(__file__).parents[2] / "data/rigs/stepped_pendulum.py"
 X, V, U = state("x"), state("v"), signal()
 #: effects with delay lines, plays, hysteresis, friction, stops, drifts and other states
 CASES = [
@@ -82,7 +85,7 @@ def test_lanes_are_single_runs(rig: str, names: tuple[str, ...], stepping: Stepp
     p = nominal[:, None] * (1.0 + 0.02 * random.standard_normal((len(nominal), lanes)))
     x = np.stack([assembly.start(p[:, lane]) for lane in range(lanes)], axis=1)
     side_by_side = assembly.lane_program
-    assert side_by_side is not None
+    assert isinstance(side_by_side, LaneProgram)
     course = {"period_s": machine.period_s, "stepping": stepping}
     memory = side_by_side.memory(x, **course)
     Y, bad = side_by_side.run(memory, u, p, **course)
@@ -266,6 +269,54 @@ def test_lanes_that_depend_on_lane_0_take_over_its_memory(dependent: int) -> Non
             )
             np.testing.assert_allclose(Y[start:stop, :, lane], y, rtol=0, atol=1e-11)
             np.testing.assert_allclose(ends[w, :, lane], memory_before.x, rtol=0, atol=1e-11)
+
+
+def test_lanes_may_have_their_inputs() -> None:
+    lanes, single = _remembering()
+    _, edges, p, entered = _windows_case()
+    u = np.stack([steps(k, 150, 9, 4.0) for k in range(11)], axis=1)[:, None]
+    memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)
+    Y, _ = lanes.run(memory.copy(), u[:140], p, period_s=PERIOD_S, after=u[140])
+    late, _, bad = lanes.run_windows(
+        memory.copy(), u, p, edges[1:], entered[1:], period_s=PERIOD_S, time_s=1.0
+    )
+    for lane in range(11):
+        alone = single.memory(np.zeros(3), period_s=PERIOD_S)
+        y, _, _ = single.run(
+            alone, u[:140, :, lane], p[:, lane], period_s=PERIOD_S, after=u[140, :, lane]
+        )
+        np.testing.assert_allclose(Y[:, :, lane], y, rtol=0, atol=1e-11)
+        alone = single.memory(np.zeros(3), period_s=PERIOD_S)
+        given = (u[:, :, lane], p[:, lane], edges[1:], entered[1:, :, lane])
+        outputs, _ = _single_windows(single, alone, *given)
+        np.testing.assert_allclose(late[:, :, lane], np.concatenate(outputs), rtol=0, atol=1e-11)
+    assert (bad == -1).all()
+
+
+def test_lanes_of_a_simulator_are_its_runs() -> None:
+    """One after the other, through the same methods."""
+    machine = rig_named(str(PENDULUM))
+    assembly = Assembly(machine, (attach(machine, "coulomb-friction@hinge", effects()),))
+    lanes, random = assembly.lane_program, np.random.default_rng(5)
+    assert isinstance(lanes, SerialLanes)
+    u, edges = 0.3 * steps(2, 60)[:, None], np.array([10, 30, 60])
+    p = assembly.values()[:, None] * (1.0 + 0.05 * random.standard_normal((4,)))
+    n = len(lanes.states)
+    entered = 0.2 * random.standard_normal((2, n, 4))
+    course = {"period_s": machine.period_s, "stepping": Stepping(1)}
+    memory = lanes.memory(np.zeros((n, 4)), **course)
+    Y, ends, bad = lanes.run_windows(memory, u, p, edges, entered, **course, dependent=3)
+    assert (bad == -1).all() and Y.shape == (50, len(lanes.outputs), 4)
+    for lane in range(4):
+        alone = assembly.program.memory(np.zeros(n), **course)
+        for w, (start, stop) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            alone.x[:] = entered[w, :, lane]
+            alone.join = True
+            y, _, _ = assembly.program.run(
+                alone, u[start:stop], p[:, lane], time_s=start * machine.period_s, **course
+            )
+            np.testing.assert_allclose(Y[start - 10 : stop - 10, :, lane], y, rtol=1e-12)
+            np.testing.assert_allclose(ends[w, :, lane], alone.x, rtol=1e-12)
 
 
 def test_windows_may_begin_within_a_track() -> None:
