@@ -303,6 +303,7 @@ def test_lanes_of_a_simulator_are_its_runs() -> None:
     p = assembly.values()[:, None] * (1.0 + 0.05 * random.standard_normal((4,)))
     n = len(lanes.states)
     entered = 0.2 * random.standard_normal((2, n, 4))
+    p[:, 3], entered[0, :, 3] = p[:, 0], entered[0, :, 0]  # the same up to the second window
     course = {"period_s": machine.period_s, "stepping": Stepping(1)}
     memory = lanes.memory(np.zeros((n, 4)), **course)
     Y, ends, bad = lanes.run_windows(memory, u, p, edges, entered, **course, dependent=3)
