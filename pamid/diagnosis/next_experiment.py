@@ -276,15 +276,11 @@ class _RivalModel:
         for track, starts in zip(self.tracks, every, strict=True):
             runner = Runner(c.assembly, track, self.stepping)
             p = runner.parameters(c.fit.p)
-            memory = runner.memory(p)
-            pieces = []
-            for window, x in zip(self.problem.windows(track), starts, strict=True):
-                runner.enter(memory, x)
-                Y, _, fine = runner.run(memory, window, p, False)
-                if not fine:
-                    return ()
-                pieces.append(Y - track.y[window.start : window.stop])
-            out.append(np.concatenate(pieces))
+            windows = self.problem.windows(track)
+            runs = list(runner.run_windows(runner.memory(p), windows, starts, p, False))
+            if not all(run.fine for run in runs):
+                return ()
+            out.append(np.concatenate([run.Y for run in runs]) - track.y)
         return tuple(out)
 
     def readjusted(self) -> tuple[Array, ...]:

@@ -104,16 +104,15 @@ def _residuals(
     for track, x in zip(problem.tracks, where.starts, strict=True):
         runner = Runner(problem.assembly, track, where.stepping, problem.free)
         values = runner.parameters(p)
-        memory = runner.memory(values)
-        root = where.weights.root[track.seen]
-        for window, start in zip(_asked(where, track), x, strict=False):
-            runner.enter(memory, start)
-            y, slope, fine = runner.run(memory, window, values, slopes)
-            measured = track.y[window.start : window.stop]
-            left = (measured - y)[:, track.seen] * root
-            rows.append(left.ravel() if fine else np.full(left.size, np.inf))
+        root, windows = where.weights.root[track.seen], _asked(where, track)
+        runs = runner.run_windows(
+            runner.memory(values), windows, x[: len(windows)], values, slopes
+        )
+        for window, run in zip(windows, runs, strict=True):
+            left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
+            rows.append(left.ravel() if run.fine else np.full(left.size, np.inf))
             if slopes:
-                by_sample = slope.reshape(len(y), y.shape[1], -1)[:, track.seen] * root[:, None]
+                by_sample = run.JY[:, track.seen] * root[:, None]
                 width = len(problem.free) + runner.start_states
                 parts.append(by_sample.reshape(left.size, -1)[:, :width])
     return np.concatenate(rows), _joined(parts, len(problem.free)) if parts else np.empty((0, 0))

@@ -88,16 +88,14 @@ class SlicedTrack:
         improved, too?"""
         runner = self.keeping[moving]
         values = runner.parameters(p)
-        memory, end, cost = runner.memory(values), np.zeros_like(x), 0.0
-        for i, window in enumerate(self.slices):
-            runner.enter(memory, x[i])
-            Y, _, fine = runner.run(memory, window, values, False)
-            if not fine:
+        end, cost = np.zeros_like(x), 0.0
+        runs = runner.run_windows(runner.memory(values), self.slices, x, values, False)
+        for i, (window, run) in enumerate(zip(self.slices, runs, strict=True)):
+            if not run.fine:
                 return Simulation(end, np.inf)
-            cost += float(
-                np.nansum(((Y - runner.track.y[window.start : window.stop]) / noise) ** 2)
-            )
-            end[i] = memory.x[: end.shape[1]]
+            away = run.Y - runner.track.y[window.start : window.stop]
+            cost += float(np.nansum((away / noise) ** 2))
+            end[i] = run.end[: end.shape[1]]
         return Simulation(end, cost)
 
     def linearise(
@@ -108,7 +106,7 @@ class SlicedTrack:
         count, n, k = len(x), x.shape[1], len(slope)
         values, root, seen = runner.parameters(p), 1.0 / noise, runner.track.seen
         own_root = root if seen.all() else np.where(seen, root, 0.0)
-        memory, first = runner.memory(values), 0 if moving else k
+        first = 0 if moving else k
         D, B, S = np.zeros((count, n, n)), np.zeros((count, n, k)), np.zeros((count, n, k + n))
         gx, end, H, g, cost = (
             np.zeros((count, n)),
@@ -119,12 +117,12 @@ class SlicedTrack:
         )
         by = np.concatenate([slope, np.ones(n)])[first:]
         A = np.zeros((0, k + n))
-        for i, window in enumerate(self.slices):
-            runner.enter(memory, x[i])
-            Y, J, fine = runner.run(memory, window, values, True, own_root)
-            if not fine:
+        runs = runner.run_windows(runner.memory(values), self.slices, x, values, True, own_root)
+        for i, (window, run) in enumerate(zip(self.slices, runs, strict=True)):
+            if not run.fine:
                 return Linearisation(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], np.inf)
-            r = ((Y - runner.track.y[window.start : window.stop]) * root).ravel()
+            J = run.J
+            r = ((run.Y - runner.track.y[window.start : window.stop]) * root).ravel()
             if not seen.all():
                 r = np.nan_to_num(r)
             if len(A) != len(J):
@@ -139,7 +137,7 @@ class SlicedTrack:
                 v[k:],
                 cost + float(r @ r),
             )
-            end[i], S[i, :, first:] = memory.x[:n], memory.S[:n, : len(by)] * by
+            end[i], S[i, :, first:] = run.end[:n], run.S[:, : len(by)] * by
         return Linearisation(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], cost)
 
     def prior(

@@ -1,6 +1,7 @@
 """Time integration: compiled once, serves every model through function addresses.
 
-`sweep` runs over the samples of a recording. At the start of every step it updates the cells, at
+`sweep_windows` runs over the windows of a recording, `sweep` over samples in a row. At the start of
+every step it updates the cells, at
 the start of every sample it reads the outputs, and it moves the states by one step of
 
     RK4     the classical Runge-Kutta method of order 4 (Hairer, Norsett and Wanner 1993, II.1)
@@ -118,6 +119,27 @@ class Results(NamedTuple):
     Y: Any
     JY: Any
     weights: Any
+
+
+class WindowTable(NamedTuple):
+    """Windows in order, and the states that are set anew where each of them begins.
+
+    edges (windows, 2)      first row of u, and the row behind the last one
+    time_s (windows,)       of the first sample
+    starts (windows, n)     the first n states; the others are carried on
+    column                  sensitivity column of the first start state: this one and those behind
+                            it begin anew with every window
+    end (windows, nx), S (windows, n, ns)
+                            filled: the states behind the last sample, and the rows of the first n
+                            of them in the sensitivities
+    """
+
+    edges: Any
+    time_s: Any
+    starts: Any
+    column: int
+    end: Any
+    S: Any
 
 
 class SweepScratch(NamedTuple):
@@ -433,6 +455,45 @@ def _read_outputs(equations, memory, inputs, k, row, work, results):  # type: ig
                 JY[k, i, j] *= weights[i]
 
 
+@njit(cache=True)
+def _run_samples(equations, memory, inputs, times, results, work, rows):  # type: ignore[no-untyped-def]
+    """Run over rows first to stop of u, of which `first` fills row `at` of Y and JY; rows: (first,
+    stop, at). Returns the first sample, counted from `first`, at which the state is no longer
+    finite, or -1."""
+    first, stop, at = rows
+    x, nc, nu = memory.x, memory.cells.shape[0], inputs.u.shape[1]
+    t = work.ticks
+    h = times.period_s / times.substeps
+    t[1], t[2] = h, times.period_s
+    one = times.only >= 0
+    begun, ended = (times.only, times.only + 1) if one else (0, times.substeps)
+    for k in range(stop - first):
+        row = (first + k) * nu
+        for sub in range(begun, ended):
+            opens = k == 0 and sub == begun
+            t[0] = times.time_s + k * times.period_s + sub * h
+            t[3] = 1.0 if sub == 0 else 0.0
+            t[4] = 1.0 if times.begin and opens else 0.0
+            t[5] = 1.0 if times.join and opens else 0.0
+            t[6] = sub / times.substeps
+            t[7] = 0.0
+            if nc > 0:
+                _update_cells(equations, memory, inputs, row, work)
+            if sub == begun:
+                _read_outputs(equations, memory, inputs, at + k, row, work, results)
+            if times.implicit:
+                _sdirk2(equations, memory, inputs, row, h, work)
+            else:
+                _rk4(equations, memory, inputs, row, h, work)
+        for i in range(x.shape[0]):
+            if not abs(x[i]) < BLOWN_UP:
+                results.Y[at + k + 1 : at + stop - first] = np.nan
+                if inputs.sensitive:
+                    results.JY[at + k + 1 : at + stop - first] = np.nan
+                return k
+    return -1
+
+
 @njit(cache=True, nogil=True)
 def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped-def]
     """Run over the rows of u, filling Y and, where sensitivities are asked for, JY.
@@ -441,52 +502,68 @@ def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped
     which the state is no longer finite, or -1.
     """
     work = _work(equations, memory, results.Y.shape[1])
-    bad = _samples(
+    bad = _run_samples(
         borrowed(equations),
         borrowed(memory),
         borrowed(inputs),
         times,
         borrowed(results),
         borrowed(work),
+        (0, inputs.u.shape[0], 0),
     )
     work.ticks[0] = 0.0  # a last use, up to which the scratch is kept
     return bad
 
 
-@njit(cache=True)
-def _samples(equations, memory, inputs, times, results, work):  # type: ignore[no-untyped-def]
-    """The samples of `sweep`, one after the other."""
-    x, nc, nu = memory.x, memory.cells.shape[0], inputs.u.shape[1]
-    t = work.ticks
-    h = times.period_s / times.substeps
-    t[1], t[2] = h, times.period_s
-    one = times.only >= 0
-    begun, ended = (times.only, times.only + 1) if one else (0, times.substeps)
-    for k in range(inputs.u.shape[0]):
-        row = k * nu
-        for sub in range(begun, ended):
-            first = k == 0 and sub == begun
-            t[0] = times.time_s + k * times.period_s + sub * h
-            t[3] = 1.0 if sub == 0 else 0.0
-            t[4] = 1.0 if times.begin and first else 0.0
-            t[5] = 1.0 if times.join and first else 0.0
-            t[6] = sub / times.substeps
-            t[7] = 0.0
-            if nc > 0:
-                _update_cells(equations, memory, inputs, row, work)
-            if sub == begun:
-                _read_outputs(equations, memory, inputs, k, row, work, results)
-            if times.implicit:
-                _sdirk2(equations, memory, inputs, row, h, work)
-            else:
-                _rk4(equations, memory, inputs, row, h, work)
-        for i in range(x.shape[0]):
-            if not abs(x[i]) < BLOWN_UP:
-                results.Y[k + 1 :] = np.nan
-                if inputs.sensitive:
-                    results.JY[k + 1 :] = np.nan
-                return k
-    return -1
+@njit(cache=True, nogil=True)
+def sweep_windows(equations, memory, inputs, times, results, windows):  # type: ignore[no-untyped-def]
+    """Run over windows, each from its start states, filling Y and JY (whose first row is that of
+    the first window), `end` and `S`.
+
+    Sensitivities to the start states begin with each window. All other memory is carried on in
+    place. Of `times`, begin holds for the first window and join for all of them. Returns the first
+    window in which states or outputs are no longer finite, where it stops, and the sample of it at
+    which the state was not; -1 where there is none.
+    """
+    x, S, edges = memory.x, memory.S, windows.edges
+    n, column = windows.starts.shape[1], windows.column
+    work = _work(equations, memory, results.Y.shape[1])
+    for w in range(edges.shape[0]):
+        first, stop = edges[w, 0], edges[w, 1]
+        at = first - edges[0, 0]
+        for i in range(n):
+            x[i] = windows.starts[w, i]
+        if inputs.sensitive:
+            S[:n] = 0.0
+            S[:, column:] = 0.0
+            memory.buffer_S[:, :, column:] = 0.0
+            for i in range(n):
+                S[i, column + i] = 1.0
+        own_times = Times(
+            windows.time_s[w],
+            times.period_s,
+            times.substeps,
+            times.implicit,
+            times.begin and w == 0,
+            times.join,
+            times.only,
+        )
+        bad = _run_samples(
+            borrowed(equations),
+            borrowed(memory),
+            borrowed(inputs),
+            own_times,
+            borrowed(results),
+            borrowed(work),
+            (first, stop, at),
+        )
+        work.ticks[0] = 0.0  # a last use, up to which the scratch is kept
+        windows.end[w] = x
+        if inputs.sensitive:
+            windows.S[w] = S[:n]
+        if bad >= 0 or not np.isfinite(results.Y[at : at + stop - first]).all():
+            return w, bad
+    return -1, -1
 
 
 @njit(cache=True, nogil=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,12 @@ from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
-    from pamid.engine.integrator import CompiledEquations, MemoryArrays
+    from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays
 
 Array = NDArray[np.float64]
+
+# sensitivities of the windows that are run at a time: 1 MiB, which a cache holds
+BLOCK_NUMBERS = 2**17
 
 
 @dataclass
@@ -65,6 +69,18 @@ class Memory:
         carried = self.saved and (self.saved[0], dict(self.saved[1]))
         return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join, carried)
 
+    def enter(self, x: Array, first: int) -> None:
+        """Set the first states to x (n,): sensitivities to these begin here, from column `first`
+        on; those to parameters live on in memories."""
+        n = len(x)
+        self.x[:n] = x
+        self.join = True
+        if not self.S.size:
+            return
+        self.S[:n] = 0.0
+        self.forget(first)
+        self.S[:n, first : first + n] = np.eye(n)
+
     def forget(self, first: int) -> None:
         """The sensitivities from column `first` on become those of a state that nothing has moved:
         zero."""
@@ -85,6 +101,41 @@ class Stepping:
 
     def doubled(self) -> Stepping:
         return Stepping(2 * self.substeps, self.implicit)
+
+
+@dataclass(frozen=True, eq=False)
+class WindowStarts:
+    """Windows of a recording in order, each begun at states that are set anew.
+
+    edges (windows, 2): the first sample, and the one behind the last; states (windows, n): the
+    first n ones at the start of each; column: of the first of them among the sensitivities; first:
+    number of the recording's first sample, which gives the time.
+    """
+
+    edges: NDArray[np.int64]
+    states: Array
+    column: int
+    first: int = 0
+
+    def __len__(self) -> int:
+        return len(self.edges)
+
+
+class SimulatedWindow(NamedTuple):
+    """Outputs of a window (samples, outputs), their sensitivities (samples, outputs, columns; empty
+    without), the states behind its last sample (nx,), their sensitivities (start states, columns),
+    and whether all stayed finite."""
+
+    Y: Array
+    JY: Array
+    end: Array
+    S: Array
+    fine: bool
+
+    @property
+    def J(self) -> Array:
+        """The sensitivities as a Jacobian: samples x outputs of one after the other, columns."""
+        return self.JY.reshape(-1, self.JY.shape[2])
 
 
 @dataclass(frozen=True)
@@ -152,36 +203,88 @@ class Program:
         outputs x columns; empty without), and the first sample at which the state blew up (-1:
         none).
         """
-        from pamid.engine.integrator import Inputs, Results, Times, sweep
+        from pamid.engine.integrator import Results, Times, WindowTable, sweep_windows
 
         step = stepping or Stepping()
-        shape = (u.shape[0], len(self.outputs), memory.S.shape[1])
-        asked = (1, 1, 0) if columns is None else shape
+        inputs = self._inputs(memory, u, p, columns, after)
+        wide = memory.S.shape[1]
+        shape = len(u), len(self.outputs)
+        Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, wide))
         times = float(time_s), float(period_s), step.substeps, step.implicit
-        if memory.S.shape[1] == 0:
-            columns = None  # the vector loop needs at least one lane
-        if columns is not None and not self.sensitive.issuperset(
-            name for name, k in zip(self.parameters, columns, strict=True) if k >= 0
-        ):
-            raise ValueError(
-                "sensitivities were asked for by parameters that the model was not compiled for"
-            )
-        Y, JY = np.empty(shape[:2]), np.empty(asked)
-        none = np.full(len(self.parameters), -1, np.int64)
-        bad = sweep(
+        held = memory.arrays(sensitive=inputs.sensitive)
+        _, bad = sweep_windows(
             self._equations,
-            memory.arrays(sensitive=columns is not None),
-            Inputs(
-                self._with_rises(u, after),
-                self._prepared(p),
-                none if columns is None else columns,
-                columns is not None,
-            ),
+            held,
+            inputs,
             Times(*times, memory.begin, memory.join, -1),
             Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
+            WindowTable(
+                np.array([[0, len(u)]], np.int64),
+                np.array([times[0]]),
+                np.empty((1, 0)),
+                wide,
+                np.empty((1, len(memory.x))),
+                np.empty((1, 0, held.S.shape[1])),
+            ),
         )
         memory.begin = memory.join = False
         return Y, JY, int(bad)
+
+    def run_windows(
+        self,
+        memory: Memory,
+        u: Array,
+        p: Array,
+        windows: WindowStarts,
+        *,
+        period_s: float,
+        stepping: Stepping | None = None,
+        columns: NDArray[np.int64] | None = None,
+        weights: Array | None = None,
+    ) -> Iterator[SimulatedWindow]:
+        """Simulate windows of the recording u (samples x inputs), carrying on in `memory` what is
+        not set anew. See `run` for the others.
+
+        Windows are run several at a time, ahead of the one that is yielded: `memory` is that of the
+        last window once all have been taken. After a window that is not finite the next ones are
+        run only when they are taken.
+        """
+        from pamid.engine.integrator import Results, Times, WindowTable, sweep_windows
+
+        if not len(windows):
+            return
+        step, edges, n = stepping or Stepping(), windows.edges, windows.states.shape[1]
+        begun, ended = edges[0, 0], edges[-1, 1]
+        behind = u[ended] if ended < len(u) else None
+        inputs = self._inputs(memory, u[begun:ended], p, columns, behind)
+        held, seen = memory.arrays(sensitive=inputs.sensitive), len(self.outputs)
+        wide = held.S.shape[1]
+        weights = np.ones(seen) if weights is None else weights
+        time_s = (windows.first + edges[:, 0]) * period_s
+        rows, starts = edges - begun, np.ascontiguousarray(windows.states, float)
+        most, at = BLOCK_NUMBERS // max(1, seen * wide), 0
+        while at < len(rows):
+            to = max(at + 1, int(np.searchsorted(rows[:, 1], rows[at, 0] + most, side="right")))
+            first = rows[at, 0]
+            shape = int(rows[to - 1, 1] - first), seen
+            Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, wide))
+            end, S = np.empty((to - at, len(memory.x))), np.empty((to - at, n, wide))
+            times = float(period_s), step.substeps, step.implicit, memory.begin, True, -1
+            stopped, _ = sweep_windows(
+                self._equations,
+                held,
+                inputs,
+                Times(0.0, *times),
+                Results(Y, JY, weights),
+                WindowTable(rows[at:to], time_s[at:to], starts[at:to], windows.column, end, S),
+            )
+            memory.begin = memory.join = False
+            count = to - at if stopped < 0 else stopped + 1
+            for k in range(count):
+                a, b = rows[at + k] - first
+                slopes = JY if columns is None else JY[a:b]
+                yield SimulatedWindow(Y[a:b], slopes, end[k], S[k], k != stopped)
+            at += count
 
     def driver(
         self,
@@ -194,20 +297,14 @@ class Program:
     ) -> StepDriver:
         """The same run in single steps, between which `first` states are set from outside: those
         that `memory` lacks. See `run` for the others."""
-        from pamid.engine.integrator import Inputs, Results
+        from pamid.engine.integrator import Results
 
         held = memory.arrays(sensitive=columns is not None)
         own = len(memory.x)
         x, S = np.zeros(first + own), np.zeros((first + len(memory.S), held.S.shape[1]))
         x[first:], S[first:] = memory.x, held.S
         shape = (1, len(self.outputs), S.shape[1])
-        none = np.full(len(self.parameters), -1, np.int64)
-        inputs = Inputs(
-            self._with_rises(u, after),
-            self._prepared(p),
-            none if columns is None else columns,
-            columns is not None,
-        )
+        inputs = self._inputs(memory, u, p, columns, after)
         results = Results(
             np.empty(shape[:2]),
             np.empty((1, 1, 0) if columns is None else shape),
@@ -242,6 +339,29 @@ class Program:
         return rate_matrix(self._equations, memory.arrays(), u, p, time_s, period_s, period_s)
 
     exchange_matrix = rate_matrix  # by which the length of a step is chosen
+
+    def _inputs(
+        self,
+        memory: Memory,
+        u: Array,
+        p: Array,
+        columns: NDArray[np.int64] | None,
+        after: Array | None,
+    ) -> Inputs:
+        """See `run`."""
+        from pamid.engine.integrator import Inputs
+
+        # the vector loop needs at least one lane
+        sensitive = columns is not None and memory.S.shape[1] > 0
+        if columns is None or not sensitive:
+            columns = np.full(len(self.parameters), -1, np.int64)
+        elif not self.sensitive.issuperset(
+            name for name, k in zip(self.parameters, columns, strict=True) if k >= 0
+        ):
+            raise ValueError(
+                "sensitivities were asked for by parameters that the model was not compiled for"
+            )
+        return Inputs(self._with_rises(u, after), self._prepared(p), columns, sensitive)
 
     def _with_rises(self, u: Array, after: Array | None) -> Array:
         return with_rises(u, after, self.linear, len(self.inputs))

@@ -19,6 +19,7 @@ Modelling of Dynamical Systems 6(2), 93-113).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
 
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
 from pamid.engine.known_slopes import FAR, STILL_HOLDS, KnownSlopes
-from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.program import Memory, Program, SimulatedWindow, Stepping, WindowStarts
 from pamid.engine.simulator import (
     DIFFERENCE,
     SIDES_AGREE,
@@ -187,6 +188,36 @@ class SteppedProgram:
             if weights is not None:
                 JY *= weights[:, None]
         return Y, JY, bad
+
+    def run_windows(
+        self,
+        memory: Memory,
+        u: Array,
+        p: Array,
+        windows: WindowStarts,
+        *,
+        period_s: float,
+        stepping: Stepping | None = None,
+        columns: NDArray[np.int64] | None = None,
+        weights: Array | None = None,
+    ) -> Iterator[SimulatedWindow]:
+        """See `Program.run_windows`; slopes that are kept are those of the whole recording."""
+        n, known = windows.states.shape[1], self.known
+        for (start, stop), x in zip(windows.edges.tolist(), windows.states, strict=True):
+            memory.enter(x, windows.column)
+            Y, JY, bad = self.knowing(known and known.part(start, stop)).run(
+                memory,
+                u[start:stop],
+                p,
+                period_s=period_s,
+                time_s=(windows.first + start) * period_s,
+                stepping=stepping,
+                columns=columns,
+                weights=weights,
+                after=u[stop] if stop < len(u) else None,
+            )
+            fine = bad < 0 and bool(np.isfinite(Y).all())
+            yield SimulatedWindow(Y, JY, memory.x.copy(), memory.S[:n].copy(), fine)
 
     def _course(
         self,

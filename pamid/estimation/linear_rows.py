@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.engine.program import Memory, Stepping
+from pamid.engine.program import Stepping
 from pamid.estimation.lane_windows import MOVE, run_lanes
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
-from pamid.simulation.windows import Runner, Window
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
@@ -64,20 +64,23 @@ def linear_rows(
         runner = Runner(problem.assembly, track, stepping, problem.free)
         runner = runner.keeping(known[i]) if known else runner
         own, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
-        memory, root = runner.memory(own), np.where(track.seen, weights.root, 0.0)
-        for w, window in enumerate(windows):
-            runner.enter(memory, x[w])
-            r, A = _residuals(runner, memory, window, own, root, every, derivatives)
+        root = np.where(track.seen, weights.root, 0.0)
+        runs = runner.run_windows(runner.memory(own), windows, x, own, derivatives, root)
+        for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
+            r = np.nan_to_num((run.Y - track.y[window.start : window.stop]) * root)
+            r = np.sqrt(every) * r[::every].ravel()
             rows = np.zeros((len(r), k + columns))
-            rows[:, :k], rows[:, k + at : k + at + n] = A[:, :k], A[:, k : k + n]
+            if derivatives:
+                A = np.sqrt(every) * run.JY[::every].reshape(len(r), -1)
+                rows[:, :k], rows[:, k + at : k + at + n] = A[:, :k], A[:, k : k + n]
             blocks.append((r, rows))
             channel.append(np.tile(np.arange(track.y.shape[1]), len(r) // track.y.shape[1]))
             if w + 1 < len(windows):
                 inverse, rows = np.sqrt(joint), np.zeros((n, k + columns))
-                end = inverse[:, None] * memory.S[:n, : k + n] * derivatives
+                end = inverse[:, None] * run.S[:, : k + n] if derivatives else np.zeros((n, k + n))
                 rows[:, :k], rows[:, k + at : k + at + n] = -end[:, :k], -end[:, k:]
                 rows[:, k + at + n : k + at + 2 * n] = np.diag(inverse)
-                blocks.append((inverse * (x[w + 1] - memory.x[:n]), rows))
+                blocks.append((inverse * (x[w + 1] - run.end[:n]), rows))
                 channel.append(np.full(n, -1))
             at += n
     sheet = np.eye(k, k + columns)
@@ -136,20 +139,3 @@ def orthonormal_span(columns: Array) -> Array:
     u, values, _ = np.linalg.svd(sized, full_matrices=False)
     return np.asarray(u[:, values > np.sqrt(np.finfo(float).eps) * values.max(initial=0.0)])
 
-
-def _residuals(
-    runner: Runner,
-    memory: Memory,
-    window: Window,
-    p: Array,
-    root: Array,
-    every: int,
-    derivatives: bool,
-) -> tuple[Array, Array]:
-    """Weighted residuals of every so many samples of a window, and their derivatives by parameters
-    (SI) and the window's start."""
-    Y, A, _ = runner.run(memory, window, p, derivatives, root)
-    away = np.nan_to_num((Y - runner.track.y[window.start : window.stop]) * root)
-    A = A.reshape(*away.shape, -1) if derivatives else np.zeros((*away.shape, memory.S.shape[1]))
-    heavier = np.sqrt(every)
-    return heavier * away[::every].ravel(), heavier * A[::every].reshape(-1, A.shape[2])

@@ -92,15 +92,14 @@ def _push_that_moves(
     for track, x in zip(problem.tracks, starts, strict=True):
         runner = Runner(pushed, track, stepping, free=(place,))
         own = runner.parameters(p)
-        memory = runner.memory(own)
-        for window, entered in zip(problem.windows(track), x, strict=True):
-            runner.enter(memory, entered)
-            Y, J, ok = runner.run(memory, window, own, True)
-            if not ok:
+        windows = problem.windows(track)
+        runs = runner.run_windows(runner.memory(own), windows, x, own, True)
+        for window, run in zip(windows, runs, strict=True):
+            if not run.fine:
                 return 0.0
             y = track.y[window.start : window.stop]
             moved += np.nansum((y - y[:1]) ** 2, axis=0)
-            slope += (J[:, 0].reshape(Y.shape) ** 2).sum(axis=0)
+            slope += (run.JY[:, :, 0] ** 2).sum(axis=0)
     needed = np.sqrt(moved[slope > 0.0] / slope[slope > 0.0])
     needed = needed[np.isfinite(needed) & (needed > 0.0)]
     return float(needed.min(initial=np.inf)) if needed.size else 0.0

@@ -85,27 +85,30 @@ def run_tracks(
         runner = fitted.runners[i]
         own = runner.parameters(values)
         windows, n = problem.windows(track), runner.start_states
-        memory = runner.memory(own)
         runs: list[WindowRun] = []
-        left, own_root = np.empty_like(track.y), np.where(track.seen, root, 0.0)
-        for w, window in enumerate(windows):
-            important = 1.0 if problem.importance is None else float(problem.importance[at + w])
-            runner.enter(memory, starts[i][w])
-            Y, A, ok = runner.run(memory, window, own, derivatives, own_root)
-            if not ok:
+        whole, left = bool(track.seen.all()), np.empty_like(track.y)
+        own_root = np.where(track.seen, root, 0.0)
+        simulated = runner.run_windows(
+            runner.memory(own), windows, starts[i], own, derivatives, own_root
+        )
+        for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
+            if not run.fine:
                 return None
-            left[window.start : window.stop] = Y - track.y[window.start : window.stop]
-            r = np.nan_to_num(left[window.start : window.stop] * root).ravel()
+            important = 1.0 if problem.importance is None else float(problem.importance[at + w])
+            away = left[window.start : window.stop]
+            np.subtract(run.Y, track.y[window.start : window.stop], out=away)
+            r = (away * root if whole else np.nan_to_num(away * root)).ravel()
             joint = w + 1 < len(windows)
-            jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
+            jump = starts[i][w + 1] - run.end[:n] if joint else np.zeros(n)
             N = v = end = nothing
             if derivatives:
                 # J'J and J'r of this window by (parameters in SI, its start); rows beyond k + n
                 # are the padding of the sensitivities
+                A = run.J
                 N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
                 _scale(N, v, slope)
                 if joint:
-                    end = memory.S[:n, : k + n].copy()  # d end / d (parameters, start)
+                    end = run.S[:, : k + n].copy()  # d end / d (parameters, start)
                     end[:, :k] *= slope
             runs.append(WindowRun(important * float(r @ r), N, v, end, jump))
         at += len(windows)

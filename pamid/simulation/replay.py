@@ -21,7 +21,7 @@ from pamid.model.executable import Executable
 from pamid.recording.noise import NEGLIGIBLE_ERROR
 from pamid.simulation.initial_state import estimate_initial_state
 from pamid.simulation.tracks import Track
-from pamid.simulation.windows import Runner, Window, cut
+from pamid.simulation.windows import Runner, Window, cut, window_starts
 
 Array = NDArray[np.float64]
 
@@ -181,23 +181,17 @@ def run_windows(
 ) -> Array:
     """Outputs of `program`, the assembly's equations with further outputs, over windows entered at
     these states (samples x outputs)."""
-    n, rows = len(assembly.rig.states), []
     values = Runner(assembly, track, stepping).parameters(p)
     memory = program.memory(assembly.start(values), stepping=stepping, period_s=track.period_s)
-    for w, x in zip(windows, starts, strict=True):
-        memory.x[:n], memory.join = x, True
-        rows.append(
-            program.run(
-                memory,
-                track.u[w.start : w.stop],
-                values,
-                period_s=track.period_s,
-                time_s=(track.first + w.start) * track.period_s,
-                stepping=stepping,
-                after=track.u[w.stop] if w.stop < len(track.u) else None,
-            )[0]
-        )
-    return np.nan_to_num(np.concatenate(rows))
+    runs = program.run_windows(
+        memory,
+        track.u,
+        values,
+        window_starts(track, windows, starts),
+        period_s=track.period_s,
+        stepping=stepping,
+    )
+    return np.nan_to_num(np.concatenate([run.Y for run in runs]))
 
 
 def noise_floor(

@@ -7,6 +7,7 @@ creep) is carried on from the window before, because no window by itself shows i
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.engine.program import Memory, Stepping
+from pamid.engine.program import Memory, SimulatedWindow, Stepping, WindowStarts
 from pamid.model.assembly import Assembly
 from pamid.simulation.tracks import Track
 
@@ -98,14 +99,8 @@ class Runner:
         return wide
 
     def enter(self, memory: Memory, x: Array) -> None:
-        """Start a window at rig state x: sensitivities to x begin here, those to parameters live on
-        in memories."""
-        n, k = self.start_states, len(self.free)
-        memory.x[:n] = x
-        memory.join = True
-        memory.S[:n] = 0.0
-        memory.forget(k)
-        memory.S[:n, k : k + n] = np.eye(n)
+        """Start a window at state x (start states,)."""
+        memory.enter(x, len(self.free))
 
     def run(
         self,
@@ -136,3 +131,37 @@ class Runner:
             J.reshape(J.shape[0] * J.shape[1], J.shape[2]),
             bad < 0 and bool(np.isfinite(Y).all()),
         )
+
+    def run_windows(
+        self,
+        memory: Memory,
+        windows: Sequence[Window],
+        starts: Array,
+        p: Array,
+        sensitivities: bool,
+        weights: Array | None = None,
+    ) -> Iterator[SimulatedWindow]:
+        """The windows in order, each from its start (windows x start states); Jacobians as those
+        of `run`. See `Program.run_windows` for the memory between two of them."""
+        t, program = self.track, self.assembly.program
+        if self.known is not None:
+            program = program.knowing(self.known)
+        return program.run_windows(
+            memory,
+            t.u,
+            p,
+            window_starts(t, windows, starts, len(self.free)),
+            period_s=t.period_s,
+            stepping=self.stepping,
+            columns=self.columns if sensitivities else None,
+            weights=weights,
+        )
+
+
+def window_starts(
+    track: Track, windows: Sequence[Window], starts: Array, column: int = 0
+) -> WindowStarts:
+    """Windows of a track with the states at their starts (windows x states); column: of the first
+    of these among the sensitivities."""
+    edges = np.array([(w.start, w.stop) for w in windows], np.int64).reshape(-1, 2)
+    return WindowStarts(edges, starts, column, track.first)
