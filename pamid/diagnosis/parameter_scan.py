@@ -105,9 +105,7 @@ def _residuals(
         runner = Runner(problem.assembly, track, where.stepping, problem.free)
         values = runner.parameters(p)
         root, windows = where.weights.root[track.seen], _asked(where, track)
-        runs = runner.run_windows(
-            runner.memory(values), windows, x[: len(windows)], values, slopes
-        )
+        runs = runner.run_windows(runner.memory(values), windows, x[: len(windows)], values, slopes)
         for window, run in zip(windows, runs, strict=True):
             left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
             rows.append(left.ravel() if run.fine else np.full(left.size, np.inf))

@@ -88,13 +88,13 @@ class SlicedTrack:
         improved, too?"""
         runner = self.keeping[moving]
         values = runner.parameters(p)
-        end, cost = np.zeros_like(x), 0.0
+        end, cost, whole = np.zeros_like(x), 0.0, bool(runner.track.seen.all())
         runs = runner.run_windows(runner.memory(values), self.slices, x, values, False)
         for i, (window, run) in enumerate(zip(self.slices, runs, strict=True)):
             if not run.fine:
                 return Simulation(end, np.inf)
-            away = run.Y - runner.track.y[window.start : window.stop]
-            cost += float(np.nansum((away / noise) ** 2))
+            squares = ((run.Y - runner.track.y[window.start : window.stop]) / noise) ** 2
+            cost += float(squares.sum() if whole else np.nansum(squares))
             end[i] = run.end[: end.shape[1]]
         return Simulation(end, cost)
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the pack
 
 Array = NDArray[np.float64]
 
-# sensitivities of the windows that are run at a time: 1 MiB, which a cache holds
+# sensitivities of the windows that are run at a time: 1 MiB, which stays in the cache
 BLOCK_NUMBERS = 2**17
 
 
@@ -135,7 +135,8 @@ class SimulatedWindow(NamedTuple):
     @property
     def J(self) -> Array:
         """The sensitivities as a Jacobian: samples x outputs of one after the other, columns."""
-        return self.JY.reshape(-1, self.JY.shape[2])
+        samples, outputs, columns = self.JY.shape
+        return self.JY.reshape(samples * outputs, columns)
 
 
 @dataclass(frozen=True)
@@ -280,8 +281,7 @@ class Program:
             )
             memory.begin = memory.join = False
             count = to - at if stopped < 0 else stopped + 1
-            for k in range(count):
-                a, b = rows[at + k] - first
+            for k, (a, b) in enumerate((rows[at : at + count] - first).tolist()):
                 slopes = JY if columns is None else JY[a:b]
                 yield SimulatedWindow(Y[a:b], slopes, end[k], S[k], k != stopped)
             at += count

@@ -138,4 +138,3 @@ def orthonormal_span(columns: Array) -> Array:
     sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     u, values, _ = np.linalg.svd(sized, full_matrices=False)
     return np.asarray(u[:, values > np.sqrt(np.finfo(float).eps) * values.max(initial=0.0)])
-

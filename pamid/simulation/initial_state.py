@@ -41,7 +41,10 @@ class _StatePoint(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class _InitialState(LeastSquares[_StatePoint, Array]):
     """The least squares of one window over its initial state, with the carried state as prior (the
-    arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2))."""
+    arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2)).
+
+    memory: at the start of the window, with room for the runner's sensitivities.
+    """
 
     runner: Runner
     memory: Memory
@@ -56,7 +59,7 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
 
     def at(self, x: Array) -> _StatePoint:
         run, n, away = self.runner, self.runner.start_states, x - self.carried
-        m = run.widened(self.memory)
+        m = self.memory.copy()
         run.enter(m, x)
         Y, A, fine = run.run(m, self.window, self.p, True, self.weight)
         if not fine:
@@ -117,7 +120,7 @@ def estimate_initial_state(
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
     known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
-    problem = _InitialState(own, memory, window, p, y, weight, carried, known)
+    problem = _InitialState(own, own.widened(memory), window, p, y, weight, carried, known)
     begun = problem.at(carried.copy())
     if not np.isfinite(begun.cost) or not own.start_states:
         return begun.x, bool(np.isfinite(begun.cost))
@@ -169,7 +172,7 @@ class _Followed(_InitialState):
         return cls(**given, plain=own, plain_memory=own.memory(values), plain_p=values)
 
     def slopes(self, x: Array, A: Array, r: Array) -> Array:
-        m = self.plain.widened(self.plain_memory)
+        m = self.plain_memory.copy()
         self.plain.enter(m, x)
         _, B, fine = self.plain.run(m, self.window, self.plain_p, True, self.weight)
         if not fine:
