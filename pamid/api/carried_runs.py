@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from pamid.api.given import EffectLike, Given, effects_given
 from pamid.api.results import FitResult, result_of
 from pamid.api.workers import RunHome, closing, worker_pool
@@ -69,7 +71,12 @@ def carry_out(
         run = _begun(home, further, given, effects, how, f"pamid.{verb}", options, inputs)
         if further or run.record["outcome"] != "done":
             steps = progress_steps(how.progress, verb)
-            with closing(run, pool, further=bool(further)), steps as (show, _):
+            # the matrices are small: further BLAS threads would only spin
+            with (
+                closing(run, pool, further=bool(further)),
+                steps as (show, _),
+                threadpool_limits(limits=1, user_api="blas"),
+            ):
                 work(run, pool, show)
     return home
 
