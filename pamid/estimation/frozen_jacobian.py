@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +32,8 @@ from pamid.estimation.multiple_shooting import (
     ShootingPoint,
     reduced,
 )
-from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Problem
-from pamid.estimation.shooting_windows import Blocks, ShootingNormal
+from pamid.estimation.shooting_windows import WindowSums, assembled
 from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Runner, Window
 
@@ -92,18 +90,16 @@ class FrozenJacobian:
         for track, entered in zip(problem.tracks, starts, strict=True):
             runner = Runner(problem.assembly, track, stepping, problem.free)
             values, k = runner.parameters(p), len(problem.free)
-            memory, n = runner.memory(values), runner.start_states
             root, windows = np.where(track.seen, weights.root, 0.0), problem.windows(track)
             by_parameters = np.empty((*track.y.shape, k))
-            ends = np.empty((len(windows), n, k))
-            for w, window in enumerate(windows):
-                runner.enter(memory, entered[w])
-                _, slopes, finite = runner.run(memory, window, values, True, root)
-                if not finite or not np.isfinite(slopes).all():
+            ends = np.empty((len(windows), runner.start_states, k))
+            memory = runner.memory(values)
+            runs = runner.run_windows(memory, windows, entered, values, True, root)
+            for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
+                if not run.fine or not np.isfinite(run.JY).all():
                     return None
-                columns = slopes[:, :k].reshape(-1, track.y.shape[1], k)
-                by_parameters[window.start : window.stop] = columns
-                ends[w] = memory.S[:n, :k]
+                by_parameters[window.start : window.stop] = run.JY[:, :, :k]
+                ends[w] = run.S[:, :k]
             rows = PaddedWindows(windows).rows(by_parameters)
             turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
             frozen.append(FrozenTrack(turned, turned @ rows, ends))
@@ -124,20 +120,6 @@ class FrozenJacobian:
         return FrozenJacobian(shared, tuple(tracks))
 
 
-class _TrackSums(NamedTuple):
-    """Sums over the windows of a track: the cost, normal equations N (windows, unknowns, unknowns)
-    and v (windows, unknowns) by (scaled parameters, window start), derivatives of the end states
-    (windows, states, unknowns), jumps (windows - 1, states) from an end to the next start, and
-    residuals (samples, channels) in SI."""
-
-    cost: float
-    N: Array
-    v: Array
-    ends: Array
-    jumps: Array
-    residuals: Array
-
-
 @dataclass(frozen=True, eq=False)
 class ChordShooting(MultipleShooting):
     """The least squares of a fit whose Jacobian is frozen for the parameters of the model below.
@@ -155,7 +137,8 @@ class ChordShooting(MultipleShooting):
 
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> ShootingPoint:
         """The point with its normal equations, which cost nothing beyond the run."""
-        return ShootingPoint(s, starts, self._normal(s, starts), True)
+        sums = [self._window_sums(i, s, entered) for i, entered in enumerate(starts)]
+        return ShootingPoint(s, starts, assembled(self, s, sums, True), True)
 
     def predicted_cost(self, at: ShootingPoint) -> float:
         """The cost that the linearised model expects behind one undamped step."""
@@ -169,20 +152,7 @@ class ChordShooting(MultipleShooting):
 
     # a model that runs away overflows in its sums: these are looked at afterwards
     @np.errstate(over="ignore", invalid="ignore")
-    def _normal(self, s: Array, starts: tuple[Array, ...]) -> ShootingNormal:
-        problem = self.problem
-        cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
-        blocks, residuals, fine = [], [], True
-        for i, entered in enumerate(starts):
-            sums = self._track_sums(i, s, entered)
-            cost += sums.cost + float((sums.jumps**2 * self.continuity[i]).sum())
-            blocks.append(_with_joints(sums, self.continuity[i], H, g))
-            residuals.append(sums.residuals)
-            fine = fine and all(np.isfinite(part).all() for part in blocks[-1])
-        fine = fine and bool(np.isfinite(cost) and np.isfinite(H).all())
-        return ShootingNormal(cost if fine else np.inf, H, g, blocks, residuals, fine)
-
-    def _track_sums(self, i: int, s: Array, entered: Array) -> _TrackSums:
+    def _window_sums(self, i: int, s: Array, entered: Array) -> WindowSums:
         """One track run at scaled parameters and states of its window starts (windows, states)."""
         problem, frozen = self.problem, self.frozen.tracks[i]
         track, free = problem.tracks[i], list(problem.free)
@@ -220,7 +190,7 @@ class ChordShooting(MultipleShooting):
         # from the order shared parameters, own parameters, start states
         place = np.concatenate([shared, own, k + np.arange(n)])
         back = np.argsort(place)
-        return _TrackSums(
+        return WindowSums(
             float(inner[:, -1, -1].sum()),
             N[:, back[:, None], back],
             v[:, back],
@@ -265,22 +235,3 @@ def _state_moves(entered: Array) -> Array:
     # a state that starts every window at the same value moves by its own size, at zero by 1 (SI)
     size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))
     return MOVE * np.where(size > 0.0, size, 1.0)
-
-
-def _with_joints(sums: _TrackSums, weight: Array, H: Array, g: Array) -> Blocks:
-    """Blocks of the window starts, with the joints |L (x_(w+1) - f_w(s, x_w))|^2; H and g of the
-    parameters are added to in place. weight: the diagonal of L'L."""
-    k, n = len(g), sums.ends.shape[1]
-    D, B, gx = sums.N[:, k:, k:].copy(), sums.N[:, k:, :k].copy(), sums.v[:, k:].copy()
-    end, P = sums.ends[:-1], weight[:, None]
-    by_s, by_x, jump = end[:, :, :k], end[:, :, k:], weight * sums.jumps
-    turned = by_x.transpose(0, 2, 1)
-    H += sums.N[:, :k, :k].sum(axis=0) + (by_s.transpose(0, 2, 1) @ (P * by_s)).sum(axis=0)
-    g += sums.v[:, :k].sum(axis=0) - np.einsum("wnk,wn->k", by_s, jump)
-    D[:-1] += turned @ (P * by_x)
-    B[:-1] += turned @ (P * by_s)
-    gx[:-1] -= np.einsum("wnm,wn->wm", by_x, jump)
-    D[1:, range(n), range(n)] += weight
-    B[1:] -= P * by_s
-    gx[1:] += jump
-    return D, -P * by_x, B, gx

@@ -48,22 +48,20 @@ class ShootingNormal:
     fine: bool
 
 
-class WindowRun(NamedTuple):
-    """What a window adds, whatever continuity counts: its squared residuals, J'J and J'r by (scaled
-    parameters, its start), d end / d of these, and by how far the next one's start is from its end.
-    Without derivatives the matrices are empty."""
+class WindowSums(NamedTuple):
+    """Sums over the windows of a track, before they are joined.
+
+    cost: squared residuals; N (windows, unknowns, unknowns) and v (windows, unknowns): J'J and J'r
+    by (scaled parameters, window start); ends (windows, states, unknowns): derivatives of the end
+    states; jumps (windows - 1, states): from the end of each window to the next start; residuals
+    (samples, channels) in SI. Without derivatives N, v and ends are empty.
+    """
 
     cost: float
     N: Array
     v: Array
-    end: Array
-    jump: Array
-
-
-class TrackRuns(NamedTuple):
-    """The windows of a track in order, and its residuals (samples, channels)."""
-
-    windows: list[WindowRun]
+    ends: Array
+    jumps: Array
     residuals: Array
 
 
@@ -71,7 +69,7 @@ class TrackRuns(NamedTuple):
 @np.errstate(over="ignore", invalid="ignore")
 def run_tracks(
     fitted: ShootingFit, s: Array, starts: tuple[Array, ...], derivatives: bool
-) -> list[TrackRuns] | None:
+) -> list[WindowSums] | None:
     """Every window simulated at scaled parameters and window starts; None where the model runs
     away."""
     problem, scale, weights = fitted.problem, fitted.scale, fitted.weights
@@ -79,13 +77,15 @@ def run_tracks(
     values = fitted.p.copy()
     values[list(problem.free)] = scale.outside(s)
     slope, root = scale.slope(values[list(problem.free)]), weights.root
-    out: list[TrackRuns] = []
-    nothing, at = np.zeros(0), 0
+    out: list[WindowSums] = []
+    at = 0
     for i, track in enumerate(problem.tracks):
         runner = fitted.runners[i]
         own = runner.parameters(values)
         windows, n = problem.windows(track), runner.start_states
-        runs: list[WindowRun] = []
+        count, unknowns, cost = len(windows), (k + n) * derivatives, 0.0
+        N, v = np.empty((count, unknowns, unknowns)), np.empty((count, unknowns))
+        end, ends = np.empty((count, n)), np.empty((count, n, unknowns))
         whole, left = bool(track.seen.all()), np.empty_like(track.y)
         own_root = np.where(track.seen, root, 0.0)
         simulated = runner.run_windows(
@@ -98,90 +98,60 @@ def run_tracks(
             away = left[window.start : window.stop]
             np.subtract(run.Y, track.y[window.start : window.stop], out=away)
             r = (away * root if whole else np.nan_to_num(away * root)).ravel()
-            joint = w + 1 < len(windows)
-            jump = starts[i][w + 1] - run.end[:n] if joint else np.zeros(n)
-            N = v = end = nothing
+            cost += important * float(r @ r)
+            end[w] = run.end[:n]
             if derivatives:
-                # J'J and J'r of this window by (parameters in SI, its start); rows beyond k + n
-                # are the padding of the sensitivities
+                # rows beyond the unknowns are the padding of the sensitivities
                 A = run.J
-                N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
-                _scale(N, v, slope)
-                if joint:
-                    end = run.S[:, : k + n].copy()  # d end / d (parameters, start)
-                    end[:, :k] *= slope
-            runs.append(WindowRun(important * float(r @ r), N, v, end, jump))
-        at += len(windows)
-        out.append(TrackRuns(runs, left))
+                N[w] = important * (A.T @ A)[:unknowns, :unknowns]
+                v[w] = important * (A.T @ r)[:unknowns]
+                ends[w] = run.S[:, :unknowns]
+        if derivatives:  # by scaled parameters, not by those in SI
+            N[:, :k] *= slope[:, None]
+            N[:, :, :k] *= slope
+            v[:, :k] *= slope
+            ends[:, :, :k] *= slope
+        at += count
+        out.append(WindowSums(cost, N, v, ends, starts[i][1:] - end[:-1], left))
     return out
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def assembled(
-    fitted: ShootingFit, s: Array, tracks: list[TrackRuns] | None, derivatives: bool
+    fitted: ShootingFit, s: Array, tracks: list[WindowSums] | None, derivatives: bool
 ) -> ShootingNormal:
     """Cost at scaled parameters and window starts, and with derivatives the normal equations, of
-    what `run_tracks` has simulated there."""
+    the windows simulated there."""
     problem = fitted.problem
-    k, n = len(problem.free), len(problem.assembly.rig.states)
     cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
     blocks: list[Blocks] = []
     if tracks is None:
         return ShootingNormal(np.inf, H, g, blocks, [], False)
-    residuals = [track.residuals for track in tracks]
-    for track, continuity in zip(tracks, fitted.continuity, strict=True):
-        m = len(track.windows)
-        D, off = np.zeros((m, n, n)), np.zeros((max(m - 1, 0), n, n))
-        B, gx = np.zeros((m, n, k)), np.zeros((m, n))
-        for w, run in enumerate(track.windows):
-            cost += run.cost
-            cost += float((run.jump**2 * continuity).sum())
-            if not derivatives:
-                continue
-            N, v = run.N, run.v
-            H += N[:k, :k]
-            g += v[:k]
-            D[w] += N[k:, k:]
-            B[w] += N[k:, :k]
-            gx[w] += v[k:]
-            if w + 1 < m:
-                _add_joint(w, run.end, run.jump, continuity, H, g, (D, off, B, gx))
-        blocks.append((D, off, B, gx))
-        if derivatives and not (
-            np.isfinite(H).all() and np.isfinite(B).all() and np.isfinite(D).all()
-        ):
-            return ShootingNormal(np.inf, H, g, blocks, residuals, False)
-    return ShootingNormal(cost, H, g, blocks, residuals, True)
+    residuals = [sums.residuals for sums in tracks]
+    fine = True
+    for sums, weight in zip(tracks, fitted.continuity, strict=True):
+        cost += sums.cost + float((sums.jumps**2 * weight).sum())
+        if derivatives:
+            blocks.append(_joined(sums, weight, H, g))
+            D, _, B, _ = blocks[-1]
+            fine = fine and bool(np.isfinite(B).all() and np.isfinite(D).all())
+    fine = fine and bool(np.isfinite(cost) and np.isfinite(H).all())
+    return ShootingNormal(cost if fine else np.inf, H, g, blocks, residuals, fine)
 
 
-def _scale(N: Array, v: Array, slope: Array) -> None:
-    """Normal equations by parameters in SI become those by scaled ones, in place."""
-    k = len(slope)
-    N[:k] *= slope[:, None]
-    N[:, :k] *= slope
-    v[:k] *= slope
-
-
-def _add_joint(
-    w: int,
-    end: Array,
-    jump: Array,
-    weight: Array,
-    H: Array,
-    g: Array,
-    block: tuple[Array, Array, Array, Array],
-) -> None:
-    """Normal equations of |L (x_(w+1) - f_w(s, x_w))|^2; end: df_w / d(s, x_w); jump: x_(w+1) -
-    f_w; weight: the diagonal of L'L."""
-    D, off, B, gx = block
-    k = len(g)
-    P = weight[:, None]
-    H += end[:, :k].T @ (P * end[:, :k])
-    g -= end[:, :k].T @ (weight * jump)
-    D[w] += end[:, k:].T @ (P * end[:, k:])
-    B[w] += end[:, k:].T @ (P * end[:, :k])
-    gx[w] -= end[:, k:].T @ (weight * jump)
-    D[w + 1] += np.diag(weight)
-    off[w] -= P * end[:, k:]
-    B[w + 1] -= P * end[:, :k]
-    gx[w + 1] += weight * jump
+def _joined(sums: WindowSums, weight: Array, H: Array, g: Array) -> Blocks:
+    """Blocks of the window starts with the joints |L (x_(w+1) - f_w(s, x_w))|^2; the part of the
+    parameters is added to H and g in place. weight: the diagonal of L'L."""
+    k, n = len(g), sums.ends.shape[1]
+    D, B, gx = sums.N[:, k:, k:].copy(), sums.N[:, k:, :k].copy(), sums.v[:, k:].copy()
+    by_s, by_x = sums.ends[:-1, :, :k], sums.ends[:-1, :, k:]
+    P, pulled, turned = weight[:, None], weight * sums.jumps, by_x.transpose(0, 2, 1)
+    H += sums.N[:, :k, :k].sum(axis=0) + (by_s.transpose(0, 2, 1) @ (P * by_s)).sum(axis=0)
+    g += sums.v[:, :k].sum(axis=0) - np.einsum("wnk,wn->k", by_s, pulled)
+    D[:-1] += turned @ (P * by_x)
+    B[:-1] += turned @ (P * by_s)
+    gx[:-1] -= np.einsum("wnm,wn->wm", by_x, pulled)
+    D[1:, range(n), range(n)] += weight
+    B[1:] -= P * by_s
+    gx[1:] += pulled
+    return D, -P * by_x, B, gx
