@@ -68,6 +68,20 @@ def steps_text(s: Setting, what: str) -> list[str]:
     ]
 
 
+def seconds_per_hypothesis() -> tuple[float, float]:
+    """CPU seconds of a run without columns, by itself and as one of the lanes."""
+    with tempfile.TemporaryDirectory() as folder:
+        s = screened_model(Path(folder))
+        return cpu(s.run, 3), cpu(lambda: run_lanes(s), 3) / LANES
+
+
+def screened_model(folder: Path) -> Setting:
+    """The joint's model with background and friction, over the record."""
+    rig = rig_named("one-dof")
+    friction = attach(rig, "coulomb-friction", effects())
+    return setting(Assembly(rig, (friction,), background=True), recorded(folder, SAMPLES))
+
+
 def run_briefly(assembly: Assembly, *, implicit: bool) -> None:
     """Compile the program on lanes, and run it over no sample."""
     program = assembly.lane_program
@@ -100,11 +114,8 @@ def main() -> None:
     print(f"vectors of {LANES} doubles, {register} in a register of {llvm.get_host_cpu_name()}")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["PAMID_CACHE"] = folder
-        rig = rig_named("one-dof")
-        friction = attach(rig, "coulomb-friction", effects())
-        assembly = Assembly(rig, (friction,), background=True)
-        lines = compile_text(assembly)
-        explicit = setting(assembly, recorded(Path(folder), SAMPLES))
+        explicit = screened_model(Path(folder))
+        lines = compile_text(explicit.assembly)
         lines += steps_text(explicit, "RK4")
         lines += steps_text(replace(explicit, stepping=Stepping(1, implicit=True)), "SDIRK2")
     print("\n".join(lines))
