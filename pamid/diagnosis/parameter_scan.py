@@ -1,8 +1,9 @@
 """Starting values of a parameter over which the misfit has many narrow minima, such as the step by
 which a command is rounded: no slope leads from one of them to the next.
 
-Every value v of a grid is tried by one run, no fit. What the rig's parameters, the windows' starts
-and the other amounts of the effect could take up is projected out of the residual r(v),
+Every value v of a grid is tried by one run, no fit; these runs go side by side. What the rig's
+parameters, the windows' starts and the other amounts of the effect could take up is projected out
+of the residual r(v),
 
     misfit(v) = |(I - Q Q') r(v)|^2,    J(v) = Q R,
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.settings import Settings
 from pamid.engine.program import Stepping
+from pamid.engine.simulator import DIFFERENCE
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
 from pamid.model.bound_parameter import Bound
@@ -28,6 +30,8 @@ from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
+
+AT_ONCE = 8  # values that are tried side by side
 
 
 class Scanned(NamedTuple):
@@ -70,50 +74,123 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
         null = assembly.parameters[i].null
         at[i] = at[i] if null is None else null
     common = replace(problem, free=tuple(i for i in problem.free if i not in owned))
-    residual, slopes = _residuals(where, common, at, slopes=True)
+    residual, slopes = _linearised(where, common, at)
     if not np.isfinite(residual).all():
         return values[:0]
-    basis = np.linalg.qr(slopes)[0]
-    least, alone, found = _misfit(residual, basis), replace(problem, free=amounts), []
-    for value in values:
-        at[place] = value
-        r, own = _residuals(where, alone, at, slopes=bool(amounts))
-        found.append(_misfit(r, basis, own[:, : len(amounts)]))
-    order = np.argsort(found, kind="stable")[:count]
-    return values[[i for i in order if found[i] < least]]
+    free = _Orthogonal.to(slopes, len(common.free))
+    least = float((free.part_of(residual[:, None]) ** 2).sum())
+    parts = [values[k : k + AT_ONCE] for k in range(0, len(values), AT_ONCE)]
+    misfits = np.concatenate([_misfits(where, at, place, v, amounts, free) for v in parts])
+    order = np.argsort(misfits, kind="stable")[:count]
+    return values[[i for i in order if misfits[i] < least]]
 
 
-def _misfit(residual: Array, basis: Array, further: Array | None = None) -> float:
-    """Squares of what the columns of an orthonormal basis, and further ones, leave of it; endless
-    where it is."""
-    if not np.isfinite(residual).all():
-        return float("inf")
-    left = residual - basis @ (basis.T @ residual)
-    if further is not None and further.size:
-        own = np.linalg.qr(further - basis @ (basis.T @ further))[0]
-        left = left - own @ (own.T @ left)
-    return float(left @ left)
+def _misfits(
+    where: Scanned,
+    at: Array,
+    place: int,
+    values: Array,
+    amounts: tuple[int, ...],
+    free: _Orthogonal,
+) -> Array:
+    """Squares of what is left of the residual at each of these values where what is free, and the
+    slopes by the amounts there, are projected out; infinite where the model blows up."""
+    residuals, slopes = _side_by_side(where, at, place, values, amounts)
+    finite = np.flatnonzero(np.isfinite(residuals).all(axis=0))
+    misfits = np.full(len(values), np.inf)
+    for k, left in zip(finite, free.part_of(residuals[:, finite]).T, strict=True):
+        if amounts:
+            further = np.linalg.qr(free.part_of(slopes[:, k]))[0]
+            left = left - further @ (further.T @ left)
+        misfits[k] = left @ left
+    return misfits
 
 
-def _residuals(
-    where: Scanned, problem: Problem, p: Array, *, slopes: bool = False
+class _Orthogonal(NamedTuple):
+    """The space orthogonal to slopes by shared parameters and by every window's start: orthonormal
+    bases of each window's rows, and of the shared slopes without these (rows, shared)."""
+
+    windows: list[Array]
+    shared: Array
+
+    @classmethod
+    def to(cls, slopes: list[Array], shared: int) -> _Orthogonal:
+        """slopes: of each window (its rows, shared parameters and then its start)."""
+        windows = [np.linalg.qr(part[:, shared:])[0] for part in slopes]
+        alone = cls(windows, np.zeros((sum(map(len, slopes)), 0)))
+        joined = alone.part_of(np.concatenate([part[:, :shared] for part in slopes]))
+        return cls(windows, np.linalg.qr(joined)[0])
+
+    def part_of(self, columns: Array) -> Array:
+        """The part of columns (rows, any number) that lies in the space."""
+        out, row = np.empty_like(columns), 0
+        for basis in self.windows:
+            part = columns[row : row + len(basis)]
+            out[row : row + len(basis)] = part - basis @ (basis.T @ part)
+            row += len(basis)
+        out -= self.shared @ (self.shared.T @ out)
+        return out
+
+
+def _side_by_side(
+    where: Scanned, at: Array, place: int, values: Array, amounts: tuple[int, ...]
 ) -> tuple[Array, Array]:
-    """Weighted residuals of all windows in a row, and their derivatives by the free parameters and
-    every window's start; endless residuals where the model does not stay finite."""
+    """Weighted residuals of all windows in a row (rows, values), and their differences by the
+    amounts (rows, values, amounts): each value has a lane, and one more for each amount."""
+    problem, program = where.problem, where.problem.assembly.lane_program
+    bounds = problem.assembly.parameters
+    width = 1 + len(amounts)
+    p = np.repeat(at[:, None], len(values) * width, axis=1)
+    p[place] = np.repeat(values, width)
+    steps = np.ones(len(amounts))
+    for k, i in enumerate(amounts):
+        b = bounds[i]
+        size = DIFFERENCE * max(abs(at[i]), b.spread * (abs(at[i]) if b.log else 1.0))
+        steps[k] = -size if at[i] + size > b.high else size
+        p[i, k + 1 :: width] += steps[k]
+    rows = []
+    for track, x in zip(problem.tracks, where.starts, strict=True):
+        known = list(track.known)
+        p[known] = track.p[known, None]
+        windows = _asked(where, track)
+        edges = np.array([windows[0].start, *(w.stop for w in windows)])
+        begun = np.stack([problem.assembly.start(q) for q in p.T], axis=1)
+        memory = program.memory(begun, stepping=where.stepping, period_s=track.period_s)
+        Y, _, _ = program.run_windows(
+            memory,
+            track.u,
+            p,
+            edges,
+            np.repeat(x[: len(windows), :, None], p.shape[1], axis=2),
+            period_s=track.period_s,
+            time_s=track.first * track.period_s,
+            stepping=where.stepping,
+        )
+        left = (track.y[: edges[-1], :, None] - Y)[:, track.seen] * where.weights.root[
+            track.seen, None
+        ]
+        rows.append(left.reshape(-1, len(values), width))
+    joined = np.concatenate(rows)
+    return joined[:, :, 0], (joined[:, :, 1:] - joined[:, :, :1]) / steps
+
+
+def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list[Array]]:
+    """Weighted residuals of all windows in a row, and of each window the derivatives of the outputs
+    by the free parameters and its start; infinite residuals where the model does not stay
+    finite."""
     rows, parts = [], []
     for track, x in zip(problem.tracks, where.starts, strict=True):
         runner = Runner(problem.assembly, track, where.stepping, problem.free)
         values = runner.parameters(p)
         root, windows = where.weights.root[track.seen], _asked(where, track)
-        runs = runner.run_windows(runner.memory(values), windows, x[: len(windows)], values, slopes)
+        runs = runner.run_windows(runner.memory(values), windows, x[: len(windows)], values, True)
         for window, run in zip(windows, runs, strict=True):
             left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
             rows.append(left.ravel() if run.fine else np.full(left.size, np.inf))
-            if slopes:
-                by_sample = run.JY[:, track.seen] * root[:, None]
-                width = len(problem.free) + runner.start_states
-                parts.append(by_sample.reshape(left.size, -1)[:, :width])
-    return np.concatenate(rows), _joined(parts, len(problem.free)) if parts else np.empty((0, 0))
+            by_sample = run.JY[:, track.seen] * root[:, None]
+            width = len(problem.free) + runner.start_states
+            parts.append(by_sample.reshape(left.size, -1)[:, :width])
+    return np.concatenate(rows), parts
 
 
 def _asked(where: Scanned, track: Track) -> list[Window]:
@@ -123,18 +200,6 @@ def _asked(where: Scanned, track: Track) -> list[Window]:
         return windows
     share = where.most // len(where.problem.tracks)
     return [w for k, w in enumerate(windows) if k < 2 or w.stop <= share]
-
-
-def _joined(parts: list[Array], shared: int) -> Array:
-    """Rows of all windows: the shared columns, then those of every window's own start."""
-    own = [part.shape[1] - shared for part in parts]
-    joined = np.zeros((sum(map(len, parts)), shared + sum(own)))
-    row, column = 0, shared
-    for part, width in zip(parts, own, strict=True):
-        joined[row : row + len(part), :shared] = part[:, :shared]
-        joined[row : row + len(part), column : column + width] = part[:, shared:]
-        row, column = row + len(part), column + width
-    return joined
 
 
 def scan_grid(bound: Bound) -> Array:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from small_cart import RIG, cart_evidence
 
+from pamid.diagnosis import parameter_scan
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
 from pamid.diagnosis.parameter_scan import Scanned, scan_grid, scanned_values
 from pamid.diagnosis.screening import ScreeningBaseline, screen
@@ -68,6 +71,35 @@ def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateMo
     told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
     assert told.p is not None
     assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
+
+
+def test_misfits_side_by_side_are_those_of_exact_slopes(
+    cogged: tuple[DataSplit, CandidateModel],
+) -> None:
+    """Slopes by the amounts are differences there, and the bases of all windows stand apart."""
+    evidence, base = cogged
+    whole, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
+    parameters = whole.problem.assembly.parameters
+    owned = [i for i in whole.problem.free if parameters[i].owner == "cogging"]
+    amounts = tuple(i for i in owned if i != place)
+    common = replace(whole.problem, free=tuple(i for i in whole.problem.free if i not in owned))
+    at, values = whole.p.copy(), scan_grid(parameters[place])[5::60]
+    at[list(amounts)] = 0.0
+    _, slopes = parameter_scan._linearised(whole, common, at)
+    free = parameter_scan._Orthogonal.to(slopes, len(common.free))
+    misfits = parameter_scan._misfits(whole, at, place, values, amounts, free)
+    assert len(amounts) == 2 and len(values) > 4
+    for value, misfit in zip(values, misfits, strict=True):
+        at[place] = value
+        residual, further = parameter_scan._linearised(
+            whole, replace(whole.problem, free=amounts), at
+        )
+        shared = np.concatenate([part[:, : len(common.free)] for part in slopes])
+        added = np.concatenate([part[:, : len(amounts)] for part in further])
+        starts = block_diag(*(part[:, len(common.free) :] for part in slopes))
+        basis = np.linalg.qr(np.concatenate([shared, added, starts], axis=1))[0]
+        left = residual - basis @ (basis.T @ residual)
+        assert misfit == pytest.approx(left @ left, rel=1e-5)
 
 
 def test_amounts_make_no_difference(cogged: tuple[DataSplit, CandidateModel]) -> None:
