@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pamid.symbolic.derivative import gradients
@@ -232,9 +232,11 @@ class _FunctionWriter:
         return "\n".join([*head, *self.lines, "br label %end", "end:", "ret void", "}"])
 
 
-def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
+def extract_derived(
+    groups: list[list[Expr]], known: Sequence[Expr] = ()
+) -> tuple[list[list[Expr]], list[Expr]]:
     """Replace what depends on parameters only by symbols of the space "derived"; returns these
-    expressions too."""
+    expressions too. known: the first of them."""
     every = [root for group in groups for root in group]
     nodes = walk(every)
     fixed: set[Expr] = set()
@@ -242,7 +244,7 @@ def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Ex
         if node.value[0] == "parameter" if node.op == "symbol" else fixed.issuperset(node.args):
             fixed.add(node)
     # only the uppermost of such nodes: those below are computed on the way to them
-    top: dict[Expr, Expr] = {}
+    top = {node: symbol("derived", str(i)) for i, node in enumerate(known)}
 
     def take(node: Expr) -> None:
         if node.args and node in fixed and node not in top:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from pamid.engine.llvm_ir import (
     with_partials,
 )
 from pamid.engine.step_driver import StepDriver
+from pamid.symbolic.expression import plain
 from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
 
@@ -157,10 +158,9 @@ class Program:
     cells: tuple[str, ...]
     delays: tuple[float, ...]
     operations: int
-    derived: int
     sensitive: frozenset[str]
     linear: tuple[int, ...]  # places of the inputs that are linear over a sample; others are held
-    _equations: CompiledEquations = field(repr=False)
+    code: ProgramCode = field(repr=False)
 
     def memory(
         self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
@@ -207,14 +207,14 @@ class Program:
         from pamid.engine.integrator import Results, Times, WindowTable, sweep_windows
 
         step = stepping or Stepping()
-        inputs = self._inputs(memory, u, p, columns, after)
+        equations, inputs = self._prepared(memory, u, p, columns, after, partials=step.implicit)
         wide = memory.S.shape[1]
         shape = len(u), len(self.outputs)
         Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, wide))
         times = float(time_s), float(period_s), step.substeps, step.implicit
         held = memory.arrays(sensitive=inputs.sensitive)
         _, bad = sweep_windows(
-            self._equations,
+            equations,
             held,
             inputs,
             Times(*times, memory.begin, memory.join, -1),
@@ -257,7 +257,9 @@ class Program:
         step, edges, n = stepping or Stepping(), windows.edges, windows.states.shape[1]
         begun, ended = edges[0, 0], edges[-1, 1]
         behind = u[ended] if ended < len(u) else None
-        inputs = self._inputs(memory, u[begun:ended], p, columns, behind)
+        equations, inputs = self._prepared(
+            memory, u[begun:ended], p, columns, behind, partials=step.implicit
+        )
         held, seen = memory.arrays(sensitive=inputs.sensitive), len(self.outputs)
         wide = held.S.shape[1]
         weights = np.ones(seen) if weights is None else weights
@@ -272,7 +274,7 @@ class Program:
             end, S = np.empty((to - at, len(memory.x))), np.empty((to - at, n, wide))
             times = float(period_s), step.substeps, step.implicit, memory.begin, True, -1
             stopped, _ = sweep_windows(
-                self._equations,
+                equations,
                 held,
                 inputs,
                 Times(0.0, *times),
@@ -304,13 +306,14 @@ class Program:
         x, S = np.zeros(first + own), np.zeros((first + len(memory.S), held.S.shape[1]))
         x[first:], S[first:] = memory.x, held.S
         shape = (1, len(self.outputs), S.shape[1])
-        inputs = self._inputs(memory, u, p, columns, after)
+        # whether steps are implicit is known when they are made
+        equations, inputs = self._prepared(memory, u, p, columns, after, partials=True)
         results = Results(
             np.empty(shape[:2]),
             np.empty((1, 1, 0) if columns is None else shape),
             np.ones(len(self.outputs)),
         )
-        return StepDriver(self._equations, held._replace(x=x, S=S), inputs, results)
+        return StepDriver(equations, held._replace(x=x, S=S), inputs, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
         """For slopes of a track's steps, with which `knowing` makes a program; None where none are
@@ -335,20 +338,24 @@ class Program:
         """df/dx (nx x nx) where `memory` stands, at the input u (inputs,)."""
         from pamid.engine.integrator import rate_matrix
 
-        u, p = self._with_rises(u[None, :], None)[0], self._prepared(p)
-        return rate_matrix(self._equations, memory.arrays(), u, p, time_s, period_s, period_s)
+        equations, values = self.code.at(p, partials=True)
+        u = self._with_rises(u[None, :], None)[0]
+        return rate_matrix(equations, memory.arrays(), u, values, time_s, period_s, period_s)
 
     exchange_matrix = rate_matrix  # by which the length of a step is chosen
 
-    def _inputs(
+    def _prepared(
         self,
         memory: Memory,
         u: Array,
         p: Array,
         columns: NDArray[np.int64] | None,
         after: Array | None,
-    ) -> Inputs:
-        """See `run`."""
+        *,
+        partials: bool,
+    ) -> tuple[CompiledEquations, Inputs]:
+        """The compiled functions and the inputs of a run; see `run`. partials: are they needed even
+        without sensitivities?"""
         from pamid.engine.integrator import Inputs
 
         # the vector loop needs at least one lane
@@ -361,18 +368,11 @@ class Program:
             raise ValueError(
                 "sensitivities were asked for by parameters that the model was not compiled for"
             )
-        return Inputs(self._with_rises(u, after), self._prepared(p), columns, sensitive)
+        equations, values = self.code.at(p, partials=sensitive or partials)
+        return equations, Inputs(self._with_rises(u, after), values, columns, sensitive)
 
     def _with_rises(self, u: Array, after: Array | None) -> Array:
         return with_rises(u, after, self.linear, len(self.inputs))
-
-    def _prepared(self, p: Array) -> Array:
-        """Parameters followed by what depends on them alone."""
-        from pamid.engine.integrator import prepare
-
-        values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
-        prepare(self._equations.address[-1], values, values[len(p) :])
-        return values
 
 
 def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: int) -> Array:
@@ -410,52 +410,97 @@ def build_program(
     linear: the inputs that the equations were lowered for as linear over a sample
     (`expand_memory`).
     """
-    # LLVM is loaded when a model is compiled, not with the package
-    from pamid.engine.integrator import CompiledEquations
-    from pamid.engine.jit_cache import addresses
-
-    phases, phase_n, phase_first, phase_delay, delays = cell_phases(equations)
-    layout = Layout.of(equations, inputs, parameters, linear)
-    code = _module_code([[*equations.rates], [*equations.outputs], *phases], layout, sensitive)
-    address = addresses("\n".join(code.parts), code.names)
-
-    def int_array(values: object) -> NDArray[np.int64]:
-        return np.array(values, np.int64)
-
-    room = np.full(code.widest, -1, np.int64)  # the driver sizes its scratch by this array
-    room[: len(code.columns)] = code.columns
+    text = ProgramText(equations, inputs, parameters, sensitive, linear)
     return Program(
         equations.states,
         inputs,
         parameters,
         outputs,
         tuple(c.name for c in equations.cells),
-        tuple(delays),
-        code.parts[1].count("\n"),
-        code.derived,
+        tuple(text.phases[4]),
+        text.plain.parts[1].count("\n"),
         frozenset(parameters) if sensitive is None else sensitive,
         tuple(inputs.index(n) for n in linear),
-        CompiledEquations(
-            int_array(address),
-            int_array(phase_n),
-            int_array(phase_first),
-            int_array(phase_delay),
-            int_array(code.pointer),
-            room,
-            int_array(code.direct_at),
-            int_array(code.direct).reshape(-1, 3),
-        ),
+        ProgramCode(text),
     )
 
 
-def module_text(
-    equations: StateEquations, inputs: tuple[str, ...], parameters: tuple[str, ...], *rest: Any
-) -> tuple[str, list[str]]:
-    """What `build_program` compiles of the same arguments: LLVM IR, and names of functions."""
-    _, sensitive, linear = rest
-    layout, phases = Layout.of(equations, inputs, parameters, linear), cell_phases(equations)[0]
-    code = _module_code([[*equations.rates], [*equations.outputs], *phases], layout, sensitive)
-    return "\n".join(code.parts), code.names
+@dataclass(frozen=True, eq=False)
+class ProgramCode:
+    """Machine code of a program. The functions without partials are compiled at once, those with
+    partials when they are first needed: they take four fifths of the time, and a model that is
+    only simulated needs none."""
+
+    text: ModuleTexts
+
+    def at(self, p: Array, *, partials: bool) -> tuple[CompiledEquations, Array]:
+        """The compiled functions, and the parameters p (SI) followed by what depends on them alone.
+        partials: for sensitivities, implicit steps or `rate_matrix`."""
+        from pamid.engine.integrator import prepare
+
+        used = [(self._plain, self.text.plain.derived)]
+        if partials:
+            used.append((self._complete, self.text.partials.derived))
+        at = len(p)
+        values = np.concatenate([np.asarray(p, float), np.empty(sum(n for _, n in used))])
+        for equations, n in used:
+            prepare(equations.address[-1], values, values[at : at + n])
+            at += n
+        return used[-1][0], values
+
+    @cached_property
+    def _plain(self) -> CompiledEquations:
+        # LLVM is loaded when a model is compiled, not with the package
+        from pamid.engine.integrator import CompiledEquations
+        from pamid.engine.jit_cache import addresses
+
+        plain = self.text.plain
+        *values, prepare = addresses("\n".join(plain.parts), plain.names)
+        _, phase_n, phase_first, phase_delay, _ = self.text.phases
+        none = [0] * (len(values) + 1)
+        return CompiledEquations(
+            _int_array([*(n for f in values for n in (f, 0, 0)), prepare]),
+            _int_array(phase_n),
+            _int_array(phase_first),
+            _int_array(phase_delay),
+            _int_array([]),
+            _int_array([]),
+            _int_array(none),
+            _int_array([]).reshape(-1, 3),
+        )
+
+    @cached_property
+    def _complete(self) -> CompiledEquations:
+        from pamid.engine.jit_cache import addresses
+
+        module = self.text.partials
+        *partials, prepare = addresses("\n".join(module.parts), module.names)
+        address = self._plain.address.copy()
+        address[1:-1:3], address[2:-1:3], address[-1] = partials[::2], partials[1::2], prepare
+        # the driver sizes its scratch by the array of columns
+        columns = _int_array(module.columns + [-1] * (module.widest - len(module.columns)))
+        return self._plain._replace(
+            address=address,
+            pointer=_int_array(module.pointer),
+            columns=columns,
+            direct_at=_int_array(module.direct_at),
+            direct=_int_array(module.direct).reshape(-1, 3),
+        )
+
+
+def _int_array(values: object) -> NDArray[np.int64]:
+    return np.array(values, np.int64)
+
+
+class ModuleTexts(Protocol):
+    """What a program is compiled from; phases: see `cell_phases`."""
+
+    @property
+    def phases(self) -> tuple[Any, list[int], list[int], list[int], list[float]]: ...
+    @property
+    def plain(self) -> PlainModule: ...
+    @property
+    def partials(self) -> PartialsModule: ...
 
 
 @dataclass(frozen=True)
@@ -503,58 +548,115 @@ class Layout:
         return self.base["parameter"]
 
 
-@dataclass(frozen=True)
-class _ModuleCode:
-    """A module's functions and what the driver has to know of their partials, as in
-    `CompiledEquations`: sparsity of the rates' (pointer, columns), entries by parameters of all
-    (direct_at, direct).
+class PlainModule(NamedTuple):
+    """LLVM IR of the functions without partials.
 
-    parts: LLVM IR, the declarations first; names: of the functions; derived: number of values that
-    `prepare` fills; widest: largest number of partials of a function.
+    parts: the declarations, then a function per group of equations, f0 of the rates, f1 of the
+    outputs, the others of the cells, last `prepare`; names: of the functions; derived: number of
+    values that `prepare` fills.
     """
 
     parts: list[str]
     names: list[str]
+    derived: int
+
+
+class PartialsModule(NamedTuple):
+    """LLVM IR of the functions with partials: per group of equations d, values and partials, and s,
+    the product of the partials with S; last `prepare` of what only the partials need.
+
+    What the driver has to know of them is as in `CompiledEquations`: sparsity of the rates'
+    (pointer, columns), entries by parameters of all (direct_at, direct). widest: largest number of
+    partials of a function.
+    """
+
+    parts: list[str]
+    names: list[str]
+    derived: int
     pointer: list[int]
     columns: list[int]
     direct_at: list[int]
     direct: list[tuple[int, int, int]]
-    derived: int
     widest: int
 
 
-def _module_code(
-    groups: list[list[Expr]], layout: Layout, sensitive: frozenset[str] | None
-) -> _ModuleCode:
-    """Three functions per group, the rates first: f its values, d these and their partials, s the
-    product of the partials with S."""
-    tables = [with_partials(roots, layout.column, sensitive) for roots in groups]
-    values, derived = extract_derived([v for v, _, _ in tables])
-    layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
-    part = part_of(values)
-    parts, names = [declarations(part)], []
-    direct: list[tuple[int, int, int]] = []
-    direct_at = [0]
-    for i, (roots, (_, pointer, columns)) in enumerate(zip(groups, tables, strict=True)):
-        parts += [
-            function_text(f"f{i}", values[i][: len(roots)], layout.index, part),
-            function_text(f"d{i}", values[i], layout.index, part),
-            product_text(f"s{i}", pointer, columns, parameters),
-        ]
-        names += [f"f{i}", f"d{i}", f"s{i}"]
-        direct += [
-            (row, columns[e] - parameters, e)
-            for row in range(len(roots))
-            for e in range(pointer[row], pointer[row + 1])
-            if columns[e] >= parameters
-        ]
-        direct_at.append(len(direct))
-    parts.append(function_text("prepare", derived, layout.index, part))
-    _, pointer, columns = tables[0]  # the implicit step needs df/dx row by row, of the rates only
-    widest = max(len(columns) for _, _, columns in tables)
-    return _ModuleCode(
-        parts, [*names, "prepare"], pointer, columns, direct_at, direct, len(derived), widest
-    )
+@dataclass(frozen=True, eq=False)
+class ProgramText:
+    """The modules that a program is compiled from, written when they are needed; arguments as of
+    `build_program`."""
+
+    equations: StateEquations
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    sensitive: frozenset[str] | None
+    linear: tuple[str, ...]
+
+    @cached_property
+    def phases(
+        self,
+    ) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
+        return cell_phases(self.equations)
+
+    @cached_property
+    def _layout(self) -> Layout:
+        return Layout.of(self.equations, self.inputs, self.parameters, self.linear)
+
+    @cached_property
+    def _groups(self) -> list[list[Expr]]:
+        """Rates, outputs, cells."""
+        return [[*self.equations.rates], [*self.equations.outputs], *self.phases[0]]
+
+    @cached_property
+    def _plain_values(self) -> tuple[list[list[Expr]], list[Expr]]:
+        return extract_derived([plain(roots) for roots in self._groups])
+
+    @cached_property
+    def plain(self) -> PlainModule:
+        values, derived = self._plain_values
+        index, part = self._layout.with_derived(len(derived)).index, part_of(values)
+        parts = [declarations(part)]
+        parts += [function_text(f"f{i}", roots, index, part) for i, roots in enumerate(values)]
+        parts.append(function_text("prepare", derived, index, part))
+        return PlainModule(parts, [*(f"f{i}" for i in range(len(values))), "prepare"], len(derived))
+
+    @cached_property
+    def partials(self) -> PartialsModule:
+        layout, groups = self._layout, self._groups
+        tables = [with_partials(roots, layout.column, self.sensitive) for roots in groups]
+        known = self._plain_values[1]
+        values, derived = extract_derived([v for v, _, _ in tables], known)
+        layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
+        part = part_of(values)
+        parts, names = [declarations(part)], []
+        direct: list[tuple[int, int, int]] = []
+        direct_at = [0]
+        for i, (roots, (_, pointer, columns)) in enumerate(zip(groups, tables, strict=True)):
+            parts += [
+                function_text(f"d{i}", values[i], layout.index, part),
+                product_text(f"s{i}", pointer, columns, parameters),
+            ]
+            names += [f"d{i}", f"s{i}"]
+            direct += [
+                (row, columns[e] - parameters, e)
+                for row in range(len(roots))
+                for e in range(pointer[row], pointer[row + 1])
+                if columns[e] >= parameters
+            ]
+            direct_at.append(len(direct))
+        parts.append(function_text("prepare", derived[len(known) :], layout.index, part))
+        # the implicit step needs df/dx row by row, of the rates only
+        _, pointer, columns = tables[0]
+        widest = max(len(columns) for _, _, columns in tables)
+        return PartialsModule(
+            parts,
+            [*names, "prepare"],
+            len(derived) - len(known),
+            pointer,
+            columns,
+            direct_at,
+            direct,
+            widest,
+        )
 
 
 def cell_phases(

@@ -13,26 +13,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.carried import Carrier
-from pamid.engine.jit_cache import addresses
-from pamid.engine.program import Memory, Program, Stepping, module_text
+from pamid.engine.program import (
+    Memory,
+    PartialsModule,
+    PlainModule,
+    Program,
+    ProgramCode,
+    Stepping,
+)
 from pamid.engine.simulator import Simulator
-from pamid.engine.stepped import Recipe, SteppedProgram
+from pamid.engine.stepped import SteppedProgram
 
 Array = NDArray[np.float64]
 
 
-def program_data(program: SteppedProgram, recipe: Recipe) -> dict[str, Any]:
-    """What `received_program` makes the same program of, for JSON."""
-    text, names = module_text(*recipe)
+class SentTexts(NamedTuple):
+    """The modules of a program, as they came from another process."""
+
+    phases: tuple[Any, list[int], list[int], list[int], list[float]]
+    plain: PlainModule
+    partials: PartialsModule
+
+
+def program_data(program: SteppedProgram) -> dict[str, Any]:
+    """The program as JSON, from which `received_program` makes it again."""
     a = program.around
-    arrays = {k: v.tolist() for k, v in a._equations._asdict().items() if k != "address"}
+    text = a.code.text
     return {
-        "text": text,
-        "names": names,
-        "arrays": arrays,
+        "phases": [None, *text.phases[1:]],
+        "plain": text.plain._asdict(),
+        "partials": text.partials._asdict(),
         "tables": [a.states, a.inputs, a.parameters, a.outputs, a.cells],
         "delays": a.delays,
-        "counts": [a.operations, a.derived],
+        "operations": a.operations,
         "sensitive": sorted(a.sensitive),
         "linear": a.linear,
         "sizes": [program.readings, program.simulated, program.forces, program.own],
@@ -41,13 +54,10 @@ def program_data(program: SteppedProgram, recipe: Recipe) -> dict[str, Any]:
 
 def received_program(data: dict[str, Any], simulator: Simulator | Carrier) -> SteppedProgram:
     """The program around another simulator; its code comes from the cache, or is compiled again."""
-    from pamid.engine.integrator import CompiledEquations
-
-    arrays = {k: np.array(v, np.int64) for k, v in data["arrays"].items()}
-    arrays["direct"] = arrays["direct"].reshape(-1, 3)
-    address = np.array(addresses(data["text"], data["names"]), np.int64)
     states, inputs, parameters, outputs, cells = map(tuple, data["tables"])
-    operations, derived = data["counts"]
+    texts = SentTexts(
+        data["phases"], PlainModule(**data["plain"]), PartialsModule(**data["partials"])
+    )
     around = Program(
         states,
         inputs,
@@ -55,11 +65,10 @@ def received_program(data: dict[str, Any], simulator: Simulator | Carrier) -> St
         outputs,
         cells,
         tuple(data["delays"]),
-        operations,
-        derived,
+        data["operations"],
         frozenset(data["sensitive"]),
         tuple(data["linear"]),
-        CompiledEquations(address=address, **arrays),
+        ProgramCode(texts),
     )
     return SteppedProgram(simulator, around, *data["sizes"])
 

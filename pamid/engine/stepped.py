@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,10 +57,6 @@ class FarRunner(Protocol):
         """See `SteppedProgram.run`, whose arguments these are, in its order."""
 
 
-#: arguments of `build_program`
-Recipe: TypeAlias = tuple[Any, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class SteppedProgram:
     """The two parts as one; used as a `pamid.engine.program.Program` is.
@@ -77,7 +73,6 @@ class SteppedProgram:
     forces: int
     own: int
     far: FarRunner | None = None
-    recipe: Recipe | None = None  # of the equations around, for `far`
     known: KnownSlopes | None = None  # of the exchanges of the next run with sensitivities
     states: tuple[str, ...] = field(init=False)
     outputs: tuple[str, ...] = field(init=False)

@@ -144,14 +144,12 @@ def _stepped(
         update, start = substitute([c.update, c.start], read)
         cells.append(replace(c, update=update, start=start))
     lowered = expand_memory(rates, around, tuple(cells), traced.linear)
-    recipe = lowered, traced.inputs, parameters, tuple(around), sensitive, traced.linear
     return SteppedProgram(
         simulator,
-        build_program(*recipe),
+        build_program(lowered, traced.inputs, parameters, tuple(around), sensitive, traced.linear),
         len(rig.readings),
         len(rig.states),
         len(into),
         len(rig.parameters),
         rig.far_runner(),
-        recipe,
     )

@@ -108,10 +108,9 @@ class FmuProcess(FmuLink):
             self._request(b"d", _EMPTY, kept=gone)
         number = self.programs.get(program)
         if number is None:
-            assert program.recipe is not None
             simulator: Any = program.simulator
             sizes = getattr(simulator, "sizes", None)
-            data = program_data(program, program.recipe)
+            data = program_data(program)
             data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
             data["places"] = self.places
             number = self.programs[program] = int(
