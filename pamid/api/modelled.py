@@ -8,7 +8,6 @@ from pathlib import Path
 
 from pamid.base.files import make_folder
 from pamid.base.progress import tell
-from pamid.correction.identified_model import load_identified, record_identified
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of, write_recording
@@ -31,6 +30,9 @@ def modelled(
 ) -> VirtualRecording:
     """The sensors of the model that a run found; errors as of `load_identified` and
     `record_identified`."""
+    # networks and what they need take a second to load, and few runs have one
+    from pamid.correction.identified_model import load_identified, record_identified
+
     tell("equations")
     model = load_identified(folder, which=which, rig=rig, effects=effects).knowing(parameters)
     tell("running")

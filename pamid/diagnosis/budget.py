@@ -3,14 +3,14 @@ how far a black box without physics would get on the same windows."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import ConvergenceError
 from pamid.base.metrics import seen_mean
-from pamid.base.progress import Progress
+from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
@@ -82,15 +82,18 @@ def gap_budget(
             f"The model could not be fitted: {model.fit.why}.",
             "check the units of the columns, and starting values and bounds of the rig",
         )
-    progress("black box on what is left")
-    return Budget(
+    floor = _losses(model.floor)
+    budget = Budget(
         model,
         candidate_from(model.assembly, model.fit, model.held_out),
         _losses(model.data_sheet),
-        _losses(model.floor),
-        pool.one(_BlackBox(model, settings), seed),
+        floor,
+        np.full_like(floor, np.nan),
         settings,
     )
+    progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
+    progress("black box on what is left")
+    return replace(budget, black_box=pool.one(_BlackBox(model, settings), seed))
 
 
 @dataclass(frozen=True, eq=False)

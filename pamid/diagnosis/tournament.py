@@ -9,7 +9,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.progress import Progress, Settled, silent
+from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.cross_fitting import reported
@@ -136,7 +136,6 @@ def diagnose(
     settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
     pool = pool or WorkerPool(jobs)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
-    progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
     response = lagged_response(evidence, base.assembly)

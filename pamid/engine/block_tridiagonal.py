@@ -34,7 +34,7 @@ def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, 
     return z, float(_eliminate(M, np.ascontiguousarray(off), z))
 
 
-@njit("float64(float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])", cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
     """Block elimination in place: z becomes the solution, M its pivots' factors; returns log
     |det|."""

@@ -20,8 +20,6 @@ from functools import cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from pamid.base.errors import UsageError, nearest
 from pamid.model.effect import Effect
@@ -71,6 +69,7 @@ class Isolability:
     unseen_places: tuple[str, ...]
 
 
+@lru_cache(maxsize=8)  # a diagnosis needs it when it judges and when it reports
 def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
     """What these outputs of the rig can tell apart; a sensor that is not there is nowhere listed.
     UsageError."""
@@ -115,6 +114,10 @@ class Structure:
 
     def _matched(self, kept: list[int]) -> tuple[dict[Unknown, int], list[int]]:
         """The equation matched to each unknown, and the equations left over."""
+        # loads half of scipy, which a worker process need not do
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import maximum_bipartite_matching
+
         column = {v: k for k, v in enumerate(sorted({v for i in kept for v in self.equations[i]}))}
         if not column:
             return {}, kept

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -42,10 +41,7 @@ class Modes:
     def states(self, inputs: Array) -> Complex:
         """z(k+1) of every mode (N, n) from rest."""
         return np.stack(
-            [
-                lfilter([1.0], [1.0, -p], inputs @ r)
-                for p, r in zip(self.poles, self.residues, strict=True)
-            ],
+            [_from_rest(inputs @ r, p) for p, r in zip(self.poles, self.residues, strict=True)],
             axis=1,
         )
 
@@ -97,8 +93,16 @@ def _mode_responses(inputs: Array, pole: complex) -> Array:
     Divided by the static gain 1 / |1 - p|, so that slow modes do not look large: the ridge then
     weighs the residues of all alike.
     """
-    z = lfilter([1.0], [1.0, -pole], inputs, axis=0) * abs(1.0 - pole)
+    z = _from_rest(inputs, pole) * abs(1.0 - pole)
     return np.concatenate([z.real, -z.imag], axis=1)
+
+
+def _from_rest(inputs: Array | Complex, pole: complex) -> Complex:
+    """z(k) = pole z(k-1) + inputs(k) from rest, column by column."""
+    from scipy.signal import lfilter  # takes half a second to load
+
+    found: Complex = lfilter([1.0], [1.0, -pole], inputs, axis=0)
+    return found
 
 
 def _gain(features: Array, left: Array) -> float:

@@ -121,6 +121,9 @@ def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path: Path) -> None:
     assert first == sorted(first)
     stay = [str(text) for text in said if isinstance(text, Settled)]
     assert stay[0].startswith("refitted, held-out errors: ") and stay[-1].startswith("verdict: ")
+    # the first figures wait for no search
+    told_before = told[: [str(text) for text in said].index(stay[0])]
+    assert set(told_before) <= {"fitting", "noise floor", None}
 
 
 def test_a_bootstrap_counts_its_draws_after_the_fit_has_been_told(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import pamid
 from pamid.engine import jit_cache
 from pamid.engine.program import Program, Stepping, build_program
+from pamid.model.isolability import isolability
+from pamid.model.registry import rig_named
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import StateEquations
 from pamid.symbolic.vocabulary import exp
@@ -48,6 +52,22 @@ def test_runs_hold_blas_to_one_thread(
             verb(EXAMPLE, "one-dof", check=False)
         assert seen == [{1}]
         assert blas_threads() == {2}
+
+
+def test_worker_processes_load_what_they_need() -> None:
+    """Every worker process of a trial imports the diagnosis."""
+    heavy = ("scipy.linalg", "scipy.signal", "scipy.sparse", "pandas", "matplotlib", "torch")
+    loaded = f"print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sys, pamid.diagnosis.diagnosis_run; {loaded}"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_isolability_is_computed_once_per_rig_and_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = rig_named("one-dof")
+    found = isolability(rig, ("angle_deg",))
+    monkeypatch.setattr("pamid.model.isolability.trace", lambda *_: pytest.fail("traced again"))
+    assert isolability(rig, ("angle_deg",)) is found
 
 
 # ---- partial derivatives ------------------------------------------------------------------------
