@@ -4,7 +4,7 @@ second, figures given on a third that neither has seen."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -82,13 +82,18 @@ class DataSplit:
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
-        spans = self.held_out if held_out else self.fit
         return tuple(
-            track_of(assembly, s.recording, self.channels, self.jump, self.timescale_s).part(
-                s.start, s.stop, self._lead(assembly, s) if held_out else 0
-            )
-            for s in spans
+            self._track(assembly, s, self._lead(assembly, s) if held_out else 0)
+            for s in (self.held_out if held_out else self.fit)
         )
+
+    def _track(self, assembly: Assembly, span: Span, lead: int) -> Track:
+        """A span, led in by up to `lead` samples before it; nothing of the rest of a long recording
+        is held with it."""
+        begin = max(0, span.start - lead)
+        part = span.recording.slice(begin, span.stop)
+        track = track_of(assembly, part, self.channels, self.jump, self.timescale_s)
+        return replace(track, first=begin, lead=span.start - begin)
 
     def _lead(self, assembly: Assembly, span: Span) -> int:
         """Samples before a held-out part through which a model is led."""
