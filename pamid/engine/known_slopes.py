@@ -1,7 +1,7 @@
 """Slopes of a simulator's steps that are kept along a track, and used again where they still hold.
 
 By differences the slopes of one step cost as many more steps as there are states, forces and
-parameters; a fit runs along the same track again and again, each time a little beside the last.
+parameters; a fit runs along the same track again and again, each time a little off the last.
 An exchange whose slopes D are known at z0 = (states, forces, parameters) is stepped plainly from
 z, and D is taken once more where
 
@@ -10,9 +10,20 @@ z, and D is taken once more where
 
 that is, where the slopes foretell the step that was made, as far as something acted differently,
 and where what acted is about what acted then: slopes by parameters go with that (of a force by
-its gain, of an acceleration by the inertia). Else they are worked out anew, and kept. So an impact
-that comes earlier, a stick that slips, or parameters that have moved far are noticed by what they
-do; what is at rest does nothing, and there parameters may have moved by `FAR` at most.
+its gain, of an acceleration by the inertia), and without parameters only the first line counts. So
+an impact that comes earlier, a stick that slips, or parameters that have moved far are noticed by
+what they do; what is at rest does nothing, and there parameters may have moved by `FAR` at most.
+
+A violated line says that D may be wrong, not that it is: a motion that lies elsewhere often has the
+slopes of the old one. So D is probed at z before it is replaced. One more copy has all states and
+forces moved at once, if the first line or `FAR` is violated; another one all parameters. Where D
+foretells both to `SIDES_AGREE` (`pamid.engine.simulator`) it is kept, with z as its new z0. Slopes
+by parameters alone are worked out anew where only their probe fails, all of them otherwise. A
+probe costs one step in place of thirty; columns that cancel in its sum go unnoticed, which slows a
+fit down and leaves its end as it is.
+
+Slopes by a force are worked out where something that is sought moves it, and where it differs from
+that of z0; a force that follows the recorded inputs alone needs none.
 
 Slopes by a parameter are used in proportion to it, p dx/dp being what is kept: masses, gains and
 dampings that grow together leave a motion as it is, and so does that sum of slopes then; were it
@@ -59,7 +70,7 @@ MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing i
 class KnownSlopes:
     """One row per exchange. made (rows,): are there any? x (rows, states), f (rows, forces), p
     (rows, own parameters): where; after (rows, told): readings and states behind the step; slopes
-    (rows, told, states + forces + chosen); last (rows, states + forces + own parameters), led
+    (rows, told, states + forces + chosen), zero by forces that are not `pushed` (rows, forces); last (rows, states + forces + own parameters), led
     (rows, told): where the step was made last, and what came of it; trust (rows, 3): b, r and
     missed / ((2b' + r) r), infinite where nothing was checked; chosen: places of the parameters;
     substeps: exchanges per sample; counts (3,): how often slopes were worked out, used again, and
@@ -71,6 +82,7 @@ class KnownSlopes:
     p: Array
     after: Array
     slopes: Array
+    pushed: NDArray[np.bool_]
     last: Array
     led: Array
     trust: Array
@@ -115,6 +127,7 @@ class KnownSlopes:
             np.zeros((rows, own)),
             np.zeros((rows, told)),
             np.zeros((rows, told, nx + nf + len(chosen))),
+            np.zeros((rows, nf), bool),
             np.zeros((rows, nx + nf + own)),
             np.zeros((rows, told)),
             np.zeros((rows, 3)),
@@ -124,7 +137,7 @@ class KnownSlopes:
         )
 
     def _by_rows(self, what: Callable[[NDArray[Any]], NDArray[Any]]) -> dict[str, Any]:
-        names = ("made", "x", "f", "p", "after", "slopes", "last", "led", "trust")
+        names = ("made", "x", "f", "p", "after", "slopes", "pushed", "last", "led", "trust")
         return {name: what(getattr(self, name)) for name in names}
 
     def part(self, start: int, stop: int) -> KnownSlopes:
@@ -142,10 +155,13 @@ class KnownSlopes:
 
     def forgotten(self) -> KnownSlopes:
         """Rows of its own of which nothing is known, with which every step is made."""
-        return replace(self.copy(), made=np.zeros_like(self.made), foretold=0.0)
+        fresh = replace(self.copy(), foretold=0.0)
+        fresh.forget()
+        return fresh
 
     def forget(self) -> None:
         self.made[:] = False
+        self.pushed[:] = False
 
     def is_by(self, chosen: NDArray[np.intp]) -> bool:
         """Are they by these parameters?"""
@@ -170,7 +186,7 @@ class KnownSlopes:
         return np.asarray(np.sqrt((done**2).mean(axis=0)))
 
     def keep(self, row: int, x: Array, f: Array, p: Array, after: Array, slopes: Array) -> None:
-        """Slopes as they were worked out for a step; how far the row is trusted else stays."""
+        """Slopes that hold for a step; how far the row is trusted else stays."""
         self.x[row], self.f[row], self.p[row] = x, f, p
         self.after[row], self.slopes[row] = after, slopes
         self.last[row], self.led[row] = np.concatenate([x, f, p]), after
@@ -181,32 +197,44 @@ class KnownSlopes:
     def parts(self, row: int, p: Array) -> tuple[Array, Array, Array]:
         """Slopes of a row by states, forces, and parameters as they are now."""
         nx, nf = self.x.shape[1], self.f.shape[1]
-        by = self.slopes[row]
-        before, now = self.p[row, self.chosen], p[self.chosen]
-        share = np.where(before == now, 1.0, before / np.where(now == 0.0, 1.0, now))
-        return by[:, :nx], by[:, nx : nx + nf], by[:, nx + nf :] * share
+        by = self.scaled(row, p)
+        return by[:, :nx], by[:, nx : nx + nf], by[:, nx + nf :]
 
-    def hold(self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array) -> bool:
-        """Do the slopes of a row hold for a step from x under f with p that led to `after`? See the
-        module's docstring; level: of the run."""
-        if not self._in_reach(row, p):
-            return False
+    def scaled(self, row: int, p: Array) -> Array:
+        """Slopes of a row, those by parameters as these are now."""
+        by, at = self.slopes[row].copy(), self.x.shape[1] + self.f.shape[1]
+        before, now = self.p[row, self.chosen], p[self.chosen]
+        by[:, at:] *= np.where((before == now) | (now == 0.0), 1.0, before / (now + (now == 0.0)))
+        return by
+
+    def lacking(self, row: int, f: Array, pushed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Forces that are pushed, or differ from those of the row, and whose slopes were never
+        worked out there."""
+        return (pushed | (f != self.f[row])) & ~self.pushed[row]
+
+    def hold(
+        self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array
+    ) -> tuple[bool, bool]:
+        """Are the slopes of a row by states and forces, and those by parameters, free of doubt for
+        a step from x under f with p that led to `after`? See the module's docstring; level: of the
+        run."""
+        if not self._in_reach(row, f, p):
+            return False, False
         dx, dp = x - self.x[row], (p - self.p[row])[self.chosen]
         dz = np.concatenate([dx, f - self.f[row], dp])
         tiny, first = SLOPE_ROUNDING * (np.abs(after) + level), len(after) - len(x)
         change = after - self.after[row]
         off = np.abs(change - self.slopes[row] @ dz)
         change[first:] -= dx
-        return bool(
-            (off <= STILL_HOLDS * self._differently(row, dz) + tiny).all()
-            and (np.abs(change) <= STILL_HOLDS * level + tiny).all()
-        )
+        moves = off <= STILL_HOLDS * self._differently(row, dz) + tiny
+        acts = np.abs(change) <= STILL_HOLDS * level + tiny
+        return bool(moves.all()), bool(moves.all() and (acts.all() or not len(self.chosen)))
 
     @np.errstate(all="ignore")  # what is no number is not trusted
     def foretells(self, row: int, x: Array, f: Array, p: Array, level: Array) -> Array | None:
         """Where a step from x under f with p leads, without making it; None where that has not been
         checked."""
-        if self.foretold == 0.0 or not self._in_reach(row, p):
+        if self.foretold == 0.0 or not self._in_reach(row, f, p):
             return None
         dz, (base, reach, bend) = self._moved(row, x, f, p), self.trust[row]
         way = self._way(row, dz, level)
@@ -218,7 +246,7 @@ class KnownSlopes:
     @np.errstate(all="ignore")
     def check(self, row: int, x: Array, f: Array, p: Array, after: Array, level: Array) -> None:
         """A step was made: how well would its slopes have foretold it?"""
-        if self.foretold == 0.0 or not self._in_reach(row, p):
+        if self.foretold == 0.0 or not self._in_reach(row, f, p):
             return
         dz = self._moved(row, x, f, p)
         way, base = self._way(row, dz, level), self.trust[row, 0]
@@ -230,9 +258,10 @@ class KnownSlopes:
         own = np.concatenate([x - self.x[row], f - self.f[row], (p - self.p[row])[self.chosen]])
         self.trust[row, 0] = self._way(row, own, level)
 
-    def _in_reach(self, row: int, p: Array) -> bool:
-        """Are there slopes by all that has moved in the parameters, and has none moved far?"""
-        if not self.made[row]:
+    def _in_reach(self, row: int, f: Array, p: Array) -> bool:
+        """Are there slopes by all that has moved in forces and parameters, and has no parameter
+        moved far?"""
+        if not self.made[row] or ((f != self.f[row]) & ~self.pushed[row]).any():
             return False
         dp = p - self.p[row]
         if (np.abs(dp) > FAR * np.abs(self.p[row])).any():

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,6 +19,9 @@ DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 
 THIN = float(np.sqrt(np.finfo(float).eps)) / DIFFERENCE
 SIDES_AGREE = 0.1  # of what a step does: curvature leaves 1e-6 of it, a jump ten times as much
 SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
+# widths of a difference by which a probe of known slopes goes: to a tenth curvature does not count
+# there, and rounding counts less
+PROBED = 10.0
 
 
 class Simulator(Protocol):
@@ -81,39 +85,94 @@ def slopes_of(
     chosen: NDArray[np.intp],
     pushed: NDArray[np.intp] | None = None,
 ) -> Slopes:
-    """By forward differences over copies: one plain, then one for each value that is moved; or as
-    the simulator itself tells them, where it has `slopes` that do. chosen: places of parameters;
-    pushed: of forces, all without it.
-
-    One more copy has everything moved to the other side. Where that is not what the slopes foretell
-    a jump lies between, as where a contact closes, and a difference across it is the jump over the
-    width of the difference, whatever that is. Such slopes are worked out on the other side as well,
-    as near as rounding allows, and each is the one of the two by which less happens, as by the
-    minmod limiter (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
+    """By forward differences over copies (`Differences`); or as the simulator itself tells them,
+    where it has `slopes` that do. chosen: places of parameters; pushed: of forces, all without it.
     """
-    told = getattr(simulator, "slopes", None)
-    if told is not None and (own := told(x, f, p, h, chosen)) is not None:
-        known = Slopes(*own)
-        return known if pushed is None else known._replace(by_force=known.by_force[:, pushed])
+    exact = exact_slopes(simulator, x, f, p, h, chosen)
+    if exact is not None:
+        return exact if pushed is None else exact._replace(by_force=exact.by_force[:, pushed])
     nx, nf = len(x), len(f)
     forces = np.arange(nf) if pushed is None else pushed
-    at = np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen])
-    plain = np.concatenate([x, f, p])
-    by = DIFFERENCE * np.maximum(np.abs(plain), np.concatenate([*simulator.sizes, p == 0.0]))[at]
+    step = Differences(simulator, x, f, p, h)
+    slopes = step.slopes(np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen]))
+    return Slopes(step.after, *np.split(slopes, [nx, nx + len(forces)], axis=1))
 
-    def behind(moves: Array) -> Array:
-        copies = np.tile(plain, (len(moves), 1))
-        copies[:, at] += moves
-        parts = copies[:, :nx], copies[:, nx : nx + nf], copies[:, nx + nf :]
-        after, readings = simulator.steps(*parts, h)
+
+def exact_slopes(
+    simulator: Simulator, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
+) -> Slopes | None:
+    """Slopes by states, all forces and the chosen parameters that the simulator itself knows; None
+    where it does not."""
+    known = getattr(simulator, "slopes", None)
+    exact = None if known is None else known(x, f, p, h, chosen)
+    return None if exact is None else Slopes(*exact)
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Differences of one step of h seconds over copies of the simulator. Places count through
+    states, forces and parameters, in this order."""
+
+    simulator: Simulator
+    x: Array
+    f: Array
+    p: Array
+    h: float
+
+    @cached_property
+    def plain(self) -> Array:
+        return np.concatenate([self.x, self.f, self.p])
+
+    @cached_property
+    def widths(self) -> Array:
+        """By how much each value is moved."""
+        sizes = np.concatenate([*self.simulator.sizes, self.p == 0.0])
+        return DIFFERENCE * np.maximum(np.abs(self.plain), sizes)
+
+    @cached_property
+    def after(self) -> Array:
+        """Readings and states after the step itself."""
+        return self.behind(self.plain[None])[0]
+
+    def behind(self, values: Array) -> Array:
+        """Readings and states (n, rows) after steps with other values (n, places)."""
+        nx, nf = len(self.x), len(self.f)
+        parts = values[:, :nx], values[:, nx : nx + nf], values[:, nx + nf :]
+        after, readings = self.simulator.steps(*parts, self.h)
         return np.concatenate([readings, after], axis=1)
 
-    both = behind(np.concatenate([np.zeros((1, len(at))), np.diag(by), -by[None]]))
-    first, back = both[0], both[-1]
-    slopes = (both[1:-1] - first).T / by
-    own = np.eye(len(first), len(at), nx - len(first))
-    limits = SIDES_AGREE * np.abs(slopes - own) @ by + SLOPE_ROUNDING * np.abs(first)
-    if not (np.abs(back - first + slopes @ by) <= limits).all():
-        other = (behind(np.diag(-THIN * by)) - first).T / (-THIN * by)
-        slopes = np.where(np.abs(other - own) < np.abs(slopes - own), other, slopes)
-    return Slopes(first, *np.split(slopes, [nx, nx + len(forces)], axis=1))
+    def slopes(self, at: NDArray[np.intp]) -> Array:
+        """Slopes (rows, places) by forward differences at these places.
+
+        One more copy has all of them moved to the other side. Where that is not what the slopes
+        foretell a jump lies between, as where a contact closes, and a difference across it is the
+        jump over the width of the difference, whatever that is. Such slopes are worked out on the
+        other side as well, as near as rounding allows, and each is the one of the two by which less
+        happens, as by the minmod limiter (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
+        """
+        slopes = self._one_side(at, self.widths[at])
+        if not self.agree(at, slopes):
+            other = self._one_side(at, -THIN * self.widths[at])
+            still = self._still(at)
+            slopes = np.where(np.abs(other - still) < np.abs(slopes - still), other, slopes)
+        return slopes
+
+    def agree(self, at: NDArray[np.intp], slopes: Array, widths: float = 1.0) -> bool:
+        """Do slopes foretell the step with all these values moved down at once, by so many widths
+        of a difference?"""
+        moved, by = self.plain.copy(), widths * self.widths[at]
+        moved[at] -= by
+        limits = SIDES_AGREE * np.abs(slopes - self._still(at)) @ by
+        limits += SLOPE_ROUNDING * np.abs(self.after)
+        off = self.behind(moved[None])[0] - self.after + slopes @ by
+        return bool((np.abs(off) <= limits).all())
+
+    def _one_side(self, at: NDArray[np.intp], by: Array) -> Array:
+        values = np.tile(self.plain, (len(at), 1))
+        values[np.arange(len(at)), at] += by
+        return (self.behind(values) - self.after).T / by
+
+    def _still(self, at: NDArray[np.intp]) -> Array:
+        """Slopes of a step that does nothing."""
+        rows = len(self.after)
+        return np.eye(rows, len(self.plain), len(self.x) - rows)[:, at]

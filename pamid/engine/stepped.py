@@ -31,11 +31,14 @@ from pamid.engine.known_slopes import FAR, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Memory, Program, SimulatedWindow, Stepping, WindowStarts
 from pamid.engine.simulator import (
     DIFFERENCE,
+    PROBED,
     SIDES_AGREE,
     SLOPE_ROUNDING,
     THIN,
+    Differences,
     Simulator,
     Slopes,
+    exact_slopes,
     slopes_of,
 )
 from pamid.engine.step_driver import StepDriver
@@ -343,30 +346,72 @@ class _Course:
         if self.columns is None:
             self.x[self.both], _ = self._after(row, x, f, h)
             return
-        found = self._slopes(row, x, f, by, h)
-        pushed = np.arange(len(f)) if self.known else np.flatnonzero(by.any(axis=1))
-        rows = found.by_state @ self.S[self.part] + found.by_force @ by[pushed]
-        rows[:, self.places] += found.by_parameter
+        after, by_state, by_force, by_parameter = self._slopes(row, x, f, by.any(axis=1), h)
+        rows = by_state @ self.S[self.part] + by_force @ by
+        rows[:, self.places] += by_parameter
         self.S[self.both] = rows
-        self.x[self.both] = found.after
+        self.x[self.both] = after
 
-    def _slopes(self, row: int, x: Array, f: Array, by: Array, h: float) -> Slopes:
-        """By the forces that what is sought pushes; by all where slopes are kept."""
-        known = self.known
-        if known is None:
-            pushed = np.flatnonzero(by.any(axis=1))
-            return slopes_of(self.simulator, x, f, self.own, h, self.chosen, pushed)
-        if known.made[row]:
-            after, foretold = self._after(row, x, f, h)
-            if known.hold(row, x, f, self.own, after, self.level):
-                known.counts[1] += 1
-                return Slopes(after, *known.parts(row, self.own))
+    def _slopes(self, row: int, x: Array, f: Array, pushed: NDArray[np.bool_], h: float) -> Slopes:
+        """By the states, by the forces that what is sought pushes (zero by the others), and by the
+        chosen parameters; those that are kept, where they hold."""
+        known, step = self.known, Differences(self.simulator, x, f, self.own, h)
+        if known is None or not known.made[row]:
+            slopes = self._worked_out(step, pushed)
+            if known is not None:
+                known.counts[0] += 1
+                known.pushed[row] = pushed
+                known.keep(row, x, f, self.own, slopes.after, np.hstack(slopes[1:]))
+            return slopes
+        lacking = known.lacking(row, f, pushed)
+        if lacking.any():
+            known.pushed[row] |= lacking
+            at = len(x) + np.flatnonzero(lacking)
+            known.slopes[row][:, at] = self._by_forces(step, at)
+        after, foretold = self._after(row, x, f, h)
+        moves, acts = known.hold(row, x, f, self.own, after, self.level)
+        if not acts:
             known.counts[2] -= foretold
-        known.counts[0] += 1
-        made = slopes_of(self.simulator, x, f, self.own, h, self.chosen)
-        slopes = np.concatenate([made.by_state, made.by_force, made.by_parameter], axis=1)
-        known.keep(row, x, f, self.own, made.after, slopes)
-        return made
+            after = step.after
+            known.keep(row, x, f, self.own, after, self._probed(row, step, moves))
+        else:
+            known.counts[1] += 1
+        return Slopes(after, *known.parts(row, self.own))
+
+    def _worked_out(self, step: Differences, pushed: NDArray[np.bool_]) -> Slopes:
+        forces = np.flatnonzero(pushed)
+        narrow = slopes_of(step.simulator, step.x, step.f, step.p, step.h, self.chosen, forces)
+        by_force = np.zeros((len(narrow.after), len(pushed)))
+        by_force[:, forces] = narrow.by_force
+        return narrow._replace(by_force=by_force)
+
+    def _by_forces(self, step: Differences, at: NDArray[np.intp]) -> Array:
+        exact = exact_slopes(step.simulator, step.x, step.f, step.p, step.h, self.chosen)
+        return step.slopes(at) if exact is None else exact.by_force[:, at - len(step.x)]
+
+    def _probed(self, row: int, step: Differences, moves: bool) -> Array:
+        """Slopes of a row for a step where they are in doubt; moves: those by parameters alone."""
+        known, nx, nf = self.known, len(step.x), len(step.f)
+        assert known is not None
+        pushed = np.flatnonzero(known.pushed[row])
+        places = np.concatenate([np.arange(nx), nx + pushed])
+        own = nx + nf + np.arange(len(self.chosen))  # columns of the table
+        slopes = known.scaled(row, self.own)
+        exact = exact_slopes(step.simulator, step.x, step.f, step.p, step.h, self.chosen)
+        if exact is not None:
+            known.counts[0] += 1
+            return np.hstack(exact[1:])
+        chosen = nx + nf + self.chosen  # places of a step
+        if not (moves or step.agree(places, slopes[:, places], PROBED)):
+            both = step.slopes(np.concatenate([places, chosen]))
+            slopes[:, places], slopes[:, own] = np.split(both, [len(places)], axis=1)
+            known.counts[0] += 1
+        elif len(own) and not step.agree(chosen, slopes[:, own], PROBED):
+            slopes[:, own] = step.slopes(chosen)
+            known.counts[0] += 1
+        else:
+            known.counts[1] += 1
+        return slopes
 
     def _after(self, row: int, x: Array, f: Array, h: float) -> tuple[Array, bool]:
         """Readings and states behind a step, and whether it was foretold."""
@@ -395,11 +440,12 @@ class _Course:
         time_s, period_s, stepping = times
         n, tiny = len(self.chosen), np.abs(self.own[self.chosen])
         by = DIFFERENCE * (tiny + (tiny == 0.0))
-        p = np.tile(self.own, (2 + 2 * n if n else 1 + (self.columns is not None), 1))
+        p = np.tile(self.own, (3 + 2 * n if n else 1, 1))
         if n:
             p[1 + np.arange(n), self.chosen] += by
             p[1 + n, self.chosen] -= by
             p[2 + n + np.arange(n), self.chosen] -= THIN * by
+            p[2 + 2 * n, self.chosen] -= PROBED * by
         with self.simulator.in_c(p, period_s / stepping.substeps) as c:
             if c is None:
                 return None
@@ -435,6 +481,7 @@ class _Course:
                     THIN,
                     SIDES_AGREE,
                     SLOPE_ROUNDING,
+                    PROBED,
                 ),
                 self._known_in_c(),
                 Y,
@@ -448,9 +495,9 @@ class _Course:
 
         q = self.program
         t = self.known or KnownSlopes.none(q.simulated, q.forces, q.own)
-        rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.last, t.led, t.trust, t.chosen
+        rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.pushed, t.last, t.led, t.trust
         limits = STILL_HOLDS, FAR, SLOPE_ROUNDING, t.foretold
-        return KnownInC(*rows, t.counts, self.own, self.level, *limits)
+        return KnownInC(*rows, t.chosen, t.counts, self.own, self.level, *limits)
 
     def keep(self, memory: Memory) -> None:
         """All that a run carries on stands in the memory's arrays."""

@@ -24,8 +24,9 @@ class SteppedInC(NamedTuple):
 
     step            function (model, data) that moves data on by a step of the model's own
     data            what it moves
-    models          (2 + 2 moved parameters,): plain, each with one parameter moved up, all of them
-                    moved down, each with one moved down by `thin` of that
+    models          (3 + 2 moved parameters,): plain, each with one parameter moved up, all of them
+                    moved down, each with one moved down by `thin` of that, all of them by `probed`;
+                    the plain one alone where there are none
     steps           of the model's own per exchange
     state_at, force_at
                     (states,), (forces,): where these numbers stand in data
@@ -37,6 +38,7 @@ class SteppedInC(NamedTuple):
     difference      of a value's size, float64: by how much states and forces are moved
     thin            of that, float64: by how much they are moved where slopes disagree
     same, rounded   by what slopes of both sides agree, float64
+    probed          of a difference, float64: by how much all is moved where slopes are probed
     """
 
     step: int
@@ -54,6 +56,7 @@ class SteppedInC(NamedTuple):
     thin: float
     same: float
     rounded: float
+    probed: float
 
 
 class KnownInC(NamedTuple):
@@ -67,6 +70,7 @@ class KnownInC(NamedTuple):
     p: Any
     after: Any
     slopes: Any
+    pushed: Any
     last: Any
     led: Any
     trust: Any
@@ -96,10 +100,14 @@ def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _in_reach(t, row):  # type: ignore[no-untyped-def]
-    """Are there slopes by all that has moved in the parameters, and has none moved far?"""
+def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
+    """Are there slopes by all that has moved in forces and parameters, and has no parameter moved
+    far?"""
     if not t.made[row]:
         return False
+    for k in range(f.shape[0]):
+        if f[k] != t.f[row, k] and not t.pushed[row, k]:
+            return False
     for i in range(t.own.shape[0]):
         dp = abs(t.own[i] - t.p[row, i])
         if dp > t.far * abs(t.p[row, i]):
@@ -157,7 +165,7 @@ def _way(t, row, dz):  # type: ignore[no-untyped-def]
 def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
     """Fill `after` with where a step from x under f leads; False where that has not been
     checked."""
-    if t.foretold == 0.0 or not _in_reach(t, row):
+    if t.foretold == 0.0 or not _in_reach(t, row, f):
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     here = t.last[row]
@@ -176,7 +184,7 @@ def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     """A step to `plain` was made: how well would its slopes have foretold it?"""
-    if t.foretold == 0.0 or not _in_reach(t, row):
+    if t.foretold == 0.0 or not _in_reach(t, row, f):
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     here = t.last[row]
@@ -199,10 +207,11 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """Do the slopes of a row hold for a step from x under f to `plain`?"""
-    if not _in_reach(t, row):
-        return False
-    dz = np.empty(t.slopes.shape[2])
+    """Are the slopes of a row by states and forces, and those by parameters, free of doubt for a
+    step from x under f to `plain`?"""
+    if not _in_reach(t, row, f):
+        return False, False
+    dz, acts = np.empty(t.slopes.shape[2]), True
     _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
     for j in range(x.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
@@ -210,15 +219,15 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
         told, differently = _told(t, row, j, dz)
         # neither is so of what is no number
         if not abs(change - told) <= t.same * differently + tiny:
-            return False
+            return False, False
         if not abs(change - dz[j]) <= t.same * t.level[j] + tiny:
-            return False
-    return True
+            acts = False
+    return True, acts or t.chosen.shape[0] == 0
 
 
 @njit(cache=True)
 def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """Slopes of a row were worked out for a step; how far it is trusted else stays."""
+    """The slopes of a row hold for a step; how far it is trusted else stays."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     t.x[row] = x
     t.f[row] = f
@@ -237,32 +246,31 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-def]
-    """Fill `found` (states, states + forces + moved parameters) by differences over these steps;
-    models: addresses, each with one parameter moved."""
+    """Fill columns of `found` (states, states + forces + moved parameters) by differences over
+    these steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
     moved = np.empty(nx)
     for i in range(steps.shape[0]):
         if steps[i] == 0.0:
-            found[:, i] = 0.0
-        elif i < nx + nf:
+            continue
+        if i < nx + nf:
             at, k = (x, i) if i < nx else (f, i - nx)
             value = at[k]
             at[k] = value + steps[i]
             _advance(c, c.models[0], x, f, moved)
             at[k] = value
-            found[:, i] = (moved - plain) / steps[i]
         else:
             _advance(c, models[i - nx - nf], x, f, moved)
-            found[:, i] = (moved - plain) / steps[i]
+        found[:, i] = (moved - plain) / steps[i]
 
 
 @njit(cache=True)
-def _agree(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
-    """Do slopes foretell the step with everything moved to the other side?"""
+def _agree(c, model, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
+    """Do slopes foretell the step with everything moved to the other side? model: with the
+    parameters that are."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     moved = np.empty(nx)
-    back = c.models[1 + c.place.shape[0]]
-    _advance(c, back, x - steps[:nx], f - steps[nx:at], moved)
+    _advance(c, model, x - steps[:nx], f - steps[nx:at], moved)
     for j in range(nx):
         told, differently = plain[j], 0.0
         for i in range(steps.shape[0]):
@@ -275,70 +283,138 @@ def _agree(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _slopes(c, x, f, by, plain, every, found):  # type: ignore[no-untyped-def]
-    """Fill `found` as `pamid.engine.simulator.slopes_of` does: of the forces by every one, or by
-    those that what is sought moves."""
-    nx, nf, n = x.shape[0], f.shape[0], c.place.shape[0]
-    steps = np.zeros(nx + nf + n)
-    for i in range(nx):
-        steps[i] = c.difference * max(abs(x[i]), c.state_size[i])
-    for k in range(nf):
-        if every or by[k].any():
-            steps[nx + k] = c.difference * max(abs(f[k]), c.force_size[k])
-    steps[nx + nf :] = c.moved_by
+def _slopes(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
+    """Fill columns of `found` as `pamid.engine.simulator.Differences` does, where these steps of a
+    difference are not zero."""
+    at, n = x.shape[0] + f.shape[0], c.place.shape[0]
     _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, found)
-    if _agree(c, x, f, steps, plain, found):
+    back = c.models[1 + n if steps[at:].any() else 0]
+    if _agree(c, back, x, f, steps, plain, found):
         return
-    other = np.empty_like(found)
+    other = found.copy()
     _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
-    for j in range(nx):
+    for j in range(x.shape[0]):
         for i in range(found.shape[1]):
-            own = 1.0 if i == j else 0.0
-            if abs(other[j, i] - own) < abs(found[j, i] - own):
+            still = 1.0 if i == j else 0.0
+            if abs(other[j, i] - still) < abs(found[j, i] - still):
                 found[j, i] = other[j, i]
+
+
+@njit(cache=True)
+def _rescaled(t, row):  # type: ignore[no-untyped-def]
+    """Have the slopes of a row by parameters as these are now: in proportion they stay as they
+    are."""
+    at = t.x.shape[1] + t.f.shape[1]
+    for k in range(t.chosen.shape[0]):
+        before, now = t.p[row, t.chosen[k]], t.own[t.chosen[k]]
+        if before != now and now != 0.0:
+            for j in range(t.slopes.shape[1]):
+                t.slopes[row, j, at + k] *= before / now
+
+
+@njit(cache=True)
+def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
+    """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
+    those by parameters are in doubt."""
+    at, found = x.shape[0] + f.shape[0], t.slopes[row]
+    motion, own = steps.copy(), steps.copy()
+    motion[at:] = 0.0
+    own[:at] = 0.0
+    if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, found)):
+        _slopes(c, x, f, steps, plain, found)
+        return True
+    if own.shape[0] > at and not _agree(c, c.models[-1], x, f, c.probed * own, plain, found):
+        _slopes(c, x, f, own, plain, found)
+        return True
+    return False
+
+
+@njit(cache=True)
+def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
+    """Have slopes of a row that hold for a step from x under f; fill `plain` with where it leads.
+    pushed (forces,): by which slopes are needed; steps: of differences, by all."""
+    nx, nf, made = x.shape[0], f.shape[0], t.made[row]
+    lacking = np.zeros(steps.shape[0])
+    for k in range(nf):
+        wanted = pushed[k] or t.pushed[row, k] or (made and f[k] != t.f[row, k])
+        if not wanted:
+            steps[nx + k] = 0.0
+        elif made and not t.pushed[row, k]:
+            lacking[nx + k] = steps[nx + k]
+        t.pushed[row, k] = wanted
+    if not made:
+        _advance(c, c.models[0], x, f, plain)
+        t.slopes[row] = 0.0
+        _slopes(c, x, f, steps, plain, t.slopes[row])
+        t.counts[0] += 1
+        _keep(t, row, x, f, plain)
+        return
+    if lacking.any():
+        _advance(c, c.models[0], x, f, plain)
+        _slopes(c, x, f, lacking, plain, t.slopes[row])
+    foretold = _foretells(t, row, x, f, plain)
+    if not foretold:
+        _advance(c, c.models[0], x, f, plain)
+        _check(t, row, x, f, plain)
+    moves, acts = _hold(t, row, x, f, plain)
+    if acts:
+        t.counts[1] += 1
+        t.counts[2] += foretold
+        return
+    if foretold:
+        _advance(c, c.models[0], x, f, plain)
+    _rescaled(t, row)
+    anew = _probed(c, t, row, x, f, steps, plain, moves)
+    t.counts[0 if anew else 1] += 1
+    _keep(t, row, x, f, plain)
 
 
 @njit(cache=True)
 def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
     """Move x (states,) and, where asked for, their rows of S (all in place) over an exchange under
     f (forces,), whose sensitivities are `by` (forces, columns)."""
-    nx, nf, wide = x.shape[0], f.shape[0], S.shape[1]
+    nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], c.place.shape[0]
     plain, keep = np.empty(nx), t.made.shape[0] > 0
-    foretold = keep and _foretells(t, row, x, f, plain)
-    if not foretold:
-        _advance(c, c.models[0], x, f, plain)
-        if keep:
-            _check(t, row, x, f, plain)
-    if sensitive:
-        found = t.slopes[row] if keep else np.empty((nx, nx + nf + c.place.shape[0]))
-        if keep and _hold(t, row, x, f, plain):
-            t.counts[1] += 1
+    if not sensitive:
+        if keep and _foretells(t, row, x, f, plain):
+            t.counts[2] += 1
         else:
-            if foretold:
-                foretold = False
-                _advance(c, c.models[0], x, f, plain)
-            _slopes(c, x, f, by, plain, keep, found)
+            _advance(c, c.models[0], x, f, plain)
             if keep:
-                t.counts[0] += 1
-                _keep(t, row, x, f, plain)
-        rows = np.zeros((nx, wide))
-        for i in range(nx + nf):
-            for j in range(nx):
-                slope = found[j, i]
-                if slope == 0.0:
-                    continue
-                for m in range(wide):
-                    rows[j, m] += slope * (S[i, m] if i < nx else by[i - nx, m])
-        for k in range(c.place.shape[0]):
-            # in proportion to the parameter they stay as they are
-            share = 1.0
-            if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]]:
-                share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
-            for j in range(nx):
-                rows[j, c.place[k]] += share * found[j, nx + nf + k]
-        S[:nx] = rows
-    if foretold:
-        t.counts[2] += 1
+                _check(t, row, x, f, plain)
+        x[:] = plain
+        return
+    steps, pushed = np.empty(nx + nf + n), np.zeros(nf, np.bool_)
+    for i in range(nx):
+        steps[i] = c.difference * max(abs(x[i]), c.state_size[i])
+    for k in range(nf):
+        steps[nx + k] = c.difference * max(abs(f[k]), c.force_size[k])
+        pushed[k] = by[k].any()
+    steps[nx + nf :] = c.moved_by
+    if keep:
+        found = t.slopes[row]
+        _kept_slopes(c, t, row, x, f, pushed, steps, plain)
+    else:
+        found = np.zeros((nx, nx + nf + n))
+        steps[nx : nx + nf] *= pushed
+        _advance(c, c.models[0], x, f, plain)
+        _slopes(c, x, f, steps, plain, found)
+    rows = np.zeros((nx, wide))
+    for i in range(nx + nf):
+        for j in range(nx):
+            slope = found[j, i]
+            if slope == 0.0:
+                continue
+            for m in range(wide):
+                rows[j, m] += slope * (S[i, m] if i < nx else by[i - nx, m])
+    for k in range(n):
+        # in proportion to the parameter they stay as they are
+        share = 1.0
+        if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]] and t.own[t.chosen[k]] != 0.0:
+            share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
+        for j in range(nx):
+            rows[j, c.place[k]] += share * found[j, nx + nf + k]
+    S[:nx] = rows
     x[:] = plain
 
 
