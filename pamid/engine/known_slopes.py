@@ -17,10 +17,11 @@ what they do; what is at rest does nothing, and there parameters may have moved 
 A violated line says that D may be wrong, not that it is: a motion that lies elsewhere often has the
 slopes of the old one. So D is probed at z before it is replaced. One more copy has all states and
 forces moved at once, if the first line or `FAR` is violated; another one all parameters. Where D
-foretells both to `SIDES_AGREE` (`pamid.engine.simulator`) it is kept, with z as its new z0. Slopes
-by parameters alone are worked out anew where only their probe fails, all of them otherwise. A
-probe costs one step in place of thirty; columns that cancel in its sum go unnoticed, which slows a
-fit down and leaves its end as it is.
+foretells both to `SIDES_AGREE` (`pamid.engine.simulator`) it is kept, with z as its new z0, but for
+the slopes by parameters that have moved by more than `FAR`. Slopes by parameters alone are worked
+out anew where only their probe fails, all of them where the other one does. A probe costs one step
+in place of thirty; columns that cancel in its sum go unnoticed, which slows a fit down and leaves
+its end as it is.
 
 Slopes by a force are worked out where something that is sought moves it, and where it differs from
 that of z0; a force that follows the recorded inputs alone needs none.
@@ -70,11 +71,12 @@ MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing i
 class KnownSlopes:
     """One row per exchange. made (rows,): are there any? x (rows, states), f (rows, forces), p
     (rows, own parameters): where; after (rows, told): readings and states behind the step; slopes
-    (rows, told, states + forces + chosen), zero by forces that are not `pushed` (rows, forces); last (rows, states + forces + own parameters), led
-    (rows, told): where the step was made last, and what came of it; trust (rows, 3): b, r and
-    missed / ((2b' + r) r), infinite where nothing was checked; chosen: places of the parameters;
-    substeps: exchanges per sample; counts (3,): how often slopes were worked out, used again, and
-    a step was foretold; foretold: how far one may be off, in levels."""
+    (rows, told, states + forces + chosen), zero by forces that are not `pushed` (rows, forces);
+    last (rows, states + forces + own parameters), led (rows, told): where the step was made last,
+    and what came of it; trust (rows, 3): b, r and missed / ((2b' + r) r), infinite where nothing
+    was checked; chosen: places of the parameters; substeps: exchanges per sample; counts (3,): how
+    often slopes were worked out, used again, and a step was foretold; foretold: how far one may be
+    off, in levels."""
 
     made: NDArray[np.bool_]
     x: Array
@@ -263,11 +265,15 @@ class KnownSlopes:
         moved far?"""
         if not self.made[row] or ((f != self.f[row]) & ~self.pushed[row]).any():
             return False
-        dp = p - self.p[row]
-        if (np.abs(dp) > FAR * np.abs(self.p[row])).any():
+        if self.far(row, p).any():
             return False
+        dp = p - self.p[row]
         dp[self.chosen] = 0.0
         return not dp.any()
+
+    def far(self, row: int, p: Array) -> NDArray[np.bool_]:
+        """Parameters that have moved far."""
+        return np.asarray(np.abs(p - self.p[row]) > FAR * np.abs(self.p[row]))
 
     def _moved(self, row: int, x: Array, f: Array, p: Array) -> Array:
         """From where the step was made last."""

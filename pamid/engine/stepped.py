@@ -342,20 +342,20 @@ class _Course:
     def step(self, row: int, f: Array, by: Array, h: float) -> None:
         """One exchange of h seconds, the row-th of the run, under f (forces), whose sensitivities
         are `by` (forces, columns)."""
-        x = self.x[self.part]
+        step = Differences(self.simulator, self.x[self.part], f, self.own, h)
         if self.columns is None:
-            self.x[self.both], _ = self._after(row, x, f, h)
+            self.x[self.both], _ = self._after(row, step)
             return
-        after, by_state, by_force, by_parameter = self._slopes(row, x, f, by.any(axis=1), h)
+        after, by_state, by_force, by_parameter = self._slopes(row, step, by.any(axis=1))
         rows = by_state @ self.S[self.part] + by_force @ by
         rows[:, self.places] += by_parameter
         self.S[self.both] = rows
         self.x[self.both] = after
 
-    def _slopes(self, row: int, x: Array, f: Array, pushed: NDArray[np.bool_], h: float) -> Slopes:
+    def _slopes(self, row: int, step: Differences, pushed: NDArray[np.bool_]) -> Slopes:
         """By the states, by the forces that what is sought pushes (zero by the others), and by the
         chosen parameters; those that are kept, where they hold."""
-        known, step = self.known, Differences(self.simulator, x, f, self.own, h)
+        known, x, f = self.known, step.x, step.f
         if known is None or not known.made[row]:
             slopes = self._worked_out(step, pushed)
             if known is not None:
@@ -368,7 +368,7 @@ class _Course:
             known.pushed[row] |= lacking
             at = len(x) + np.flatnonzero(lacking)
             known.slopes[row][:, at] = self._by_forces(step, at)
-        after, foretold = self._after(row, x, f, h)
+        after, foretold = self._after(row, step)
         moves, acts = known.hold(row, x, f, self.own, after, self.level)
         if not acts:
             known.counts[2] -= foretold
@@ -406,26 +406,26 @@ class _Course:
             both = step.slopes(np.concatenate([places, chosen]))
             slopes[:, places], slopes[:, own] = np.split(both, [len(places)], axis=1)
             known.counts[0] += 1
-        elif len(own) and not step.agree(chosen, slopes[:, own], PROBED):
+            return slopes
+        far = known.far(row, self.own)[self.chosen]
+        if far.any():
+            slopes[:, own[far]] = step.slopes(chosen[far])
+        fails = len(own) > 0 and not step.agree(chosen, slopes[:, own], PROBED)
+        if fails:
             slopes[:, own] = step.slopes(chosen)
-            known.counts[0] += 1
-        else:
-            known.counts[1] += 1
+        known.counts[0 if fails or far.any() else 1] += 1
         return slopes
 
-    def _after(self, row: int, x: Array, f: Array, h: float) -> tuple[Array, bool]:
+    def _after(self, row: int, step: Differences) -> tuple[Array, bool]:
         """Readings and states behind a step, and whether it was foretold."""
-        known = self.known
+        known, x, f = self.known, step.x, step.f
         if known is not None:
             told = known.foretells(row, x, f, self.own, self.level)
             if told is not None:
                 known.counts[2] += 1
                 return told, True
-        states, readings = self.simulator.steps(x[None], f[None], self.own[None], h)
-        after = np.concatenate([readings[0], states[0]])
-        if known is not None:
-            known.check(row, x, f, self.own, after, self.level)
-        return after, False
+            known.check(row, x, f, self.own, step.after, self.level)
+        return step.after, False
 
     def in_c(
         self,

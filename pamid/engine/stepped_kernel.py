@@ -288,8 +288,12 @@ def _slopes(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
     difference are not zero."""
     at, n = x.shape[0] + f.shape[0], c.place.shape[0]
     _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, found)
-    back = c.models[1 + n if steps[at:].any() else 0]
-    if _agree(c, back, x, f, steps, plain, found):
+    moved = 0
+    for k in range(n):
+        moved += steps[at + k] != 0.0
+    # a model with all parameters moved down tells about all of them only
+    some = 0 < moved < n
+    if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, found):
         return
     other = found.copy()
     _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
@@ -301,12 +305,13 @@ def _slopes(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _rescaled(t, row):  # type: ignore[no-untyped-def]
+def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
     """Have the slopes of a row by parameters as these are now: in proportion they stay as they
-    are."""
+    are. Mark in `far` (columns,) those by parameters that have moved too far for that."""
     at = t.x.shape[1] + t.f.shape[1]
     for k in range(t.chosen.shape[0]):
         before, now = t.p[row, t.chosen[k]], t.own[t.chosen[k]]
+        far[at + k] = abs(now - before) > t.far * abs(before)
         if before != now and now != 0.0:
             for j in range(t.slopes.shape[1]):
                 t.slopes[row, j, at + k] *= before / now
@@ -316,17 +321,21 @@ def _rescaled(t, row):  # type: ignore[no-untyped-def]
 def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
     """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
     those by parameters are in doubt."""
-    at, found = x.shape[0] + f.shape[0], t.slopes[row]
+    at, found, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
+    _rescaled(t, row, far)
     motion, own = steps.copy(), steps.copy()
     motion[at:] = 0.0
     own[:at] = 0.0
     if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, found)):
         _slopes(c, x, f, steps, plain, found)
         return True
+    anew = far.any()
+    if anew:
+        _slopes(c, x, f, np.where(far, steps, 0.0), plain, found)
     if own.shape[0] > at and not _agree(c, c.models[-1], x, f, c.probed * own, plain, found):
         _slopes(c, x, f, own, plain, found)
-        return True
-    return False
+        anew = True
+    return anew
 
 
 @njit(cache=True)
@@ -363,7 +372,6 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
         return
     if foretold:
         _advance(c, c.models[0], x, f, plain)
-    _rescaled(t, row)
     anew = _probed(c, t, row, x, f, steps, plain, moves)
     t.counts[0 if anew else 1] += 1
     _keep(t, row, x, f, plain)

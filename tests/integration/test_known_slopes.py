@@ -23,6 +23,8 @@ from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import replay_track
@@ -115,6 +117,64 @@ def test_near_by_they_hold_and_far_off_they_are_worked_out_anew(problem: Problem
         assert own.known.counts[1] > 0.95 * exchanges
         size = np.sqrt((exactly**2).mean(axis=0))
         assert (np.sqrt(((by - exactly) ** 2).mean(axis=0)) <= STILL_HOLDS * size).all()
+
+
+def test_a_parameter_that_moves_far_and_counts_little_costs_a_probe(
+    problem: Problem, copies: list[int]
+) -> None:
+    """A damping in the hinge of next to nothing moves by half of itself; a mass by as much."""
+    runner = Runner(problem.assembly, problem.tracks[0], Stepping(SUBSTEPS), problem.free)
+    sheet, exchanges = problem.start(), SUBSTEPS * len(runner.track)
+    hinge, cart = (problem.assembly.index_of(key) for key in ("hinge_n_m_s", "cart_kg"))
+    sheet[hinge] = 1e-7
+    keeping = runner.keeping()
+    _run(problem, keeping, sheet)
+    cost = []
+    for place in (hinge, cart):
+        p, trial = sheet.copy(), keeping.keeping(keeping.known)
+        p[place] *= 1.5
+        assert trial.known is not None
+        copies.clear()
+        _, by = _run(problem, trial, p)
+        cost.append(sum(copies) / exchanges)
+        exactly = _run(problem, runner, p)[1]
+        size = np.sqrt((exactly**2).mean(axis=0))
+        off = np.sqrt(((by - exactly) ** 2).mean(axis=0))
+        assert (off <= 2.0 * STILL_HOLDS * size).all()
+    # the step, states and forces moved, the damping moved up and down, all parameters moved; in
+    # place of the step, the probe, each of nine values moved, and all of them
+    assert cost[0] < 5.1 and cost[1] > 10.0
+
+
+def test_slopes_by_forces_are_worked_out_where_they_are_pushed(
+    recording: Recording, problem: Problem, copies: list[int]
+) -> None:
+    """Of what follows the recorded command alone none are needed; an effect at the rail adds its
+    own to the slopes that the rig without it has left, and no others."""
+    bare = Runner(problem.assembly, problem.tracks[0], Stepping(1), problem.free).keeping()
+    p, samples, n = problem.start(), len(bare.track), len(problem.assembly.rig.states)
+    _run(problem, bare, p)
+    assert sum(copies) == samples * (1 + n + len(problem.free) + 1)
+    assert bare.known is not None and not bare.known.pushed.any()
+    rig = problem.assembly.rig
+    offset = next(
+        a for a in attachments(rig, [effects()["linear-stiffness"]]) if a.ports == ("rail",)
+    )
+    evidence = split_recordings(rig, [recording], [])
+    a = Assembly(rig, (offset,), outputs=evidence.channels).for_fitting()
+    tracks = evidence.tracks(a)
+    pushing = Problem(a, tracks, free_parameters(a, tracks))
+    runner = Runner(a, tracks[0], Stepping(1), pushing.free)
+    candidate, p = runner.keeping(bare.known), pushing.start()
+    stiffness = next(i for i, b in enumerate(a.parameters) if b.owner and b.null == 0.0)
+    p[stiffness] = 1e-9  # it pushes, and moves next to nothing
+    copies.clear()
+    found = _run(pushing, candidate, p)
+    assert sum(copies) <= samples * (1 + 1 + 1 + 1)  # the step, the force, its check, one step more
+    known = candidate.known
+    assert known is not None and known.pushed.any(axis=0).tolist() == [True, False]
+    exact = _run(pushing, runner, p)
+    assert np.abs(found[1] - exact[1]).max() <= 1e-6 * np.abs(exact[1]).max()
 
 
 def test_a_step_is_foretold_as_far_as_that_was_checked(problem: Problem) -> None:
