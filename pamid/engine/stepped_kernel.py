@@ -329,7 +329,7 @@ def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-de
     if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, found)):
         _slopes(c, x, f, steps, plain, found)
         return True
-    anew = far.any()
+    anew = bool(far.any())
     if anew:
         _slopes(c, x, f, np.where(far, steps, 0.0), plain, found)
     if own.shape[0] > at and not _agree(c, c.models[-1], x, f, c.probed * own, plain, found):
