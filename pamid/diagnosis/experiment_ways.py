@@ -9,13 +9,13 @@ smaller or faster, or its slow part is taken off (`pamid.excitation.waveforms.wa
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError
 from pamid.base.metrics import motion
 from pamid.base.units import split_column, to_si
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -24,9 +24,12 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.excitation.experiments import EXTERNAL, Bench, Experiment
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.free_runs import known_values, virtual_recording
+from pamid.simulation.free_runs import known_values, noiseless_recordings
 
 Array = NDArray[np.float64]
+
+
+Models = Sequence[CandidateModel]
 
 
 # ---- what is predicted beside what was recorded -------------------------------------------------
@@ -134,27 +137,80 @@ def carried_texts(bench: Bench) -> list[str]:
 # ---- the ways -----------------------------------------------------------------------------------
 
 
-Models = Sequence[CandidateModel]
+@dataclass(frozen=True, eq=False)
+class Way:
+    """An experiment as it is run on a bench."""
+
+    bench: Bench
+    experiment: Experiment
+
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        return self.experiment.columns(self.bench)
+
+    @cached_property
+    def settings(self) -> tuple[dict[str, float], ...]:
+        return self.experiment.settings(self.bench)
+
+    @cached_property
+    def minutes(self) -> float:
+        return self.experiment.minutes_on(self.bench)
 
 
-def benches(
-    evidence: DataSplit,
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """What models would record in ways of experiments, without noise: a model's ways are simulated
+    side by side, each once."""
+
+    evidence: DataSplit
+    _made: dict[tuple[CandidateModel, Way], list[Recording | None]] = field(default_factory=dict)
+
+    def of(self, model: CandidateModel, way: Way) -> list[Recording | None]:
+        """Setting after setting; None where the model blows up."""
+        return self.of_all(model, [way])[0]
+
+    def of_all(self, model: CandidateModel, ways: Sequence[Way]) -> list[list[Recording | None]]:
+        """The same of each of these ways."""
+        new = [way for way in ways if (model, way) not in self._made]
+        self._made.update({(model, way): [] for way in new})
+        alike: dict[tuple[bool, int], list[tuple[Way, Recording]]] = {}
+        for way in new:
+            for excitation in _excitations(self.evidence, way):
+                kind = excitation.loop == "closed", len(excitation)
+                alike.setdefault(kind, []).append((way, excitation))
+        for pairs in alike.values():
+            made = _recorded(model, [excitation for _, excitation in pairs])
+            for (way, _), recording in zip(pairs, made, strict=True):
+                self._made[model, way].append(recording)
+        return [self._made[model, way] for way in ways]
+
+
+def ways_to_run(
+    predictions: Predictions,
     bench: Bench,
-    e: Experiment,
+    entries: Sequence[Experiment],
     models: Models,
     settings: Settings = DEFAULT,
-) -> list[Bench]:
-    """The ways to run an experiment: as it is where a loop holds the rig, else those of several
-    amplitudes and rates that leave it about where it was recorded, as every one of these models
-    predicts; with no more of the slow part taken off than that needs."""
+) -> list[Way]:
+    """The ways to run these experiments: as they are where a loop holds the rig, else those of
+    several amplitudes and rates that leave it about where it was recorded, as every one of these
+    models predicts; with no more of the slow part taken off than that needs."""
     if bench.command:
-        return [bench]
-    share = settings.experiment_range
-    out = []
-    for ways in _ways(evidence, bench, settings):
-        kept = (w for w in ways if not _leaving(evidence, w, e, models, share))
-        out += [w for w in [next(kept, None)] if w is not None]
-    return out
+        return [Way(bench, e) for e in entries]
+    evidence = predictions.evidence
+    rows = [[Way(w, e) for w in ways] for e in entries for ways in _ways(evidence, bench, settings)]
+    chosen: dict[int, Way] = {}
+    for tamed in range(max(map(len, rows), default=0)):
+        left = {k: row[tamed] for k, row in enumerate(rows) if k not in chosen and tamed < len(row)}
+        for model in models:
+            made = predictions.of_all(model, list(left.values()))
+            left = {
+                k: way
+                for (k, way), recordings in zip(left.items(), made, strict=True)
+                if not _leaving(evidence, recordings, settings.experiment_range)
+            }
+        chosen |= left
+    return [chosen[k] for k in sorted(chosen)]
 
 
 def _ways(evidence: DataSplit, bench: Bench, settings: Settings) -> Iterator[list[Bench]]:
@@ -182,45 +238,45 @@ def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float
 
 
 def _leaving(
-    evidence: DataSplit, bench: Bench, e: Experiment, models: Models, share: float
+    evidence: DataSplit, made: list[Recording | None], share: float
 ) -> list[PredictedReach]:
-    """What the first model that leads away takes beyond the recordings; of one that blows up
+    """What a model's prediction takes beyond the recordings; of a model that blows up
     everything."""
-    for model in models:
-        made = runs(evidence, model, bench, e)
-        if not all(made):
-            return [PredictedReach(c, 0.0, -np.inf, np.inf, (0.0, 0.0)) for c in evidence.channels]
-        away = [x for r in made if r for x in reaches(evidence, r) if x.leaves(share)]
-        if away:
-            return away
-    return []
+    stable = [r for r in made if r is not None]
+    if len(stable) < len(made):
+        return [PredictedReach(c, 0.0, -np.inf, np.inf, (0.0, 0.0)) for c in evidence.channels]
+    return [x for r in stable for x in reaches(evidence, r) if x.leaves(share)]
 
 
-def runs(
-    evidence: DataSplit, model: CandidateModel, bench: Bench, e: Experiment
-) -> list[Recording | None]:
-    """What the model would record, setting after setting; None where it blows up."""
-    columns = e.columns(bench)
-    return [recorded(evidence, model, bench, columns, s) for s in e.settings(bench)]
-
-
-def predicted_text(evidence: DataSplit, bench: Bench, e: Experiment, models: Models) -> str:
+def predicted_text(predictions: Predictions, way: Way, models: Models) -> str:
     """Where an experiment without a loop leads as the models predict, the widest of them per
     name."""
     every = [
-        x for m in models for r in runs(evidence, m, bench, e) if r for x in reaches(evidence, r)
+        x
+        for model in models
+        for r in predictions.of(model, way)
+        if r
+        for x in reaches(predictions.evidence, r)
     ]
     widest = {x.name: x for x in sorted(every, key=lambda x: x.high - x.low)}
     return f"predicted: {'; '.join(x.text for x in widest.values())}" if widest else ""
 
 
 def led_away(
-    evidence: DataSplit, bench: Bench, e: Experiment, models: Models, settings: Settings = DEFAULT
+    predictions: Predictions,
+    bench: Bench,
+    e: Experiment,
+    models: Models,
+    settings: Settings = DEFAULT,
 ) -> str:
     """Where even the tamest way of an experiment leads beyond what was recorded."""
-    tamest = list(_ways(evidence, bench, settings))[-1][-1]
-    away = _leaving(evidence, tamest, e, models, settings.experiment_range)
-    return " and ".join(x.text for x in away)
+    evidence = predictions.evidence
+    tamest = Way(list(_ways(evidence, bench, settings))[-1][-1], e)
+    leaving = (
+        _leaving(evidence, predictions.of(model, tamest), settings.experiment_range)
+        for model in models
+    )
+    return " and ".join(x.text for x in next(filter(None, leaving), []))
 
 
 # ---- what a model would record ------------------------------------------------------------------
@@ -235,47 +291,42 @@ def reference_recording(evidence: DataSplit) -> Recording:
     )
 
 
-def recorded(
-    evidence: DataSplit,
-    c: CandidateModel,
-    bench: Bench,
-    columns: dict[str, Array],
-    setting: dict[str, float],
-) -> Recording | None:
-    """What the model would record without noise, in its own loop where references are sent; None if
-    it blows up."""
-    known = {**bench.known, **setting}
+def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
+    """What is sent, with each of the settings, and in the rig's loop where references are."""
+    bench, columns = way.bench, way.columns
     closed = any(q.reference in columns for q in bench.rig.loops)
-    samples = len(next(iter(columns.values())))
-    excitation = Recording(
-        "experiment",
-        Path(FILE),
-        "",
-        bench.period_s * np.arange(samples, dtype=np.float64),
-        columns,
-        bench.period_s,
-        "closed" if closed else "open",
-        known=known,
-        controller=controller_of(evidence) if closed else {},
-    )
-    model = (
-        replace(
-            c.assembly,
-            controller=tuple(sorted(excitation.controller.items())),
-            sensitive=frozenset(),
+    time = bench.period_s * np.arange(len(next(iter(columns.values()))), dtype=np.float64)
+    return [
+        Recording(
+            "experiment",
+            Path(FILE),
+            "",
+            time,
+            columns,
+            bench.period_s,
+            "closed" if closed else "open",
+            known={**bench.known, **setting},
+            controller=controller_of(evidence) if closed else {},
         )
-        if closed
-        else c.assembly
-    )
-    values, places = known_values(model, known)
-    p = c.fit.p.copy()
-    p[places] = values[places]
-    try:
-        return replace(
-            excitation, columns=virtual_recording(model, excitation, p, noise=0.0, fineness=1)
+        for setting in way.settings
+    ]
+
+
+def _recorded(c: CandidateModel, excitations: list[Recording]) -> list[Recording | None]:
+    """What the model would record without noise of excitations of one length in one loop; None
+    where it blows up."""
+    controller = tuple(sorted(excitations[0].controller.items()))
+    model = replace(c.assembly, controller=controller) if controller else c.assembly
+    p = np.repeat(c.fit.p[:, None], len(excitations), axis=1)
+    for k, excitation in enumerate(excitations):
+        values, places = known_values(model, excitation.known)
+        p[places, k] = values[places]
+    return [
+        None if columns is None else replace(excitation, columns=columns)
+        for excitation, columns in zip(
+            excitations, noiseless_recordings(model, excitations, p), strict=True
         )
-    except DataError:
-        return None
+    ]
 
 
 def controller_of(evidence: DataSplit) -> dict[str, float]:

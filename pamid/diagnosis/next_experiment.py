@@ -24,14 +24,15 @@ from numpy.typing import NDArray
 from pamid.base.share_words import times_text
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.experiment_ways import (
-    benches,
+    Predictions,
+    Way,
     carried,
     carried_texts,
     controller_of,
     led_away,
     predicted_text,
     reference_recording,
-    runs,
+    ways_to_run,
 )
 from pamid.diagnosis.proposal import Proposal, WithheldExperiment
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -44,7 +45,6 @@ from pamid.estimation.weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_EXPERIMENT_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import Plain
-from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.tracks import Track, track_of
@@ -60,27 +60,31 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     pairs = pairs_to_separate(d)
     if not pairs:
         return None
-    bench = bench_of(d.evidence, d.settings)
+    bench, predictions = bench_of(d.evidence, d.settings), Predictions(d.evidence)
     models = models_to_keep(d, pairs)
+    ways = ways_to_run(predictions, bench, menu(bench), models, d.settings)
+    if not ways:
+        return _withheld(d, predictions, bench, models)
+    for truth, _ in pairs:
+        predictions.of_all(truth, ways)
     race = []
-    for e in menu(bench):
-        for way in benches(d.evidence, bench, e, models, d.settings):
-            bounds = separations(d.evidence, way, e, pairs, d.settings)
-            race.append((next(bounds), bounds, way, e))
-    if not race:
-        return _withheld(d, bench, models)
+    for way in ways:
+        bounds = separations(predictions, way, pairs, d.settings)
+        race.append((next(bounds), bounds, way))
     # best first (branch and bound): the leader's bound is tightened until another one leads, or
     # until it has no tighter one and is its value; then no other can exceed it
     while race:
         k = max(
             range(len(race)),
-            key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][3].minutes_on(race[i][2])),
+            key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][2].minutes),
         )
-        separation, bounds, way, e = race[k]
+        separation, bounds, way = race[k]
         tighter = next(bounds, None)
         if tighter is None:
-            return _proposal(d, way, e, pairs, separation) if separation.any() else None
-        race[k] = (tighter, bounds, way, e)
+            if not separation.any():
+                return None
+            return _proposal(d, predictions, way, pairs, separation)
+        race[k] = (tighter, bounds, way)
     return None
 
 
@@ -131,10 +135,10 @@ def models_to_keep(
 
 
 def _withheld(
-    d: Diagnosis, bench: Bench, models: list[CandidateModel]
+    d: Diagnosis, predictions: Predictions, bench: Bench, models: list[CandidateModel]
 ) -> WithheldExperiment | None:
     """Why nothing is proposed: what the tamest way of an entry would do."""
-    told = ((e.name, led_away(d.evidence, bench, e, models, d.settings)) for e in menu(bench))
+    told = ((e.name, led_away(predictions, bench, e, models, d.settings)) for e in menu(bench))
     name, away = next(((n, text) for n, text in told if text), ("", ""))
     if not away:
         return None
@@ -195,27 +199,24 @@ def _settings(evidence: DataSplit) -> dict[str, float]:
 
 
 def separations(
-    evidence: DataSplit,
-    bench: Bench,
-    e: Experiment,
+    predictions: Predictions,
+    way: Way,
     pairs: list[tuple[CandidateModel, CandidateModel]],
     settings: Settings = DEFAULT,
 ) -> Iterator[Array]:
     """Ever tighter upper bounds of what separates the nearest pair: RMS difference per channel, in
     noise standard deviations. First pair after pair as fitted, then one after the other
     re-adjusted; the last bound is the separation. Zeros where a model cannot be simulated."""
-    made: dict[str, list[Recording | None]] = {}
-    rivals, separation = [], []
+    rivals, separation, evidence = [], [], predictions.evidence
     for truth, other in pairs:
-        if truth.label not in made:
-            made[truth.label] = runs(evidence, truth, bench, e)
+        made = predictions.of(truth, way)
         tracks = tuple(
             track_of(other.assembly, r, evidence.channels, evidence.jump, evidence.timescale_s)
-            for r in made[truth.label]
+            for r in made
             if r is not None
         )
         rival = _RivalModel(other, evidence.noise, tracks, settings)
-        if len(tracks) < len(made[truth.label]) or not rival.left:
+        if len(tracks) < len(made) or not rival.left:
             yield np.zeros(len(evidence.channels))
             return
         rivals.append(rival)
@@ -324,21 +325,22 @@ class _RivalModel:
 
 def _proposal(
     d: Diagnosis,
-    bench: Bench,
-    e: Experiment,
+    predictions: Predictions,
+    way: Way,
     pairs: list[tuple[CandidateModel, CandidateModel]],
     separation: Array,
 ) -> Proposal:
+    bench, e = way.bench, way.experiment
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
-    columns, settings = e.columns(bench), tuple(s for s in e.settings(bench) if s)
+    columns, settings = way.columns, tuple(s for s in way.settings if s)
     models = models_to_keep(d, pairs)
-    predicted = "" if bench.command else predicted_text(d.evidence, bench, e, models)
+    predicted = "" if bench.command else predicted_text(predictions, way, models)
     return Proposal(
         e.name,
         _why(d, e, settings, separation),
         names,
         _rms(separation),
-        e.minutes_on(bench),
+        way.minutes,
         columns,
         sent_with(d.evidence, bench, columns),
         settings,

@@ -16,12 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.llvm_ir import LANES, extract_derived, with_partials
-from pamid.engine.program import Layout, Stepping, cell_phases, line_length, with_rises
+from pamid.engine.program import (
+    EquationSteps,
+    Layout,
+    Stepping,
+    cell_phases,
+    line_length,
+    with_rises,
+)
 from pamid.symbolic.expression import plain
 from pamid.symbolic.memory_cells import StateEquations
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
-    from pamid.engine.lane_sweep import LaneArrays, LaneEquations
+    from pamid.engine.lane_sweep import LaneArrays, LaneEquations, LaneScratch
 
 Array = NDArray[np.float64]
 
@@ -65,7 +72,7 @@ class LaneMemory:
 
 
 @dataclass(frozen=True, eq=False)
-class LaneProgram:
+class LaneProgram(EquationSteps):
     """Equations without sensitivities, compiled when they are first run. `states`, `inputs`,
     `parameters`, `outputs` give the order of every array, as in `Program`; linear: names of the
     inputs that are linear over a sample."""
@@ -168,6 +175,29 @@ class LaneProgram:
         course = period_s, time_s, stepping, after, dependent
         return self._run(memory, u, p, np.asarray(edges), entered, *course)
 
+    def exchange_matrices(
+        self, memory: LaneMemory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
+    ) -> Array:
+        """df/dx (lanes, states, states) where `memory` stands, at the inputs u (inputs,) or
+        (inputs, lanes), by which the length of a step is chosen."""
+        from pamid.engine.lane_sweep import LaneInputs, LaneTimes, rate_matrices
+
+        code = _compiled(self, True, u.ndim == 1)
+        found = rate_matrices(
+            code.equations,
+            memory.arrays(),
+            LaneInputs(self._by_group(u[None], None, 0), self._prepared(code, p, memory)),
+            LaneTimes(float(time_s), float(period_s), 1, True, False, False),
+            self._scratch(code),
+        )
+        return _joined_lanes(found, memory.lanes).transpose(2, 0, 1)
+
+    def _scratch(self, code: _LaneCode) -> LaneScratch:
+        from pamid.engine.lane_sweep import lane_scratch
+
+        cells = len(self.equations.cells)
+        return lane_scratch(code.equations, len(self.states), len(self.outputs), cells)
+
     def _run(
         self,
         memory: LaneMemory,
@@ -186,7 +216,6 @@ class LaneProgram:
             LaneResults,
             LaneTimes,
             LaneWindows,
-            lane_scratch,
             sweep_lanes,
         )
 
@@ -217,9 +246,7 @@ class LaneProgram:
                 all_lanes if dependent is None or dependent >= memory.lanes else dependent,
             ),
             results,
-            lane_scratch(
-                code.equations, len(self.states), len(self.outputs), len(self.equations.cells)
-            ),
+            self._scratch(code),
         )
         memory.begin = memory.join = False
         Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)
@@ -231,7 +258,7 @@ class LaneProgram:
         linear = tuple(self.inputs.index(n) for n in self.linear)
         rising = with_rises(u, after, linear, len(self.inputs))[first:]
         if u.ndim == 2:
-            return rising[None]
+            return np.ascontiguousarray(rising[None])
         groups = _grouped(rising).transpose(2, 0, 1, 3)
         return np.ascontiguousarray(groups.reshape(*groups.shape[:2], -1))
 

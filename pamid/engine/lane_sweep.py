@@ -313,3 +313,21 @@ def prepare_lanes(address, p, first):  # type: ignore[no-untyped-def]
     for g in range(p.shape[0]):
         q = p[g]
         call(address, q, q, q, q, 0, q, q, q[first:])
+
+
+@njit(cache=True, nogil=True)
+def rate_matrices(equations, memory, inputs, times, work):  # type: ignore[no-untyped-def]
+    """df/dx of all lanes (nx, nx, groups, LANES) where `memory` stands, at the first row of u."""
+    groups, nx, t = memory.x.shape[0], memory.x.shape[1], work.ticks
+    t[:] = 0.0
+    t[0], t[1], t[2], t[3] = times.time_s, times.period_s, times.period_s, 1.0
+    M = np.zeros((nx, nx, groups, LANES))
+    for g in range(groups):
+        u, p = inputs.u[min(g, inputs.u.shape[0] - 1)], inputs.p[g]
+        x, c, b = memory.x[g], memory.cells[g], memory.past[g]
+        call(equations.address[-1], x, c, b, u, 0, p, t, work.out)
+        for i in range(nx):
+            for e in range(equations.pointer[i], equations.pointer[i + 1]):
+                for lane in range(LANES):
+                    M[i, equations.columns[e], g, lane] = work.out[(nx + e) * LANES + lane]
+    return M

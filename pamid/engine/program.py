@@ -140,8 +140,20 @@ class SimulatedWindow(NamedTuple):
         return self.JY.reshape(samples * outputs, columns)
 
 
+class EquationSteps:
+    """The stepping of compiled equations."""
+
+    def least_substeps(self, period_s: float) -> int:
+        """Steps per sample that the model asks for by itself."""
+        return 1
+
+    def careful(self, substeps: int) -> Stepping:
+        """How a sample is stepped where explicit steps would have to be so many."""
+        return Stepping(1, implicit=True)
+
+
 @dataclass(frozen=True)
-class Program:
+class Program(EquationSteps):
     """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
     array.
 
@@ -323,14 +335,6 @@ class Program:
     def knowing(self, known: KnownSlopes | None) -> Program:
         """The same, whose next run with sensitivities begins with these slopes."""
         return self
-
-    def least_substeps(self, period_s: float) -> int:
-        """Steps per sample that the model asks for by itself."""
-        return 1
-
-    def careful(self, substeps: int) -> Stepping:
-        """How a sample is stepped where explicit steps would have to be so many."""
-        return Stepping(1, implicit=True)
 
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0

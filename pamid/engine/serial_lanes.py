@@ -49,6 +49,25 @@ class SerialLanes:
     def outputs(self) -> tuple[str, ...]:
         return self.program.outputs
 
+    def least_substeps(self, period_s: float) -> int:
+        return self.program.least_substeps(period_s)
+
+    def careful(self, substeps: int) -> Stepping:
+        return self.program.careful(substeps)
+
+    def exchange_matrices(
+        self, memory: SerialMemory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
+    ) -> Array:
+        times = {"period_s": period_s, "time_s": time_s}
+        return np.stack(
+            [
+                self.program.exchange_matrix(
+                    lane_memory, _of_lane(u, lane, 1), _of_lane(p, lane, 1), **times
+                )
+                for lane, lane_memory in enumerate(memory.memories)
+            ]
+        )
+
     def memory(
         self, x: Array, *, stepping: Stepping | None = None, period_s: float = 1.0
     ) -> SerialMemory:

@@ -15,6 +15,7 @@ from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
+from pamid.model.executable import Executable, Lanes
 from pamid.recording.recording import Recording
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr
@@ -125,9 +126,41 @@ def _chosen_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x:
             >= 0
         ):
             break
+    return _stepping_for(fastest, period_s, program)
+
+
+def _stepping_for(fastest: float, period_s: float, program: Executable | Lanes) -> Stepping:
+    """Steps per sample for a largest |eigenvalue| of df/dx."""
     needed = int(2 ** np.ceil(np.log2(max(1.0, fastest * period_s / STEADY))))
     needed = max(needed, program.least_substeps(period_s))
     return Stepping(needed) if needed <= MOST_SUBSTEPS else program.careful(needed)
+
+
+def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array) -> list[Stepping]:
+    """`choose_stepping` of several runs of the same equations, side by side: u (samples, inputs,
+    lanes), p (parameters, lanes), x (states, lanes)."""
+    careful = Stepping(2, implicit=True)
+    memory = lanes.memory(x, stepping=careful, period_s=period_s)
+    fastest, running = np.zeros(x.shape[1]), np.ones(x.shape[1], bool)
+    block = max(1, min(len(u), LOOKED_AT) // 40)
+    for i in range(0, min(len(u), LOOKED_AT), block):
+        if i:
+            time = i * period_s
+            found = lanes.exchange_matrices(memory, u[i], p, period_s=period_s, time_s=time)
+            for lane in np.flatnonzero(running & np.isfinite(found).all(axis=(1, 2))):
+                radius = np.abs(np.linalg.eigvals(found[lane])).max(initial=0.0)
+                fastest[lane] = max(fastest[lane], float(radius))
+        _, bad = lanes.run(
+            memory,
+            u[i : i + block],
+            p,
+            period_s=period_s,
+            time_s=i * period_s,
+            stepping=careful,
+            after=u[i + block] if i + block < len(u) else None,
+        )
+        running &= bad < 0
+    return [_stepping_for(f, period_s, lanes) for f in fastest.tolist()]
 
 
 @dataclass(frozen=True)
@@ -174,8 +207,7 @@ def virtual_recording(
     rig, period = assembly.rig, excitation.sampling_period_s
     jitter = sensor_noise(assembly, len(excitation), noise, seed)
     u = noisy_inputs(input_table(assembly, excitation), assembly.traced.inputs, jitter)
-    commands = [loop.command for loop in rig.loops] if assembly.controller else []
-    extra = {c: symbol("cell", c) for c in commands}
+    extra = _loop_commands(assembly)
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     step = replace(step, substeps=step.substeps * fineness)
     program = assembly.program_with(extra) if extra else assembly.program
@@ -189,8 +221,46 @@ def virtual_recording(
     columns = {name: excitation.columns[name] for name in excitation.columns}
     for i, name in enumerate(program.outputs):
         clean = from_si(Y[:, i], split_column(name)[1])
-        columns[name] = clean if name in commands else clean + jitter[name]
+        columns[name] = clean if name in extra else clean + jitter[name]
     return columns
+
+
+def noiseless_recordings(
+    assembly: Assembly, excitations: Sequence[Recording], p: Array
+) -> list[dict[str, Array] | None]:
+    """Columns of `virtual_recording` without noise, of excitations of one length and period,
+    simulated side by side; None of one at which the rig becomes unstable.
+
+    p: (parameters, excitations).
+    """
+    period, extra = excitations[0].sampling_period_s, _loop_commands(assembly)
+    lanes = assembly.lane_program_with(extra)
+    u = np.stack([input_table(assembly, r) for r in excitations], axis=2)
+    begun = [assembly.begin(q) for q in p.T]
+    x = np.array([[begin.get(name, 0.0) for begin in begun] for name in lanes.states])
+    x = x.reshape(len(lanes.states), len(excitations))
+    steppings = choose_steppings(lanes, u, p, period, x)
+    out: list[dict[str, Array] | None] = [None] * len(excitations)
+    for stepping in dict.fromkeys(steppings):
+        chosen = [k for k, s in enumerate(steppings) if s == stepping]
+        memory = lanes.memory(x[:, chosen], stepping=stepping, period_s=period)
+        Y, bad = lanes.run(
+            memory, u[:, :, chosen], p[:, chosen], period_s=period, stepping=stepping
+        )
+        for lane, k in enumerate(chosen):
+            if bad[lane] < 0:
+                read = {
+                    name: from_si(Y[:, i, lane], split_column(name)[1])
+                    for i, name in enumerate(lanes.outputs)
+                }
+                out[k] = excitations[k].columns | read
+    return out
+
+
+def _loop_commands(assembly: Assembly) -> dict[str, Expr]:
+    """What the controllers of a closed loop send, as further outputs."""
+    commands = [loop.command for loop in assembly.rig.loops] if assembly.controller else []
+    return {c: symbol("cell", c) for c in commands}
 
 
 def sensor_noise(assembly: Assembly, samples: int, noise: float, seed: int) -> dict[str, Array]:

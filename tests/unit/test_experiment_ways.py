@@ -13,12 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.diagnosis.experiment_ways import (
-    benches,
+    Predictions,
+    Way,
     carried_texts,
     led_away,
     predicted_text,
     reaches,
-    runs,
+    ways_to_run,
 )
 from pamid.diagnosis.next_experiment import bench_of
 from pamid.diagnosis.settings import DEFAULT
@@ -30,6 +31,7 @@ from pamid.excitation.waveforms import amplitude_sweep, odd_multisine, slow_reve
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
@@ -99,9 +101,9 @@ def multisine(evidence: DataSplit) -> Experiment:
     return next(e for e in menu(bench_of(evidence)) if e.name == "odd-multisine")
 
 
-def worst(evidence: DataSplit, model: Any, bench: Any, e: Experiment) -> float:
+def worst(predictions: Predictions, model: Any, way: Way) -> float:
     """How far an experiment swings, over what was recorded, of the worst name."""
-    every = [x for r in runs(evidence, model, bench, e) if r for x in reaches(evidence, r)]
+    every = [x for r in predictions.of(model, way) if r for x in reaches(predictions.evidence, r)]
     return max((x.high - x.low) / (x.recorded[1] - x.recorded[0]) for x in every)
 
 
@@ -109,16 +111,39 @@ def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) 
     """As they are, the shapes drive it off; all the ways that are left keep it."""
     evidence, model = pushed
     bench = bench_of(evidence)
-    offered = {e: benches(evidence, bench, e, [model]) for e in menu(bench)}
-    assert max(worst(evidence, model, bench, e) for e in offered) > 3.0
-    assert any(offered.values())
+    predictions, entries = Predictions(evidence), menu(bench)
+    assert max(worst(predictions, model, Way(bench, e)) for e in entries) > 3.0
+    ways = ways_to_run(predictions, bench, entries, [model])
+    assert ways and [w.experiment for w in ways] == sorted(
+        (w.experiment for w in ways), key=entries.index
+    )
     high = bench.driven["force_n"]
-    for e, ways in offered.items():
-        for way in ways:
-            assert worst(evidence, model, way, e) <= 1.0 + 2.0 * DEFAULT.experiment_range
-            sent = e.columns(way)["force_n"]
-            assert np.abs(sent - high[0]).max() <= high[1] * (1.0 + 1e-9)
-            assert "recorded were" in predicted_text(evidence, way, e, [model])
+    for way in ways:
+        assert worst(predictions, model, way) <= 1.0 + 2.0 * DEFAULT.experiment_range
+        sent = way.columns["force_n"]
+        assert np.abs(sent - high[0]).max() <= high[1] * (1.0 + 1e-9)
+        assert "recorded were" in predicted_text(predictions, way, [model])
+
+
+def test_predictions_are_recordings_without_noise(pushed: tuple[DataSplit, Any]) -> None:
+    """Of every way by itself, and None where the model blows up in that way alone."""
+    evidence, model = pushed
+    bench, e = bench_of(evidence), multisine(evidence)
+    shares = (0.25, 1.0, 1e30, 0.5)
+    ways = [
+        Way(replace(bench, driven={k: (c, s * h) for k, (c, h) in bench.driven.items()}), e)
+        for s in shares
+    ]
+    made = Predictions(evidence).of_all(model, ways)
+    for share, way, (recording,) in zip(shares, ways, made, strict=True):
+        assert (recording is None) == (share == 1e30)
+        if recording is None:
+            continue
+        sent = replace(recording, columns=way.columns)
+        alone = virtual_recording(model.assembly, sent, model.fit.p, noise=0.0, fineness=1)
+        assert list(alone) == list(recording.columns)
+        for name, values in alone.items():
+            np.testing.assert_allclose(recording.columns[name], values, rtol=1e-9, atol=1e-12)
 
 
 def test_a_model_that_would_run_off_forbids_it(pushed: tuple[DataSplit, Any]) -> None:
@@ -126,24 +151,25 @@ def test_a_model_that_would_run_off_forbids_it(pushed: tuple[DataSplit, Any]) ->
     evidence, model = pushed
     light = replace(model, fit=replace(model.fit, p=model.fit.p / 50.0))
     bench, e = bench_of(evidence), multisine(evidence)
-    assert len(benches(evidence, bench, e, [model, light])) < len(
-        benches(evidence, bench, e, [model])
+    predictions = Predictions(evidence)
+    assert len(ways_to_run(predictions, bench, [e], [model, light])) < len(
+        ways_to_run(predictions, bench, [e], [model])
     )
     wild = replace(DEFAULT, experiment_ways=((20.0, 1),))
-    assert not benches(evidence, bench, e, [model], wild)
-    assert "position_m from 0 to" in led_away(evidence, bench, e, [model], wild)
+    assert not ways_to_run(predictions, bench, [e], [model], wild)
+    assert "position_m from 0 to" in led_away(predictions, bench, e, [model], wild)
 
 
 def test_the_way_of_an_imposed_speed_counts(imposed: DataSplit) -> None:
     model: Any = fit_model(imposed, ())
     bench = bench_of(imposed)
-    for e in menu(bench):
-        for way in benches(imposed, bench, e, [model]):
-            speed = e.columns(way)["velocity_mm_per_s"]
-            assert np.ptp(np.cumsum(speed) * PERIOD_S) < 1.15 * 60.0, e.name
+    predictions = Predictions(imposed)
+    for way in ways_to_run(predictions, bench, menu(bench), [model]):
+        speed = way.columns["velocity_mm_per_s"]
+        assert np.ptp(np.cumsum(speed) * PERIOD_S) < 1.15 * 60.0, way.experiment.name
     plain = np.cumsum(multisine(imposed).signals(bench)["velocity_mm_per_s"]) * PERIOD_S
     assert np.ptp(plain) > 1.15 * 60.0
-    assert benches(imposed, bench, multisine(imposed), [model])
+    assert ways_to_run(predictions, bench, [multisine(imposed)], [model])
 
 
 def test_what_was_recorded_beside_is_sent_again(imposed: DataSplit) -> None:

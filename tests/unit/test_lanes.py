@@ -19,6 +19,7 @@ from pamid.engine.serial_lanes import SerialLanes
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
+from pamid.simulation.free_runs import choose_stepping, choose_steppings
 from pamid.symbolic.expression import Expr, symbol
 from pamid.symbolic.memory_cells import expand_memory
 from pamid.symbolic.vocabulary import cos, delay, exp, floor, integral, log, play, sin, sqrt, tanh
@@ -370,3 +371,23 @@ def test_vector_functions_in_parts_are_the_same() -> None:
         jump = expected[k] < expected[-1]
         expected.append(np.tanh(expected[-1] - 0.5 * expected[k // 3]) + jump * 0.25)
     np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-12)
+
+
+# ---- length of steps -----------------------------------------------------------------------------
+
+
+def test_steppings_side_by_side_are_those_of_each_run() -> None:
+    """From one explicit step in a sample to implicit ones, in one call."""
+    assembly = Assembly(rig_named("servo-pendulum"))
+    factors, nominal = 10.0 ** np.arange(0.0, 3.6, 0.4), assembly.values()
+    p = np.repeat(nominal[:, None], len(factors), axis=1)
+    p[assembly.index_of("damping_n_m_s")] *= factors
+    u = np.stack([steps(k, 400, 20, 3.0) for k in range(len(factors))], axis=1)[:, None]
+    x = np.stack([assembly.start(q) for q in p.T], axis=1)
+    chosen = choose_steppings(assembly.lane_program, u, p, 0.005, x)
+    alone = [
+        choose_stepping(assembly, u[:, :, lane], p[:, lane], 0.005, x[:, lane])
+        for lane in range(len(factors))
+    ]
+    assert chosen == alone
+    assert len({*chosen}) > 2 and any(s.implicit for s in chosen)

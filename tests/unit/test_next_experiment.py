@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cli import frame
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnosis_run import diagnose_into
-from pamid.diagnosis.experiment_ways import benches
+from pamid.diagnosis.experiment_ways import Predictions, Way, ways_to_run
 from pamid.diagnosis.next_experiment import (
     Proposing,
     bench_of,
@@ -94,11 +94,10 @@ def rubbing(
     return folder, rig, made, d, p
 
 
-def apart(d: Diagnosis, bench: Bench, e: Experiment) -> float:
+def apart(d: Diagnosis, way: Way) -> float:
     """Separation of the pairs in question on an experiment, re-adjusted."""
-    return float(
-        np.sqrt((list(separations(d.evidence, bench, e, pairs_to_separate(d)))[-1] ** 2).mean())
-    )
+    *_, last = separations(Predictions(d.evidence), way, pairs_to_separate(d))
+    return float(np.sqrt((last**2).mean()))
 
 
 def test_it_separates_more_than_the_same_excitation_again(
@@ -109,7 +108,7 @@ def test_it_separates_more_than_the_same_excitation_again(
     again = Experiment(
         "aprbs", 1.0, "", lambda b: {"force_n": aprbs(20.0, PERIOD_S, 4.0, (0.1, 0.4), seed=3)}
     )
-    assert p.expected_separation > 1.2 * apart(d, bench_of(d.evidence), again)
+    assert p.expected_separation > 1.2 * apart(d, Way(bench_of(d.evidence), again))
 
 
 def test_what_it_expects_is_what_comes(
@@ -139,11 +138,10 @@ def test_what_it_expects_is_what_comes(
 
 def test_the_bounds_only_fall(rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal]) -> None:
     _, _, _, d, _ = rubbing
-    bench = bench_of(d.evidence)
+    bench, predictions = bench_of(d.evidence), Predictions(d.evidence)
     for e in menu(bench):
-        found = [
-            float((a**2).mean()) for a in separations(d.evidence, bench, e, pairs_to_separate(d))
-        ]
+        bounds = separations(predictions, Way(bench, e), pairs_to_separate(d))
+        found = [float((a**2).mean()) for a in bounds]
         assert found == sorted(found, reverse=True)
 
 
@@ -153,15 +151,11 @@ def test_no_other_entry_is_better(
     """What was passed over by its bound would not have won."""
     _, _, _, d, p = rubbing
     models = models_to_keep(d, pairs_to_separate(d))
-    scores = {}
-    for e in menu(bench_of(d.evidence)):
-        scores[e.name] = max(
-            (
-                apart(d, way, e) / np.sqrt(e.minutes_on(way))
-                for way in benches(d.evidence, bench_of(d.evidence), e, models)
-            ),
-            default=0.0,
-        )
+    scores, bench = dict[str, float](), bench_of(d.evidence)
+    for way in ways_to_run(Predictions(d.evidence), bench, menu(bench), models):
+        name = way.experiment.name
+        score = apart(d, way) / np.sqrt(way.minutes)
+        scores[name] = max(scores.get(name, 0.0), score)
     assert max(scores, key=lambda name: scores[name]) == p.name
     assert scores[p.name] == pytest.approx(p.expected_separation / np.sqrt(p.minutes))
 
