@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.settings import Settings
+from pamid.engine.llvm_ir import LANES
 from pamid.engine.program import Stepping
 from pamid.engine.simulator import DIFFERENCE
 from pamid.estimation.problem import Problem
@@ -30,8 +31,6 @@ from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
-
-AT_ONCE = 8  # values that are tried side by side
 
 
 class Scanned(NamedTuple):
@@ -79,7 +78,7 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
         return values[:0]
     free = _Orthogonal.to(slopes, len(common.free))
     least = float((free.part_of(residual[:, None]) ** 2).sum())
-    parts = [values[k : k + AT_ONCE] for k in range(0, len(values), AT_ONCE)]
+    parts = [values[k : k + LANES] for k in range(0, len(values), LANES)]
     misfits = np.concatenate([_misfits(where, at, place, v, amounts, free) for v in parts])
     order = np.argsort(misfits, kind="stable")[:count]
     return values[[i for i in order if misfits[i] < least]]
