@@ -102,32 +102,36 @@ def solve_lanes(M, pivots, b):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _newton_matrix(equations, nx, gh, out, M):  # type: ignore[no-untyped-def]
     """M = I - gh df/dx; the partials follow the rates in out."""
-    pointer, columns = equations.pointer, equations.columns
+    pointer, columns, entries = equations.pointer, equations.columns, M.ravel()
+    for i in range(entries.shape[0]):
+        entries[i] = 0.0
     for i in range(nx):
-        for j in range(nx):
-            for lane in range(LANES):
-                M[i, j, lane] = 1.0 if i == j else 0.0
+        for lane in range(LANES):
+            entries[i * (nx + 1) * LANES + lane] = 1.0
         for e in range(pointer[i], pointer[i + 1]):
+            to, at = (i * nx + columns[e]) * LANES, (nx + e) * LANES
             for lane in range(LANES):
-                M[i, columns[e], lane] -= gh * out[(nx + e) * LANES + lane]
+                entries[to + lane] -= gh * out[at + lane]
 
 
 @njit(cache=True)
 def _step_from(base, gh, out, x, step):  # type: ignore[no-untyped-def]
     """The right-hand side of a Newton step: base + gh f(x) - x."""
-    for i in range(x.shape[0]):
-        for lane in range(LANES):
-            step[i, lane] = base[i, lane] + gh * out[i * LANES + lane] - x[i, lane]
+    known, state, right = base.ravel(), x.ravel(), step.ravel()
+    for i in range(state.shape[0]):
+        right[i] = known[i] + gh * out[i] - state[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")  # without a test for a divisor of zero, which stops vectors
 def _sizes(step, x, sizes):  # type: ignore[no-untyped-def]
-    """Largest |step_i| / (SIZE_FLOOR + |x_i|) of each lane."""
+    """Largest |step_i| / (SIZE_FLOOR + |x_i|) of each lane; NaN counts as nothing."""
     for lane in range(LANES):
         sizes[lane] = 0.0
     for i in range(x.shape[0]):
         for lane in range(LANES):
-            sizes[lane] = max(sizes[lane], abs(step[i, lane]) / (SIZE_FLOOR + abs(x[i, lane])))
+            size = abs(step[i, lane]) / (SIZE_FLOOR + abs(x[i, lane]))
+            # no max(), which numba compiles to branches
+            sizes[lane] = size if size > sizes[lane] else sizes[lane]
 
 
 @njit(cache=True)
@@ -135,8 +139,15 @@ def _move(before, step, reach, x):  # type: ignore[no-untyped-def]
     """x = before + reach step; reach is 0 in a lane that stays."""
     for i in range(x.shape[0]):
         for lane in range(LANES):
-            if reach[lane] > 0.0:
-                x[i, lane] = before[i, lane] + reach[lane] * step[i, lane]
+            moved = before[i, lane] + reach[lane] * step[i, lane]
+            x[i, lane] = moved if reach[lane] > 0.0 else before[i, lane]
+
+
+@njit(cache=True)
+def _copy(values, to):  # type: ignore[no-untyped-def]
+    old, new = values.ravel(), to.ravel()
+    for i in range(old.shape[0]):
+        new[i] = old[i]
 
 
 @njit(cache=True)
@@ -161,7 +172,7 @@ def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-un
         _step_from(base, gh, out, x, step)
         solve_lanes(M, pivots, step)
         _sizes(step, x, worst)
-        before[:] = x
+        _copy(x, before)
         damped = 0
         for lane in range(LANES):
             reach[lane] = 1.0 if going[lane] else 0.0
@@ -193,7 +204,7 @@ def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-un
             x[:, lane] = np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sdirk2_lanes(equations, memory, u, row, p, h, lost, work):  # type: ignore[no-untyped-def]
     """One step of h in all lanes, as `pamid.engine.integrator._sdirk2` does it."""
     x, x0, k1, base, t = memory.x.ravel(), work.x0, work.slope, work.base.ravel(), work.ticks
