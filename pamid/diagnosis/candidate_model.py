@@ -4,8 +4,8 @@ the same weights, and compared on windows that no fit has seen."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,11 @@ class CandidateModel:
             slopes_along(Runner(self.assembly, r.track, f.stepping, f.problem.free), f.p, r)
             for r in self.replays
         )
+
+    @cached_property
+    def drawn_losses(self) -> dict[tuple[Any, ...], Array]:
+        """Log losses on resampled windows that have been computed: see `bootstrap_losses`."""
+        return {}
 
     @property
     def attached(self) -> tuple[Attachment, ...]:
@@ -266,6 +271,7 @@ def refit(
     return done
 
 
+@lru_cache(maxsize=16)  # the same for every model that is compared
 def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]:
     """Bootstrap rows (draws x count) in runs of `block` neighbouring windows, the last one a
     neighbour of the first: the circular block bootstrap of Politis and Romano (1992). Of few
@@ -273,7 +279,9 @@ def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]
     block = min(block, max(1, count // 3))
     random = np.random.default_rng(seed)
     starts = random.integers(0, count, size=(draws, -(-count // block)))
-    return ((starts[:, :, None] + np.arange(block)) % count).reshape(draws, -1)[:, :count]
+    rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(draws, -1)[:, :count]
+    rows.flags.writeable = False
+    return rows
 
 
 def bootstrap_losses(
@@ -292,18 +300,25 @@ def bootstrap_losses(
     apart (`few_entries_factor`). Efron and Tibshirani (1993), An Introduction to the Bootstrap;
     blocks after Kuensch (1989), Ann. Stat. 17.
     """
+    return np.stack([_bootstrap_loss(c, asked, seed, settings) for c in models])
+
+
+def _bootstrap_loss(
+    model: CandidateModel, asked: NDArray[np.bool_], seed: int, settings: Settings
+) -> Array:
+    """Of one model (draws,), computed once."""
     draws, block = settings.bootstrap_draws, settings.bootstrap_block
-    own = resamples(int(asked.sum()), draws, seed, block)
-    fitted = resamples(len(models[0].fitted_squares), draws, seed + 1, block)
-    wider = few_entries_factor(int(asked.sum()))
-    out = np.empty((len(models), draws))
-    for i, c in enumerate(models):
-        held, trained = _drawn_means(c.squares[asked], own), _drawn_means(c.fitted_squares, fitted)
+    key = asked.tobytes(), seed, draws, block
+    if key not in model.drawn_losses:
+        count, trained = int(asked.sum()), model.fitted_squares
+        held = _drawn_means(model.squares[asked], resamples(count, draws, seed, block))
         unseen = np.log(held).sum(axis=1)
+        wider = few_entries_factor(count)
         if wider > 1.0:
             unseen = unseen.mean() + wider * (unseen - unseen.mean())
-        out[i] = 0.5 * (unseen + np.log(trained).sum(axis=1))
-    return out
+        seen = _drawn_means(trained, resamples(len(trained), draws, seed + 1, block))
+        model.drawn_losses[key] = 0.5 * (unseen + np.log(seen).sum(axis=1))
+    return model.drawn_losses[key]
 
 
 def log_evidence(fitted: Fit, correlated: Array, noise: Array) -> float:

@@ -48,6 +48,7 @@ def model(name: str, errors: Array, family: str, parameters: int, nats: float) -
             squares=errors[:, None] ** 2,
             absolutes=errors[:, None],
             fitted_squares=np.ones((8, 1)),
+            drawn_losses={},
         ),
     )
 
