@@ -158,7 +158,7 @@ def apply(op: str, *arguments: Number) -> Expr:
 
 def _node(op: str, *arguments: Number) -> Expr:
     """The operator's node, or its value where all arguments are constants."""
-    args = tuple(map(expression, arguments))
+    args = tuple([a if type(a) is Expr else expression(a) for a in arguments])
     for a in args:
         if a.op != "const":
             return Expr(op, args)
@@ -199,6 +199,8 @@ def sub(left: Number, right: Number) -> Expr:
 
 def mul(left: Number, right: Number) -> Expr:
     a, b = expression(left), expression(right)
+    if a.op != "const" and b.op != "const":  # most products, which have nothing to simplify
+        return Expr("mul", (a, b))
     if _is(a, 0.0) or _is(b, 0.0):
         return ZERO
     if _is(a, 1.0):
@@ -297,9 +299,10 @@ def walk(
             elif node not in seen:
                 seen.add(node)
                 args = below(node) if below is not None else node.args
-                if args:
+                waiting = [a for a in args if a not in seen]
+                if waiting:
                     stack += (node, None)
-                    stack += [a for a in reversed(args) if a not in seen]
+                    stack += waiting[::-1]
                 else:
                     order.append(node)
     return order
