@@ -20,6 +20,7 @@ from pamid.base.files import PathLike
 from pamid.base.progress import Progress, ShowProgress
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnosis_run import diagnose_into
+from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.memory_needed import memory_warning
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, effects_with
@@ -58,7 +59,8 @@ def diagnose(
     Everything else is as in `pamid.fit`.
     """
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
-    if large := memory_warning(given.evidence, 1 if cluster else jobs):
+    searched = given.evidence.excerpt(DEFAULT.fitted_most, DEFAULT.held_out_most)
+    if large := memory_warning(searched, 1 if cluster else jobs):
         warn(large)
     further, left_out = effects_given(effects), list(without)
     catalogue = catalogue_of(further, left_out)

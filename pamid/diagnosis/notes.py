@@ -146,7 +146,12 @@ def _split(d: Diagnosis) -> list[str]:
             "What was held out moves by less than a quarter of what was fitted: it judges the "
             "model of such small motion alone. Hold out one that moves as much: --held-out."
         ]
-    return [
+    used_s, all_s = d.evidence.used_s
+    excerpt = [
+        f"Of {all_s:.4g} s of recordings {used_s:.4g} s were used, in evenly spread stretches. "
+        "An effect that acts only in the rest is not seen: diagnose that part by itself."
+    ]
+    return excerpt * (used_s < 0.99 * all_s) + [
         f"{r.name} is at rest for a part of its length: three tenths spread over it were held out, "
         "not its last three. A recording of its own tells more: --held-out."
         for r in d.evidence.spread

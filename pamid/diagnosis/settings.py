@@ -106,6 +106,17 @@ class Settings:
         1.05, "noise floors", "no network is trained where the error is below it", COST
     )
 
+    # ---- long recordings (tournament)
+    fitted_most: float = setting(
+        500.0,
+        "correlation times",
+        "recordings that models are fitted to, in all: of longer ones evenly spread stretches",
+        COST,
+    )
+    held_out_most: float = setting(
+        215.0, "correlation times", "... and that they are compared on, as 30 % is to 70 %", COST
+    )
+
     # ---- screening (screening, starting_hints, tournament)
     port_reach: float = setting(
         0.3,

@@ -135,6 +135,7 @@ def diagnose(
     going on, in words; pool: who does the jobs (default: `jobs` processes of this machine);
     settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
     pool = pool or WorkerPool(jobs)
+    evidence = evidence.excerpt(settings.fitted_most, settings.held_out_most)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     base = budget.baseline
     half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))

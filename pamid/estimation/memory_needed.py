@@ -18,6 +18,7 @@ from pamid.simulation.data_split import DataSplit
 
 PROMISED = 2_000_000_000  # bytes that the examples of README and tutorials stay below
 PROGRAM = 350_000_000  # bytes of Python, its packages and compiled models, of all processes
+TABLES = 6  # copies of all that was recorded
 JACOBIANS, PER_WORKER = 2.7, 1.0  # held at a time
 EFFECT_COLUMNS = 8  # parameters and states that an effect and its tolerances add
 FLOAT64 = 8  # bytes
@@ -27,11 +28,12 @@ _GROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limi
 def memory_needed(evidence: DataSplit, jobs: int) -> int:
     """Estimated bytes that all processes of a diagnosis take together."""
     model = Assembly(evidence.rig)
-    samples = sum(len(recording) for recording in evidence.recordings)
+    samples = sum(span.stop - span.start for span in (*evidence.fit, *evidence.held_out))
     columns = len(model.parameters) + len(evidence.rig.states) + EFFECT_COLUMNS
     jacobian = samples * len(evidence.channels) * columns * FLOAT64
     workers = jobs if jobs > 1 else 0
-    return PROGRAM + round(jacobian * (JACOBIANS + PER_WORKER * workers))
+    recorded = sum(len(r) for r in evidence.recordings) * len(evidence.channels) * FLOAT64
+    return PROGRAM + TABLES * recorded + round(jacobian * (JACOBIANS + PER_WORKER * workers))
 
 
 def machine_memory() -> int | None:

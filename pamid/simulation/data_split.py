@@ -52,6 +52,9 @@ VISIBLE = 3.0  # times its noise: a signal that moves
 DECAYED = 0.5
 # of a state's spread: what a model may be off by in a state that nothing measures, per window
 STATE_JUMP = 0.01
+STRETCHES = 3  # of what is fitted of a long recording, and of what is held out
+# correlation times of a stretch at least: 8 windows of a fit; 16 windows of full length to judge by
+LEAST_FITTED, LEAST_HELD_OUT = 20.0, 61.0
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,34 @@ class DataSplit:
         part = span.recording.slice(begin, span.stop)
         track = track_of(assembly, part, self.channels, self.jump, self.timescale_s)
         return replace(track, first=begin, lead=span.start - begin)
+
+    def excerpt(self, fitted: float, held_out: float) -> DataSplit:
+        """The same with evenly spread stretches of long recordings.
+
+        The cost of a search among models then does not grow with the recordings. Every sample of
+        a stretch counts fully: gradients, covariances and errors are consistent, those of a
+        shorter recording. Thinned rows of a Jacobian would save a quarter of a step at most,
+        because sensitivities are a recursion over all samples; and their J'r is not the gradient
+        of the cost of all samples unless the residuals are smooth, which those of a correct model
+        are not.
+
+        Parameters
+        ----------
+        fitted, held_out
+            Correlation times that are fitted and held out in all, at most.
+        """
+        return replace(
+            self,
+            fit=_stretches(self.fit, fitted, LEAST_FITTED, self.timescale_s),
+            held_out=_stretches(self.held_out, held_out, LEAST_HELD_OUT, self.timescale_s),
+        )
+
+    @property
+    def used_s(self) -> tuple[float, float]:
+        """Duration of what is fitted and held out together, and of all recordings (s)."""
+        spans = (*self.fit, *self.held_out)
+        used = sum((s.stop - s.start) * s.recording.sampling_period_s for s in spans)
+        return used, sum(len(r) * r.sampling_period_s for r in self.recordings)
 
     def _lead(self, assembly: Assembly, span: Span) -> int:
         """Samples before a held-out part through which a model is led."""
@@ -208,6 +239,27 @@ def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
         own = list(tenths)
         parts[is_held].append(Span(recording, edges[own[0]], edges[own[-1] + 1]))
     return parts[False], parts[True]
+
+
+def _stretches(
+    spans: tuple[Span, ...], most: float, least: float, timescale_s: float
+) -> tuple[Span, ...]:
+    """Stretches of these spans, evenly spread, of so many correlation times at most in all and at
+    least each; a span that would not give such a one stays whole."""
+    times = [(s.stop - s.start) * s.recording.sampling_period_s / timescale_s for s in spans]
+    share = most / sum(times)
+    if share >= 1.0:
+        return spans
+    stretches: list[Span] = []
+    for s, long in zip(spans, times, strict=True):
+        number = min(STRETCHES, int(share * long / least))
+        if number == 0:
+            stretches.append(s)
+            continue
+        length = int(share * (s.stop - s.start)) // number
+        for first in np.linspace(s.start, s.stop - length, number).astype(int).tolist():
+            stretches.append(Span(s.recording, first, first + length))
+    return tuple(stretches)
 
 
 def _motion(spans: Sequence[Span], channel: str) -> float:

@@ -1,0 +1,111 @@
+"""Of long recordings evenly spread stretches are searched; short ones are used whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cart import PERIOD_S, RIG, cart_evidence, record_cart
+
+from pamid.diagnosis.notes import notes
+from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.tournament import diagnose
+from pamid.estimation import memory_needed as memory
+from pamid.model.assembly import Assembly
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, recording_of, write_recording
+from pamid.simulation import data_split
+from pamid.simulation.data_split import STRETCHES, DataSplit, Span, split_recordings
+from pamid.simulation.tracks import track_of
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+LONG_S = 40.0
+LEAST = 1.2  # correlation times of a stretch, so that a small recording is a long one
+
+
+@pytest.fixture(autouse=True)
+def short_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(data_split, "LEAST_FITTED", LEAST)
+    monkeypatch.setattr(data_split, "LEAST_HELD_OUT", LEAST)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
+    """A cart with friction whose pushes bring it back, so that it soon forgets them."""
+    path, random = tmp_path_factory.mktemp("cart") / "push.csv", np.random.default_rng(3)
+    sizes = random.uniform(2.0, 6.0, round(LONG_S / (80 * PERIOD_S)))
+    push = np.kron(sizes, np.repeat([1.0, -1.0, -1.0, 1.0], 20))
+    time = PERIOD_S * np.arange(len(push))
+    write_recording(path, time, {"force_n": push})
+    sent = read_recording(path)
+    made = simulate_virtual_rig(RIG, sent, ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, 1)
+    recording = recording_of(time, made.columns, made.meta)
+    return split_recordings(rig_named(RIG), [recording], [])
+
+
+def times(evidence: DataSplit, spans: tuple[Span, ...]) -> np.ndarray:
+    """Lengths of spans in correlation times."""
+    return np.array(
+        [(s.stop - s.start) * s.recording.sampling_period_s / evidence.timescale_s for s in spans]
+    )
+
+
+def test_stretches_are_bounded_and_reach_from_the_first_sample_to_the_last(
+    whole: DataSplit,
+) -> None:
+    fitted, held = 4.0 * LEAST, 3.01 * LEAST
+    assert times(whole, whole.fit).sum() > fitted and times(whole, whole.held_out).sum() > held
+    part = whole.excerpt(fitted, held)
+    for spans, of, most in ((part.fit, whole.fit, fitted), (part.held_out, whole.held_out, held)):
+        assert len(spans) == STRETCHES
+        assert times(whole, spans).sum() == pytest.approx(most, rel=0.02)
+        assert spans[0].start == of[0].start and spans[-1].stop == of[-1].stop
+        assert all(a.stop < b.start for a, b in zip(spans[:-1], spans[1:], strict=True))
+    assert part.spread == [] and part.noise is whole.noise
+    used_s, all_s = part.used_s
+    assert used_s == pytest.approx((fitted + held) * whole.timescale_s, rel=0.02)
+    assert all_s == pytest.approx(LONG_S, rel=0.01) and whole.used_s[0] == all_s
+
+
+def test_what_is_short_stays_whole(whole: DataSplit, tmp_path: Path) -> None:
+    short = cart_evidence(record_cart(tmp_path, seconds=20.0))
+    assert short.excerpt(DEFAULT.fitted_most, DEFAULT.held_out_most) == short
+    # many short recordings: no stretch of them would be long enough
+    (span,), count = short.fit, 200
+    many = replace(short, fit=(span,) * count)
+    share = 0.5 * LEAST / times(many, many.fit)[0]
+    most = share * times(many, many.fit).sum()
+    assert many.excerpt(most, DEFAULT.held_out_most).fit == many.fit
+
+
+def test_a_diagnosis_of_stretches_finds_the_cause_and_says_what_was_used(
+    whole: DataSplit,
+) -> None:
+    settings = replace(DEFAULT, fitted_most=9.0, held_out_most=6.0)
+    catalogue = {name: effects()[name] for name in ("coulomb-friction", "dead-time")}
+    found = diagnose(whole, catalogue, settings=settings)
+    assert found.judged is not None and found.judged.ranking[0].label == "coulomb-friction"
+    used_s, all_s = found.evidence.used_s
+    assert used_s < 0.5 * all_s
+    assert sum(len(t) for t in found.budget.model.fit.problem.tracks) < 0.5 * 0.7 * 100.0 * all_s
+    assert any(f"{used_s:.4g} s were used" in note for note in notes(found))
+
+
+def test_memory_is_that_of_the_stretches(whole: DataSplit) -> None:
+    part = whole.excerpt(9.0, 6.0)
+    assert memory.memory_needed(part, 1) < memory.memory_needed(whole, 1)
+
+
+def test_a_track_holds_the_samples_of_its_span_alone(whole: DataSplit) -> None:
+    part, plain = whole.excerpt(9.0, 6.0), Assembly(whole.rig)
+    recording = whole.recordings[0]
+    everything = track_of(plain, recording, part.channels, part.jump, part.timescale_s)
+    for held_out, spans in ((False, part.fit), (True, part.held_out)):
+        for track, span in zip(part.tracks(plain, held_out), spans, strict=True):
+            same = everything.part(span.start, span.stop, track.lead)
+            assert np.array_equal(track.u, same.u) and np.array_equal(track.y, same.y)
+            assert (track.first, len(track)) == (same.first, len(same))
+            assert (track.lead > 0) == held_out
+            assert all(a.base is None or a.base.size <= a.size for a in (track.u, track.y))
