@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -82,13 +83,24 @@ class DataSplit:
     jump: Array
     timescale_s: float
     correlation_s: float
+    lead_most: float = np.inf  # correlation times before a held-out part, for what keeps memories
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
-        """Tracks for this assembly; parameters the recordings know are held in each."""
-        return tuple(
-            self._track(assembly, s, self._lead(assembly, s) if held_out else 0)
-            for s in (self.held_out if held_out else self.fit)
-        )
+        """Tracks for this assembly; parameters the recordings know are held in each. Models with
+        the same inputs share the samples, which are most of what many models would hold."""
+        tracks, inputs = list[Track](), (assembly.traced.inputs, *assembly.rig.optional.items())
+        for place, span in enumerate(self.held_out if held_out else self.fit):
+            track = self._track(assembly, span, self._lead(assembly, span) if held_out else 0)
+            key = held_out, place, track.lead, inputs
+            u, y = self._samples.setdefault(key, (track.u, track.y))
+            tracks.append(replace(track, u=u, y=y))
+        return tuple(tracks)
+
+    @cached_property
+    def _samples(self) -> dict[tuple[object, ...], tuple[Array, Array]]:
+        """Inputs and measured channels (SI) of tracks, by role, number and lead of the span, and by
+        inputs."""
+        return {}
 
     def _track(self, assembly: Assembly, span: Span, lead: int) -> Track:
         """A span, led in by up to `lead` samples before it; nothing of the rest of a long recording
@@ -113,10 +125,12 @@ class DataSplit:
         fitted, held_out
             Correlation times that are fitted and held out in all, at most.
         """
+        held = _stretches(self.held_out, held_out, LEAST_HELD_OUT, self.timescale_s)
         return replace(
             self,
             fit=_stretches(self.fit, fitted, LEAST_FITTED, self.timescale_s),
-            held_out=_stretches(self.held_out, held_out, LEAST_HELD_OUT, self.timescale_s),
+            held_out=held,
+            lead_most=np.inf if held is self.held_out else fitted / STRETCHES,
         )
 
     @property
@@ -128,9 +142,10 @@ class DataSplit:
 
     def _lead(self, assembly: Assembly, span: Span) -> int:
         """Samples before a held-out part through which a model is led."""
+        samples = self.timescale_s / span.recording.sampling_period_s
         if assembly.keeps_memories:
-            return span.start
-        return round(LEAD * self.timescale_s / span.recording.sampling_period_s)
+            return int(min(span.start, self.lead_most * samples))
+        return round(LEAD * samples)
 
     def lacking(self, recording: Recording) -> list[str]:
         """Channels that other recordings have and this one has not."""

@@ -14,6 +14,7 @@ from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import diagnose
 from pamid.estimation import memory_needed as memory
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, recording_of, write_recording
 from pamid.simulation import data_split
@@ -109,3 +110,25 @@ def test_a_track_holds_the_samples_of_its_span_alone(whole: DataSplit) -> None:
             assert (track.first, len(track)) == (same.first, len(same))
             assert (track.lead > 0) == held_out
             assert all(a.base is None or a.base.size <= a.size for a in (track.u, track.y))
+
+
+def test_models_of_the_same_inputs_share_the_samples(whole: DataSplit) -> None:
+    damped = Assembly(whole.rig, (attach(whole.rig, "viscous-friction", effects()),))
+    for held_out in (False, True):
+        pairs = zip(
+            whole.tracks(Assembly(whole.rig), held_out),
+            whole.tracks(damped, held_out),
+            strict=True,
+        )
+        for one, other in pairs:
+            assert len(one.p) < len(other.p)
+            assert one.u is other.u and one.y is other.y
+
+
+def test_the_lead_of_a_stretch_is_bounded_for_what_keeps_memories_too(whole: DataSplit) -> None:
+    rubbing = Assembly(whole.rig, (attach(whole.rig, "coulomb-friction", effects()),))
+    assert rubbing.keeps_memories
+    assert [t.lead for t in whole.tracks(rubbing, True)] == [s.start for s in whole.held_out]
+    part = whole.excerpt(9.0, 6.0)
+    leads = [t.lead * PERIOD_S / part.timescale_s for t in part.tracks(rubbing, True)]
+    assert leads == pytest.approx([9.0 / STRETCHES] * len(part.held_out), rel=0.02)
