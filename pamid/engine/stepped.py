@@ -346,7 +346,9 @@ class _Course:
         if self.columns is None:
             self.x[self.both], _ = self._after(row, step)
             return
-        after, by_state, by_force, by_parameter = self._slopes(row, step, np.asarray(by.any(axis=1)))
+        after, by_state, by_force, by_parameter = self._slopes(
+            row, step, np.asarray(by.any(axis=1))
+        )
         rows = by_state @ self.S[self.part] + by_force @ by
         rows[:, self.places] += by_parameter
         self.S[self.both] = rows
