@@ -75,11 +75,15 @@ def seconds_per_hypothesis() -> tuple[float, float]:
         return cpu(s.run, 3), cpu(lambda: run_lanes(s), 3) / LANES
 
 
-def screened_model(folder: Path) -> Setting:
-    """The joint's model with background and friction, over the record."""
+def screened_assembly() -> Assembly:
+    """The joint's model with background and friction."""
     rig = rig_named("one-dof")
-    friction = attach(rig, "coulomb-friction", effects())
-    return setting(Assembly(rig, (friction,), background=True), recorded(folder, SAMPLES))
+    return Assembly(rig, (attach(rig, "coulomb-friction", effects()),), background=True)
+
+
+def screened_model(folder: Path) -> Setting:
+    """The same over the record."""
+    return setting(screened_assembly(), recorded(folder, SAMPLES))
 
 
 def run_briefly(assembly: Assembly, *, implicit: bool) -> None:
@@ -97,7 +101,7 @@ def compile_text(assembly: Assembly) -> list[str]:
     other = Assembly(assembly.rig)
     driver, _ = once(lambda: run_briefly(other, implicit=True))
     assembly.traced  # noqa: B018 - traced once for all
-    scalar, _ = once(lambda: assembly.program)
+    scalar, _ = once(lambda: assembly.program.code.at(assembly.values(), partials=True))
     explicit, _ = once(lambda: run_briefly(assembly, implicit=False))
     implicit, _ = once(lambda: run_briefly(assembly, implicit=True))
     return [
@@ -114,8 +118,8 @@ def main() -> None:
     print(f"vectors of {LANES} doubles, {register} in a register of {llvm.get_host_cpu_name()}")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["PAMID_CACHE"] = folder
+        lines = compile_text(screened_assembly())
         explicit = screened_model(Path(folder))
-        lines = compile_text(explicit.assembly)
         lines += steps_text(explicit, "RK4")
         lines += steps_text(replace(explicit, stepping=Stepping(1, implicit=True)), "SDIRK2")
     print("\n".join(lines))
