@@ -183,4 +183,13 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     assert found["step"] * found["full"] == pytest.approx(100.0 / 12.0, rel=0.02)
     assert found["pulse_period"] == pytest.approx(123.0, rel=0.002)
     assert found["full"] == pytest.approx(100.0, rel=0.05)
-    assert set(told.first) == {b.key for b in assembly.parameters if b.owner == effect.label}
+    # beside the pulses as they were found the scan leads there from a duty without steps
+    problem = reference.problem(evidence, assembly)
+    (place,) = (i for i, b in enumerate(assembly.parameters) if b.scan[1])
+    at = p.copy()
+    at[place] = 0.0
+    assert told.starts is not None and told.stepping is not None
+    weights = base.fit.weights
+    where = Scanned(problem, at, told.starts, weights, told.stepping, beside=True)
+    best, *_ = scanned_values(where, where, place, DEFAULT)
+    assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
