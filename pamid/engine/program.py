@@ -442,15 +442,11 @@ class ProgramCode:
         partials: for sensitivities, implicit steps or `rate_matrix`."""
         from pamid.engine.integrator import prepare
 
-        used = [(self._plain, self.text.plain.derived)]
-        if partials:
-            used.append((self._complete, self.text.partials.derived))
-        at = len(p)
-        values = np.concatenate([np.asarray(p, float), np.empty(sum(n for _, n in used))])
-        for equations, n in used:
-            prepare(equations.address[-1], values, values[at : at + n])
-            at += n
-        return used[-1][0], values
+        equations = self._complete if partials else self._plain
+        count = self.text.partials.derived if partials else self.text.plain.derived
+        values = np.concatenate([np.asarray(p, float), np.empty(count)])
+        prepare(equations.address[-1], values, values[len(p) :])
+        return equations, values
 
     @cached_property
     def _plain(self) -> CompiledEquations:
@@ -567,7 +563,7 @@ class PlainModule(NamedTuple):
 
 class PartialsModule(NamedTuple):
     """LLVM IR of the functions with partials: per group of equations d, values and partials, and s,
-    the product of the partials with S; last `prepare` of what only the partials need.
+    the product of the partials with S; last `prepare` of what they and the plain functions need.
 
     What the driver has to know of them is as in `CompiledEquations`: sparsity of the rates'
     (pointer, columns), entries by parameters of all (direct_at, direct). widest: largest number of
@@ -627,8 +623,8 @@ class ProgramText:
     def partials(self) -> PartialsModule:
         layout, groups = self._layout, self._groups
         tables = [with_partials(roots, layout.column, self.sensitive) for roots in groups]
-        known = self._plain_values[1]
-        values, derived = extract_derived([v for v, _, _ in tables], known)
+        # those of the plain functions first, which read them at the same places
+        values, derived = extract_derived([v for v, _, _ in tables], self._plain_values[1])
         layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
         part = part_of(values)
         parts, names = [declarations(part)], []
@@ -647,14 +643,14 @@ class ProgramText:
                 if columns[e] >= parameters
             ]
             direct_at.append(len(direct))
-        parts.append(function_text("prepare", derived[len(known) :], layout.index, part))
+        parts.append(function_text("prepare", derived, layout.index, part))
         # the implicit step needs df/dx row by row, of the rates only
         _, pointer, columns = tables[0]
         widest = max(len(columns) for _, _, columns in tables)
         return PartialsModule(
             parts,
             [*names, "prepare"],
-            len(derived) - len(known),
+            len(derived),
             pointer,
             columns,
             direct_at,
