@@ -273,14 +273,11 @@ def screen(
     if best is None or fitted is None or not np.isfinite(fitted.cost):
         return Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     more = settings.screen_steps
+    # a candidate with a gain has left the point where the baseline was linearised
+    if reference.cost - min(fitted.cost, predicted) > settings.refreshed_from:
+        probe = probe.refreshed(fitted)
     further = probe(fitted.p, fitted.starts, more, fitted.stepping, fitted.known).fit
     fitted = further if further.cost < fitted.cost else fitted
-    promised, gain = reference.cost - predicted, reference.cost - fitted.cost
-    if by_chords and promised - gain > max(settings.rescue_nats, settings.rescue_share * promised):
-        # the frozen Jacobian misleads here
-        exact = _Probing(reference, problem, None)
-        further = exact(fitted.p, fitted.starts, settings.probe_steps + more, fitted.stepping).fit
-        fitted = further if further.cost < fitted.cost else fitted
     scanned = _scanned_beside(reference, attachment, fitted, probe)
     if scanned is not fitted:
         keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
@@ -387,6 +384,13 @@ class _Probing:
     reference: ScreeningBaseline
     problem: Problem
     frozen: FrozenJacobian | None
+
+    def refreshed(self, fitted: Fit) -> _Probing:
+        """The same with the Jacobian where a fit has ended, by the parameters of the baseline."""
+        if self.frozen is None or fitted.stepping is None:
+            return self
+        at = fitted.p, fitted.starts, fitted.weights, fitted.stepping
+        return replace(self, frozen=FrozenJacobian.of(self.problem, *at, self.frozen.keys))
 
     def __call__(
         self,

@@ -146,10 +146,9 @@ class Settings:
     )
     probe_steps: int = setting(2, "Gauss-Newton steps", "from each starting point", COST)
     screen_steps: int = setting(4, "Gauss-Newton steps", "from the best of them", COST)
-    rescue_nats: float = setting(
-        3.0, "nats", "a gain this far below the linear prediction is screened by exact steps", COST
+    refreshed_from: float = setting(
+        3.0, "nats", "gained or promised, from which a candidate's Jacobian is computed anew", COST
     )
-    rescue_share: float = setting(0.1, "share of the predicted gain", "... and by this", COST)
     scanned_samples: int = setting(4000, "samples", "on which all values are tried", COST)
     scanned_checked: int = setting(24, "values", "best on a part, tried on all fitted data", COST)
     scanned_beside: float = setting(0.1, "share of the cost", "that pulses take off, to scan", COST)

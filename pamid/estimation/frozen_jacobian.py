@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.damped_gauss_newton import Iteration
 from pamid.engine.program import Stepping
-from pamid.estimation.lane_windows import MOVE, run_lanes
+from pamid.estimation.lane_windows import MOVE, moved_parameters, run_lanes
 from pamid.estimation.multiple_shooting import (
     TOLERANCE,
     MultipleShooting,
@@ -67,6 +67,13 @@ class FrozenTrack:
     gram: Array
     ends: Array
 
+    @classmethod
+    def of(cls, windows: list[Window], by_parameters: Array, ends: Array) -> FrozenTrack:
+        """by_parameters: (samples, channels, parameters), weighted."""
+        rows = PaddedWindows(windows).rows(by_parameters)
+        turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
+        return cls(turned, turned @ rows, ends)
+
 
 @dataclass(frozen=True, eq=False)
 class FrozenJacobian:
@@ -83,28 +90,25 @@ class FrozenJacobian:
         starts: tuple[Array, ...],
         weights: Weights,
         stepping: Stepping,
-    ) -> FrozenJacobian | None:
-        """Linearise the residuals at parameters p (SI) and these window starts; None where the
-        model does not stay finite."""
-        frozen = []
+        keys: tuple[str, ...] | None = None,
+    ) -> FrozenJacobian:
+        """Linearise the residuals at parameters p (SI) and these window starts, by differences of
+        runs side by side. keys: of the free parameters to differentiate by (default: all)."""
+        free, scale = list(problem.free), problem.scale
+        names = [problem.assembly.parameters[i].key for i in free]
+        keys = tuple(name for name in names if keys is None or name in keys)
+        places = np.array([names.index(key) for key in keys], np.intp)
+        lanes, moves = moved_parameters(problem, p, places)
+        by_si = moves * scale.slope(p[free])[places]
+        tracks = []
         for track, entered in zip(problem.tracks, starts, strict=True):
-            runner = Runner(problem.assembly, track, stepping, problem.free)
-            values, k = runner.parameters(p), len(problem.free)
-            root, windows = np.where(track.seen, weights.root, 0.0), problem.windows(track)
-            by_parameters = np.empty((*track.y.shape, k))
-            ends = np.empty((len(windows), runner.start_states, k))
-            memory = runner.memory(values)
-            runs = runner.run_windows(memory, windows, entered, values, True, root)
-            for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
-                if not run.fine or not np.isfinite(run.JY).all():
-                    return None
-                by_parameters[window.start : window.stop] = run.JY[:, :, :k]
-                ends[w] = run.S[:, :k]
-            rows = PaddedWindows(windows).rows(by_parameters)
-            turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
-            frozen.append(FrozenTrack(turned, turned @ rows, ends))
-        keys = tuple(problem.assembly.parameters[i].key for i in problem.free)
-        return cls(keys, tuple(frozen))
+            windows, n = problem.windows(track), entered.shape[1]
+            Y, ends = run_lanes(problem.assembly, track, windows, entered, lanes, stepping)
+            root = np.where(track.seen, weights.root, 0.0)
+            by_parameters = (Y[:, :, 1:] - Y[:, :, :1]) * (root[:, None] / by_si)
+            by_ends = (ends[:, :n, 1:] - ends[:, :n, :1]) / by_si
+            tracks.append(FrozenTrack.of(windows, by_parameters, by_ends))
+        return cls(keys, tuple(tracks))
 
     def of_shared(self, problem: Problem) -> FrozenJacobian:
         """The columns of the parameters that a problem shares, in its order."""
@@ -160,12 +164,11 @@ class ChordShooting(MultipleShooting):
         shared, own = self.places
         # lane 0 is the point; then follows one lane per own parameter and per state of the starts
         first, lanes = 1 + len(own), 1 + len(own) + n
-        inward = np.where(s[own] + MOVE > self.scale.high[own], -MOVE, MOVE)
-        moves = np.concatenate([inward, self.moves[i]])
-        scaled = np.repeat(s[:, None], lanes, 1)
-        scaled[own, range(1, first)] += moves[: len(own)]
-        p = np.repeat(self.p[:, None], lanes, 1)
-        p[free] = np.stack([self.scale.outside(column) for column in scaled.T], 1)
+        values = self.p.copy()
+        values[free] = self.scale.outside(s)
+        p, own_moves = moved_parameters(problem, values, own)
+        p = np.concatenate([p, np.repeat(p[:, :1], n, 1)], 1)
+        moves = np.concatenate([own_moves, self.moves[i]])
         x = np.repeat(entered[:, :, None], lanes, 2)
         x[:, range(n), range(first, lanes)] += moves[len(own) :]
         Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)

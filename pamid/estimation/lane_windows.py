@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
+from pamid.estimation.problem import Problem
 from pamid.model.assembly import Assembly
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
@@ -13,6 +14,22 @@ from pamid.simulation.windows import Window
 Array = NDArray[np.float64]
 
 MOVE = 1e-5  # of a prior spread, or of a state's standard deviation over the window starts
+
+
+def moved_parameters(problem: Problem, p: Array, moved: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Parameters p (SI) in lane 0, and with one value moved in each of the others.
+
+    moved: places among the free parameters. Returns parameters (parameters, 1 + moved) and the
+    differences (moved,) in prior spreads, away from the upper bound.
+    """
+    free, scale = list(problem.free), problem.scale
+    s = np.clip(scale.inside(p[free]), scale.low, scale.high)
+    moves = np.where(s[moved] + MOVE > scale.high[moved], -MOVE, MOVE)
+    scaled = np.repeat(s[:, None], 1 + len(moved), 1)
+    scaled[moved, range(1, 1 + len(moved))] += moves
+    lanes = np.repeat(p[:, None], 1 + len(moved), 1)
+    lanes[free] = np.stack([scale.outside(column) for column in scaled.T], 1)
+    return lanes, moves
 
 
 def run_lanes(

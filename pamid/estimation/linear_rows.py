@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.estimation.lane_windows import MOVE, run_lanes
+from pamid.estimation.lane_windows import moved_parameters, run_lanes
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Runner
@@ -107,14 +107,8 @@ def moved_rows(
     moved: places, among the free parameters, of those to differentiate by. Returns the rows (m,)
     and their derivatives (m, moved) in prior spreads, as differences of runs side by side.
     """
-    free, scale, every = list(problem.free), problem.scale, _thinning(problem, most)
-    s = np.clip(scale.inside(p[free]), scale.low, scale.high)
-    moves = np.where(s[moved] + MOVE > scale.high[moved], -MOVE, MOVE)
-    lanes, blocks = np.repeat(p[:, None], 1 + len(moved), 1), list[Array]()
-    for lane, (place, move) in enumerate(zip(moved, moves, strict=True), start=1):
-        at = s.copy()
-        at[place] += move
-        lanes[free, lane] = scale.outside(at)
+    every, blocks = _thinning(problem, most), list[Array]()
+    lanes, moves = moved_parameters(problem, p, moved)
     for track, x, joint in zip(problem.tracks, starts, continuity, strict=True):
         windows, n = problem.windows(track), x.shape[1]
         Y, ends = run_lanes(problem.assembly, track, windows, x, lanes, stepping)

@@ -55,7 +55,6 @@ def candidate(tmp_path_factory: pytest.TempPathFactory) -> Candidate:
     frozen = FrozenJacobian.of(
         fitted.problem, fitted.p, fitted.starts, fitted.weights, fitted.stepping
     )
-    assert frozen is not None
     return Candidate(fitted, problem, p, frozen)
 
 
