@@ -18,7 +18,7 @@ from pamid.simulation.data_split import DataSplit
 
 PROMISED = 2_000_000_000  # bytes that the examples of README and tutorials stay below
 PROGRAM = 350_000_000  # bytes of Python, its packages and compiled models, of all processes
-TABLES = 6  # copies of all that was recorded
+TABLES = 10  # as large as all that was recorded, held at a time
 JACOBIANS, PER_WORKER = 2.7, 1.0  # held at a time
 EFFECT_COLUMNS = 8  # parameters and states that an effect and its tolerances add
 FLOAT64 = 8  # bytes
