@@ -74,7 +74,7 @@ def run_lanes(
         stepping=stepping,
         dependent=dependent,
     )
-    lost = ~(np.isfinite(Y).all(axis=(0, 1)) & np.isfinite(ends).all(axis=(0, 1)))
-    if lost.any():
+    if not (np.isfinite(Y).all() and np.isfinite(ends).all()):
+        lost = ~(np.isfinite(Y).all(axis=(0, 1)) & np.isfinite(ends).all(axis=(0, 1)))
         Y[:, :, lost], ends[:, :, lost] = Y[:, :, :1], ends[:, :, :1]
     return Y, ends
