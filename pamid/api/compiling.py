@@ -15,13 +15,14 @@ import importlib
 import numpy as np
 
 from pamid.base.progress import ProgressLine
-from pamid.engine.program import Stepping
+from pamid.engine.block_tridiagonal import eliminate
+from pamid.engine.program import Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rigs
 
-#: their functions are compiled when they are imported
-_EAGER = ("pamid.engine.block_tridiagonal", "pamid.engine.recurrence_kernels")
+#: its functions are compiled when it is imported
+_EAGER = "pamid.engine.recurrence_kernels"
 #: the rig of the recording that is shipped, and of the demonstration
 _FIRST = "one-dof"
 
@@ -40,23 +41,36 @@ def compile_ahead() -> None:
     }
     with ProgressLine("compiling, once", len(models) + 2, in_logs=True) as line:
         line.update(0, "networks")
-        for name in _EAGER:
-            importlib.import_module(name)
+        importlib.import_module(_EAGER)
         line.update(1, "integration in time")
         _run_once(Assembly(rig))
         for done, (name, model) in enumerate(models.items(), start=2):
             line.update(done, name)
-            model.for_fitting().program  # noqa: B018 (compiled where it is first asked for)
+            _compile(model.for_fitting())
+
+
+def _compile(assembly: Assembly) -> None:
+    """The equations of a model, by themselves, with partials and on lanes."""
+    program, lanes, p = assembly.program, assembly.lane_program, assembly.values()
+    assert isinstance(program, Program) and lanes is not None  # no shipped rig is stepped
+    program.code.at(p, partials=True)
+    x, u = np.zeros((len(lanes.states), 1)), np.zeros((0, len(program.inputs)))
+    lanes.run(lanes.memory(x), u, p, period_s=assembly.rig.period_s)
 
 
 def _run_once(assembly: Assembly) -> None:
-    """A sample, by which a model and what steps it are compiled; every way to step is in one."""
+    """A sample, by which everything that steps a model is compiled; every way to step is in one."""
     program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
     memory = program.memory(assembly.start(p), period_s=period)
     u = np.zeros((1, len(program.inputs)))
     # the numbers are of no interest, nor is a state that runs away
     program.rate_matrix(memory, u[0], p, period_s=period)
     program.run(memory, u, p, period_s=period, stepping=Stepping())
+    lanes = assembly.lane_program
+    assert lanes is not None
+    x = assembly.start(p)[:, None]
+    lanes.run(lanes.memory(x), u, p, period_s=period, stepping=Stepping(1, implicit=True))
+    eliminate(np.ones((1, 1, 1)), np.zeros((0, 1, 1)), np.ones((1, 1, 1)), 0.0)
 
 
 if __name__ == "__main__":
