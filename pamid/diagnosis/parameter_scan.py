@@ -74,7 +74,7 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
         at[i] = at[i] if null is None else null
     common = replace(problem, free=tuple(i for i in problem.free if i not in owned))
     residual, slopes = _linearised(where, common, at)
-    if not np.isfinite(residual).all():
+    if not np.isfinite(residual).all() or not len(values):
         return values[:0]
     free = _Orthogonal.to(slopes, len(common.free))
     least = float((free.part_of(residual[:, None]) ** 2).sum())

@@ -255,37 +255,44 @@ def screen(
         return Screened(attachment, None, {}, -np.inf, str(error))
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
     by_chords = starts is not None and reference.frozen and assembly.lane_program is not None
-    probe = _Probing(reference, problem, reference.frozen if by_chords else None)
-    best, fitted, predicted = None, None, np.inf
+    exact = _Probing(reference, problem, None)
+    probe = replace(exact, frozen=reference.frozen) if by_chords else exact
     here = hints.at(attachment.ports[0])
     points = starting_points(assembly, attachment, here, settings)
     points += _scanned_at_null(reference, evidence, problem, starts, attachment)
+    probes = []
     for first, steps in points:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        probed = probe(p, starts, steps, reference.stepping)
+        # what acts beyond a limit only has many minima, which outdated derivatives miss
+        probing = exact if steps > settings.probe_steps else probe
+        probed = probing(p, starts, steps, reference.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(probed.fit.cost):
-            probed = probe(p, starts, steps, None)
-        predicted = min(predicted, probed.predicted_cost)
-        if fitted is None or probed.fit.cost < fitted.cost:
-            best, fitted = first, probed.fit
-    if best is None or fitted is None or not np.isfinite(fitted.cost):
+            probed = probing(p, starts, steps, None)
+        probes.append((first, probed))
+    # by an outdated Jacobian the better of two starting points may come second
+    probes.sort(key=lambda pair: min(pair[1].fit.cost, pair[1].predicted_cost))
+    best: tuple[dict[str, float], Fit, _Probing] | None = None
+    for first, (fit_so_far, predicted) in probes[: 2 if by_chords else 1]:
+        gains = reference.cost - min(fit_so_far.cost, predicted) > settings.refreshed_from
+        if best is None or gains:
+            probing = probe.anew(fit_so_far) if gains else probe
+            fitted = probing.carried_on(fit_so_far)
+            if best is None or fitted.cost < best[1].cost:
+                best = first, fitted, probing
+    assert best is not None  # every effect has a starting point
+    first, fitted, probe = best
+    if not np.isfinite(fitted.cost):
         return Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
-    more = settings.screen_steps
-    # a candidate with a gain has left the point where the baseline was linearised
-    if reference.cost - min(fitted.cost, predicted) > settings.refreshed_from:
-        probe = probe.refreshed(fitted)
-    further = probe(fitted.p, fitted.starts, more, fitted.stepping, fitted.known).fit
-    fitted = further if further.cost < fitted.cost else fitted
     scanned = _scanned_beside(reference, attachment, fitted, probe)
     if scanned is not fitted:
         keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
-        best, fitted = {key: float(scanned.p[i]) for key, i in keys.items()}, scanned
+        first, fitted = {key: float(scanned.p[i]) for key, i in keys.items()}, scanned
     return Screened(
         attachment,
         assembly,
-        best,
+        first,
         reference.cost - fitted.cost,
         p=fitted.p,
         starts=fitted.starts,
@@ -385,12 +392,19 @@ class _Probing:
     problem: Problem
     frozen: FrozenJacobian | None
 
-    def refreshed(self, fitted: Fit) -> _Probing:
-        """The same with the Jacobian where a fit has ended, by the parameters of the baseline."""
-        if self.frozen is None or fitted.stepping is None:
+    def anew(self, fitted: Fit) -> _Probing:
+        """The same with the Jacobian where a fit has ended: a candidate that gains has left the
+        point where the baseline was linearised."""
+        if self.frozen is None or fitted.stepping is None or not np.isfinite(fitted.cost):
             return self
         at = fitted.p, fitted.starts, fitted.weights, fitted.stepping
         return replace(self, frozen=FrozenJacobian.of(self.problem, *at, self.frozen.keys))
+
+    def carried_on(self, probed: Fit) -> Fit:
+        """The fit some steps further, where they lower its cost."""
+        steps = self.reference.settings.screen_steps
+        further = self(probed.p, probed.starts, steps, probed.stepping, probed.known).fit
+        return further if further.cost < probed.cost else probed
 
     def __call__(
         self,

@@ -54,7 +54,8 @@ class PaddedWindows:
         """(windows, samples x channels, ...) of values (samples, channels, ...)."""
         out = values[self.index]
         out[~self.inside] = 0.0
-        return out.reshape(len(out), -1, *out.shape[3:])
+        windows, samples, channels = out.shape[:3]
+        return out.reshape(windows, samples * channels, *out.shape[3:])
 
 
 @dataclass(frozen=True, eq=False)
