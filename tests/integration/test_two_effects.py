@@ -42,8 +42,8 @@ def named(d: Diagnosis) -> set[str]:
 
 @pytest.mark.parametrize("subsets", [DEFAULT.subsets, 1])
 def test_a_pair_without_a_first_effect_to_build_on(subsets: int, tmp_path: Path) -> None:
-    """Friction alone takes nothing away. The linear solve puts the pair first of all, and it removes
-    all that the delay's model leaves."""
+    """Friction alone takes nothing away. The linear solve puts the pair first of all, and it
+    removes all that the delay's model leaves."""
     d = found_with(tmp_path, *LATE_AND_RUBBING, settings=Settings(subsets=subsets))
     assert d.verdict == "explained" and named(d) == set(LATE_AND_RUBBING)
     friction = d.singles["coulomb-friction"]

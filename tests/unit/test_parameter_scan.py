@@ -193,3 +193,12 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     where = Scanned(problem, at, told.starts, weights, told.stepping, beside=True)
     best, *_ = scanned_values(where, where, place, DEFAULT)
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
+
+
+def test_where_no_value_helps_on_a_part_none_is_tried_on_the_whole(
+    cogged: tuple[DataSplit, CandidateModel], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evidence, base = cogged
+    where, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
+    monkeypatch.setattr(parameter_scan, "scan_grid", lambda _: np.zeros(0))
+    assert scanned_values(where, where, place, DEFAULT) == []
