@@ -271,14 +271,15 @@ def screen(
         if not np.isfinite(probed.fit.cost):
             probed = probing(p, starts, steps, None)
         probes.append((first, probed))
-    # by an outdated Jacobian the better of two starting points may come second
-    probes.sort(key=lambda pair: min(pair[1].fit.cost, pair[1].predicted_cost))
+    # an outdated Jacobian may lead away from the better starting point, of which it promises most
+    leaders = [min(probes, key=lambda pair: pair[1].fit.cost)]
+    leaders += [min(probes, key=lambda pair: pair[1].predicted_cost)] if by_chords else []
     best: tuple[dict[str, float], Fit, _Probing] | None = None
-    for first, (fit_so_far, predicted) in probes[: 2 if by_chords else 1]:
-        gains = reference.cost - min(fit_so_far.cost, predicted) > settings.refreshed_from
-        if best is None or gains:
-            probing = probe.anew(fit_so_far) if gains else probe
-            fitted = probing.carried_on(fit_so_far)
+    for first, (probed_fit, predicted) in leaders:
+        gains = reference.cost - min(probed_fit.cost, predicted) > settings.refreshed_from
+        if best is None or (gains and probed_fit is not leaders[0][1].fit):
+            probing = probe.anew(probed_fit) if gains else probe
+            fitted = probing.carried_on(probed_fit)
             if best is None or fitted.cost < best[1].cost:
                 best = first, fitted, probing
     assert best is not None  # every effect has a starting point
