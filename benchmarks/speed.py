@@ -69,16 +69,21 @@ class Tree:
         """`pamid` with these arguments in a process of its own."""
         cache = tempfile.mkdtemp(dir=self.folder) if cold else str(self.folder / "cache")
         environment = {**os.environ, "PYTHONPATH": str(self.folder), "PAMID_CACHE": cache}
-        begun = time.monotonic()
+        begun, log = time.monotonic(), self.folder / "log"
         child = os.posix_spawn(
             sys.executable,
-            [sys.executable, "-m", "pamid_cli", *words],
+            # -P: without the folder it is called from, where another version may lie
+            [sys.executable, "-P", "-m", "pamid_cli", *words],
             environment,
-            file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)],
+            file_actions=[
+                (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0),
+                (os.POSIX_SPAWN_OPEN, 2, str(log), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600),
+            ],
         )
         _, status, used = os.wait4(child, 0)
         if code := os.waitstatus_to_exitcode(status):
-            raise SystemExit(f"pamid {words[0]} of {self.folder.name} ended with {code}")
+            words_of = log.read_text()[-300:]
+            raise SystemExit(f"pamid {words[0]} of {self.folder.name}: exit {code}: {words_of}")
         clock = time.monotonic() - begun
         return Spent(used.ru_utime + used.ru_stime, clock, used.ru_maxrss / 1e6)
 
