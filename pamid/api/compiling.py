@@ -52,7 +52,7 @@ def compile_ahead() -> None:
 def _compile(assembly: Assembly) -> None:
     """The equations of a model, by themselves, with partials and on lanes."""
     program, lanes, p = assembly.program, assembly.lane_program, assembly.values()
-    assert isinstance(program, Program) and lanes is not None  # no shipped rig is stepped
+    assert isinstance(program, Program)  # no shipped rig is stepped
     program.code.at(p, partials=True)
     x, u = np.zeros((len(lanes.states), 1)), np.zeros((0, len(program.inputs)))
     lanes.run(lanes.memory(x), u, p, period_s=assembly.rig.period_s)
@@ -67,7 +67,6 @@ def _run_once(assembly: Assembly) -> None:
     program.rate_matrix(memory, u[0], p, period_s=period)
     program.run(memory, u, p, period_s=period, stepping=Stepping())
     lanes = assembly.lane_program
-    assert lanes is not None
     x = assembly.start(p)[:, None]
     lanes.run(lanes.memory(x), u, p, period_s=period, stepping=Stepping(1, implicit=True))
     eliminate(np.ones((1, 1, 1)), np.zeros((0, 1, 1)), np.ones((1, 1, 1)), 0.0)

@@ -27,6 +27,7 @@ from pamid.diagnosis.screening import Screened, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
 from pamid.model.attachment import Attachment
+from pamid.model.step_rig import StepRig
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
@@ -64,16 +65,16 @@ class Responding(ObjectWork[Screened, Response]):
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
         point = problem, p, item.starts, base.weights, base.continuity, item.stepping, most
-        if assembly.lane_program is not None:
-            away, by_own = moved_rows(*point, np.flatnonzero(own))
-            sheet = s[~own]
-            away = np.concatenate([away, sheet])
-            by_own = np.concatenate([by_own, np.zeros((len(sheet), by_own.shape[1]))])
-        else:
+        if isinstance(assembly.rig, StepRig):
             rows = linear_rows(*point, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
             shared = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
             away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, own)]
+        else:
+            away, by_own = moved_rows(*point, np.flatnonzero(own))
+            sheet = s[~own]
+            away = np.concatenate([away, sheet])
+            by_own = np.concatenate([by_own, np.zeros((len(sheet), by_own.shape[1]))])
         columns = np.column_stack([away - self.ground, by_own])
         room = np.column_stack([scale.low - s, scale.high - s])[own]
         return Response(

@@ -38,6 +38,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.model.effect import Hints
+from pamid.model.step_rig import StepRig
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
@@ -171,7 +172,7 @@ class ScreeningBaseline:
         """The baseline's Jacobian along these parts, for chord steps of the candidates; None of a
         rig that is stepped, whose slopes are reused (`known`)."""
         base = self.baseline.fit
-        if base.problem.assembly.lane_program is None:
+        if isinstance(base.problem.assembly.rig, StepRig):
             return None
         short = _short(base.problem, self.spans, self.held)
         return FrozenJacobian.of(short, self.p, self.starts, base.weights, self.stepping)
@@ -254,9 +255,9 @@ def screen(
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
-    by_chords = starts is not None and reference.frozen and assembly.lane_program is not None
     exact = _Probing(reference, problem, None)
-    probe = replace(exact, frozen=reference.frozen) if by_chords else exact
+    probe = exact if starts is None else replace(exact, frozen=reference.frozen)
+    by_chords = probe.frozen is not None
     here = hints.at(attachment.ports[0])
     points = starting_points(assembly, attachment, here, settings)
     points += _scanned_at_null(reference, evidence, problem, starts, attachment)

@@ -35,7 +35,7 @@ from pamid.estimation.multiple_shooting import (
 from pamid.estimation.problem import Problem
 from pamid.estimation.shooting_windows import WindowSums, assembled
 from pamid.estimation.weights import Weights
-from pamid.simulation.windows import Runner, Window
+from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
@@ -140,6 +140,11 @@ class ChordShooting(MultipleShooting):
         shared = np.array([bounds[i].key in self.frozen.keys for i in self.problem.free], bool)
         return np.flatnonzero(shared), np.flatnonzero(~shared)
 
+    @cached_property
+    def padded(self) -> tuple[PaddedWindows, ...]:
+        """The windows of each track."""
+        return tuple(PaddedWindows(self.problem.windows(t)) for t in self.problem.tracks)
+
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> ShootingPoint:
         """The point with its normal equations, which cost nothing beyond the run."""
         sums = [self._window_sums(i, s, entered) for i, entered in enumerate(starts)]
@@ -173,13 +178,13 @@ class ChordShooting(MultipleShooting):
         x = np.repeat(entered[:, :, None], lanes, 2)
         x[:, range(n), range(first, lanes)] += moves[len(own) :]
         Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)
-        root, padded = np.where(track.seen, self.weights.root, 0.0), PaddedWindows(windows)
+        root = np.where(track.seen, self.weights.root, 0.0)
         left = Y[:, :, 0] - track.y
         # C, and the residuals as one more column
         columns = np.empty((*left.shape, lanes))
         columns[:, :, :-1] = (Y[:, :, 1:] - Y[:, :, :1]) * (root[:, None] / moves)
         columns[:, :, -1] = np.nan_to_num(left * root)
-        columns = padded.rows(columns)
+        columns = self.padded[i].rows(columns)
         cross, inner = frozen.turned @ columns, columns.transpose(0, 2, 1) @ columns
         slope, m = self.scale.slope(p[free, 0])[shared], len(shared)
         cross *= slope[:, None]
@@ -224,9 +229,8 @@ def begin_chords(
     weights, continuity, stepping : as of `pamid.estimation.multiple_shooting.fit`
     """
     moves, shared = tuple(_state_moves(x) for x in starts), frozen.of_shared(problem)
-    runners = tuple(Runner(problem.assembly, track, stepping) for track in problem.tracks)
     shooting = ChordShooting(
-        problem, p, weights, continuity, stepping, runners, TOLERANCE, True, shared, moves
+        problem, p, weights, continuity, stepping, (), TOLERANCE, True, shared, moves
     )
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)

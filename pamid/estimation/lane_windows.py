@@ -56,7 +56,6 @@ def run_lanes(
     lanes). A lane that runs away equals lane 0, so that its difference is zero.
     """
     program, lanes = assembly.lane_program, p.shape[1]
-    assert program is not None  # of a rig that is stepped there is none
     p = p.copy()
     p[list(track.known)] = track.p[list(track.known), None]
     if entered.ndim < 3:
