@@ -159,8 +159,8 @@ class Way:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """What models would record in ways of experiments, without noise: a model's ways are simulated
-    side by side, each once."""
+    """Noise-free recordings that models predict for experiments: the variants of an experiment are
+    simulated side by side, once per model."""
 
     evidence: DataSplit
     _made: dict[tuple[CandidateModel, Way], list[Recording | None]] = field(default_factory=dict)
@@ -240,8 +240,8 @@ def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float
 def _leaving(
     evidence: DataSplit, made: list[Recording | None], share: float
 ) -> list[PredictedReach]:
-    """What a model's prediction takes beyond the recordings; of a model that blows up
-    everything."""
+    """Channels that a prediction takes beyond the recordings; all of them where the model blows
+    up."""
     stable = [r for r in made if r is not None]
     if len(stable) < len(made):
         return [PredictedReach(c, 0.0, -np.inf, np.inf, (0.0, 0.0)) for c in evidence.channels]
@@ -292,7 +292,7 @@ def reference_recording(evidence: DataSplit) -> Recording:
 
 
 def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
-    """What is sent, with each of the settings, and in the rig's loop where references are."""
+    """Excitations of an experiment, one per setting, in the loop of the rig for references."""
     bench, columns = way.bench, way.columns
     closed = any(q.reference in columns for q in bench.rig.loops)
     time = bench.period_s * np.arange(len(next(iter(columns.values()))), dtype=np.float64)
@@ -313,8 +313,8 @@ def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
 
 
 def _recorded(c: CandidateModel, excitations: list[Recording]) -> list[Recording | None]:
-    """What the model would record without noise of excitations of one length in one loop; None
-    where it blows up."""
+    """Noise-free recordings of excitations of one length in one loop; None where the model blows
+    up."""
     controller = tuple(sorted(excitations[0].controller.items()))
     model = replace(c.assembly, controller=controller) if controller else c.assembly
     p = np.repeat(c.fit.p[:, None], len(excitations), axis=1)

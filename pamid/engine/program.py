@@ -493,7 +493,7 @@ def _int_array(values: object) -> NDArray[np.int64]:
 
 
 class ModuleTexts(Protocol):
-    """What a program is compiled from; phases: see `cell_phases`."""
+    """Modules that a program is compiled from; phases: see `cell_phases`."""
 
     @property
     def phases(self) -> tuple[Any, list[int], list[int], list[int], list[float]]: ...

@@ -258,7 +258,7 @@ def noiseless_recordings(
 
 
 def _loop_commands(assembly: Assembly) -> dict[str, Expr]:
-    """What the controllers of a closed loop send, as further outputs."""
+    """Commands of the controllers of a closed loop, as further outputs."""
     commands = [loop.command for loop in assembly.rig.loops] if assembly.controller else []
     return {c: symbol("cell", c) for c in commands}
 

@@ -4,7 +4,7 @@ way to where exact steps lead."""
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -58,16 +58,23 @@ def candidate(tmp_path_factory: pytest.TempPathFactory) -> Candidate:
     return Candidate(fitted, problem, p, frozen)
 
 
+def settings_of(f: Fit) -> dict[str, Any]:
+    """Window starts, weights and stepping of a fit, with which another begins."""
+    return {
+        "starts": f.starts,
+        "weights": f.weights,
+        "continuity": f.continuity,
+        "stepping": f.stepping,
+    }
+
+
 def chords(c: Candidate) -> tuple[ChordShooting, Iteration[ShootingPoint]]:
     f = c.fitted
     return begin_chords(
         c.problem,
         c.frozen,
         p=c.p,
-        starts=f.starts,
-        weights=f.weights,
-        continuity=f.continuity,
-        stepping=f.stepping,
+        **settings_of(f),
     )
 
 
@@ -78,18 +85,12 @@ def test_normal_equations_are_those_of_exact_derivatives(candidate: Candidate) -
         f.problem,
         candidate.frozen,
         p=f.p,
-        starts=f.starts,
-        weights=f.weights,
-        continuity=f.continuity,
-        stepping=f.stepping,
+        **settings_of(f),
     )[1].point
     exact = begin(
         f.problem,
         p=f.p,
-        starts=f.starts,
-        weights=f.weights,
-        continuity=f.continuity,
-        stepping=f.stepping,
+        **settings_of(f),
     )[1].point
     assert point.cost == pytest.approx(exact.cost, rel=1e-9)
     (D, off, B, gx), blocks = point.normal.blocks[0], exact.normal.blocks[0]
@@ -109,10 +110,7 @@ def test_own_columns_are_exact_where_shared_ones_are_frozen(candidate: Candidate
     exact = begin(
         candidate.problem,
         p=p,
-        starts=f.starts,
-        weights=f.weights,
-        continuity=f.continuity,
-        stepping=f.stepping,
+        **settings_of(f),
     )[1].point
     shared, own = shooting.places
     assert len(own) == 2 and len(shared) == len(f.problem.free)
@@ -128,10 +126,7 @@ def test_chord_steps_lead_where_exact_steps_lead(candidate: Candidate) -> None:
     exact = fit(
         candidate.problem,
         p=candidate.p,
-        starts=f.starts,
-        weights=f.weights,
-        continuity=f.continuity,
-        stepping=f.stepping,
+        **settings_of(f),
         iterations=12,
     ).cost
     gain = f.cost - exact
