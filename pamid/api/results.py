@@ -303,7 +303,7 @@ class DiagnosisResult(FitResult):
     remainder: Remainder | None = None
     ranking: tuple[Candidate, ...] = ()
     regimes: tuple[Regime, ...] = ()
-    look_alikes: tuple[tuple[str, ...], ...] = ()
+    tied: tuple[str, ...] = ()
     refitted: ParameterTable = field(default_factory=lambda: ParameterTable(()))
     unknown: Unknown | None = None
     next_experiment: NextExperiment | None = None
@@ -449,7 +449,7 @@ def result_of(
         remainder=diagnosis.remainder,
         ranking=tuple(diagnosis.ranking),
         regimes=tuple(where.regimes) if where is not None else (),
-        look_alikes=diagnosis.look_alikes,
+        tied=diagnosis.tied,
         unknown=diagnosis.unknown,
         next_experiment=diagnosis.next_experiment,
     )

@@ -1,5 +1,5 @@
-"""The gap budget: what the data sheet leaves, what retuned parameters leave, the noise floor, and
-how far a black box without physics would get on the same windows."""
+"""The gap budget: held-out errors of the data sheet and of the refitted model, and the noise
+floor."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pamid.base.errors import ConvergenceError
 from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
-from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
+from pamid.parallel.jobs import ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.replay import WHOLE, Replay, noise_floor
 
 Array = NDArray[np.float64]
 
@@ -28,23 +28,35 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Budget:
     """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline,
-    floor, black box; settings: of the diagnosis that it is part of."""
+    floor; evidence: with the horizon over which these are taken; settings: of the diagnosis that it
+    is part of."""
 
     model: GreyBox
+    evidence: DataSplit
     baseline: CandidateModel
     data_sheet: Array
     floor: Array
-    black_box: Array
     settings: Settings = DEFAULT
 
     @property
     def sizes(self) -> Sizes:
         return self.model.assembly.sizes
 
-    def excess(self, absolutes: Array, rows: NDArray[np.bool_]) -> float:
-        """Error above the floor, in floors, summed over channels."""
-        floor = seen_mean(self.floor[rows])
-        return float(np.nansum(np.maximum(seen_mean(absolutes[rows]) / floor - 1.0, 0.0)))
+    @property
+    def short(self) -> Array | None:
+        """Errors of the baseline where a start is estimated in every window; None where they are
+        those of the budget."""
+        return None if self.evidence.per_run == 1 else _losses(self.baseline.replays)
+
+    @property
+    def horizon_s(self) -> float:
+        """Longest time over which the model predicts from one estimated state, s."""
+        return max(
+            (windows[-1].stop - windows[0].start) * r.track.period_s
+            for r in self.baseline.runs
+            for k in range(0, len(r.windows), r.per_run)
+            if (windows := r.windows[k : k + r.per_run])
+        )
 
     def shrinkage(
         self, absolutes: Array, rows: NDArray[np.bool_] | NDArray[np.intp] | slice = slice(None)
@@ -74,26 +86,16 @@ class Budget:
 def gap_budget(
     evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress, settings: Settings
 ) -> Budget:
-    """The baseline, fitted (parameters and background) and replayed, with the noise floor and the
-    error of a black box."""
+    """The baseline, fitted (parameters and background) and replayed, with the noise floor."""
     model = pool.one(_Baseline(evidence, progress), seed)
     if not model.fit.residuals:
         raise ConvergenceError(
             f"The model could not be fitted: {model.fit.why}.",
             "check the units of the columns, and starting values and bounds of the rig",
         )
-    floor = _losses(model.floor)
-    budget = Budget(
-        model,
-        candidate_from(model.assembly, model.fit, model.held_out),
-        _losses(model.data_sheet),
-        floor,
-        np.full_like(floor, np.nan),
-        settings,
-    )
+    budget = _over_horizon(model, seed, settings)
     progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
-    progress("black box on what is left")
-    return replace(budget, black_box=pool.one(_BlackBox(model, settings), seed))
+    return budget
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,103 +116,54 @@ class _Baseline(ObjectWork[int, GreyBox]):
         return grey_box_restored(self.evidence, found)
 
 
-@dataclass(frozen=True, eq=False)
-class _BlackBox(Work[int, Array]):
-    """Items are seeds."""
+def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
+    """The budget over the longest horizon that the model's start allows.
 
-    what = "black box"
-    model: GreyBox
-    settings: Settings
+    A run may cover as many windows as the noise of its estimated start is not amplified: its noise
+    floor stays within `horizon_floor` of that of single windows. A model that forgets its initial
+    state, or preserves it, runs over whole recordings. Where the longer horizon shows no more of
+    the gap (`horizon_gain`), single windows are kept: they are more independent.
+    """
+    short = _budget_of(model, 1, seed, settings)
+    if short is None:
+        raise AssertionError("replays of single windows are those of the fit")
+    for per_run in (WHOLE, *settings.horizons):
+        longer = _budget_of(model, per_run, seed, settings)
+        if longer is None:
+            continue
+        floor, floor_short = seen_mean(longer.floor), seen_mean(short.floor)
+        visible = np.nanmean(seen_mean(longer.baseline.absolutes) / floor)
+        visible_short = np.nanmean(seen_mean(short.baseline.absolutes) / floor_short)
+        if np.nanmax(floor / floor_short) <= settings.horizon_floor:
+            return longer if visible > settings.horizon_gain * visible_short else short
+    return short
 
-    def __call__(self, item: int) -> Plain:
-        m = self.model
-        training = [
-            replay_track(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
-            for t in m.fit.problem.tracks
-        ]
-        floor = seen_mean(_losses(m.floor))
-        return {"left": black_box(training, list(m.held_out), item, floor, self.settings)}
 
-    def restored(self, item: int, found: Plain) -> Array:
-        left: Array = found["left"]
-        return left
+def _budget_of(model: GreyBox, per_run: int, seed: int, settings: Settings) -> Budget | None:
+    """The budget over runs of so many windows; None where one of them diverges."""
+    evidence = replace(model.evidence, per_run=per_run)
+    if per_run == 1:
+        runs, sheet, floor = model.held_out, model.data_sheet, model.floor
+    else:
+        a, p, stepping = model.assembly, model.fit.p, model.fit.stepping
+        noise = evidence.noise
+        alone = replace(a, attachments=())
+        runs = runs_of(evidence, a, p, stepping)
+        sheet = runs_of(evidence, alone, alone.data_sheet(), stepping)
+        if not all(r.finite for r in runs):
+            return None
+        floor = tuple(noise_floor(a, p, r, stepping, noise, seed + i) for i, r in enumerate(runs))
+        if not all(r.finite for r in floor):
+            return None
+    return Budget(
+        model,
+        evidence,
+        candidate_from(model.assembly, model.fit, model.held_out, runs),
+        _losses(sheet),
+        _losses(floor),
+        settings,
+    )
 
 
 def _losses(replays: tuple[Replay, ...]) -> Array:
     return np.concatenate([r.losses(1) for r in replays])
-
-
-def black_box(
-    training: list[Replay], held_out: list[Replay], seed: int, floor: Array, settings: Settings
-) -> Array:
-    """Mean absolute error per held-out window and channel after an Elman network has been put on
-    the residual.
-
-    One network per channel, started afresh in every window as the replay is; its inputs are the
-    rig's inputs and the model's outputs with their rates, of many their leading principal
-    components. Trained on the windows the parameters were fitted on. Where it does harm on what was
-    held out, or where next to nothing is left above the floor (per channel), the error without it
-    stands.
-    """
-    from pamid.networks.elman import Elman
-    from pamid.networks.network_training import train
-
-    rows_in, rows_out = (
-        [w for r in replays for w in _windows(r, settings.black_box_samples)]
-        for replays in (training, held_out)
-    )
-    stacked = np.concatenate([x for x, _, _ in rows_in])
-    centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
-    use = spread > 1e-9 * (np.abs(centre) + 1e-12)
-    # from physical inputs to those of the network: two standard deviations become 1, as it expects
-    turn = np.diag(0.5 / (spread + 1e-300))[:, use]
-    most = settings.black_box_inputs
-    if turn.shape[1] > most:
-        turn = turn @ np.linalg.svd((stacked - centre) @ turn, full_matrices=False)[2][:most].T
-    inputs, unseen = ([(x - centre) @ turn for x, _, _ in rows] for rows in (rows_in, rows_out))
-    result = np.empty((len(rows_out), training[0].model.shape[1]))
-    for c in range(result.shape[1]):
-        without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
-        result[:, c] = without
-        if seen_mean(without) < settings.black_box_least * floor[c]:
-            continue
-        having = [i for i, (_, y, _) in enumerate(rows_in) if not np.isnan(y[0, c])]
-        target = [rows_in[i][1][:, c] for i in having]
-        scale = np.concatenate(target).std() + 1e-300
-        network = Elman(turn.shape[1], settings.black_box_neurons)
-        done = train(
-            network,
-            [inputs[i] for i in having],
-            [t / (2.0 * scale) for t in target],
-            iterations=settings.black_box_iterations,
-            seed=seed,
-        )
-        guesses = [network.simulate(done.weights, x) for x in unseen]
-        left = np.array(
-            [
-                np.minimum(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
-                for g, (_, y, scored) in zip(guesses, rows_out, strict=True)
-            ]
-        )
-        if seen_mean(left) < seen_mean(without):
-            result[:, c] = left
-    return result
-
-
-def _windows(r: Replay, samples: int) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
-    """(inputs, residual, scored) per window, thinned to about so many samples."""
-    out = []
-    for w in r.windows:
-        step = max(1, (w.stop - w.start) // samples)
-        model = r.model[w.start : w.stop]
-        rate = np.gradient(model, axis=0) if len(model) > 2 else np.zeros_like(model)
-        x = np.concatenate([r.track.u[w.start : w.stop], model, rate], axis=1)[::step]
-        left = np.where(r.seen, r.residual[w.start : w.stop], np.nan)[::step]
-        out.append(
-            (
-                np.ascontiguousarray(x),
-                np.ascontiguousarray(left),
-                r.scored[w.start : w.stop][::step],
-            )
-        )
-    return out

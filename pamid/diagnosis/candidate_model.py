@@ -4,13 +4,12 @@ the same weights, and compared on windows that no fit has seen."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import few_entries_factor, seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
@@ -30,27 +29,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
-    """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and
-    channel (SI), NaN where a channel was not recorded."""
+    """A model that was fitted and replayed. replays: with a start estimated in every window; runs:
+    over the horizon of the comparison, the same where that is one window; absolutes: mean absolute
+    error of the runs per held-out window and channel (SI), NaN where a channel was not recorded."""
 
     assembly: Assembly
     fit: Fit
     replays: tuple[Replay, ...] = field(repr=False)
-    squares: Array = field(repr=False)
+    runs: tuple[Replay, ...] = field(repr=False)
     absolutes: Array = field(repr=False)
-
-    @cached_property
-    def fitted_squares(self) -> Array:
-        """Mean squared residual per window of the fit and channel (SI), at least that of the least
-        error as of held-out windows; empty where the fit failed."""
-        problem = self.fit.problem
-        means = np.concatenate(
-            [
-                [(r[w.start : w.stop] ** 2).mean(axis=0) for w in problem.windows(t)]
-                for t, r in zip(problem.tracks, self.fit.residuals, strict=True)
-            ]
-        )
-        return np.maximum(means, self.replays[0].least_error ** 2)
 
     def along_fit(self, wanted: list[Expr]) -> Array:
         """Values of further expressions of the model's equations, in SI, at every sample of the
@@ -72,11 +59,6 @@ class CandidateModel:
             for r in self.replays
         )
 
-    @cached_property
-    def drawn_losses(self) -> dict[tuple[Any, ...], Array]:
-        """Log losses on resampled windows that have been computed: see `bootstrap_losses`."""
-        return {}
-
     @property
     def attached(self) -> tuple[Attachment, ...]:
         return self.assembly.attachments
@@ -89,8 +71,8 @@ class CandidateModel:
     def finite(self) -> bool:
         return (
             bool(self.fit.residuals)
-            and all(r.finite for r in self.replays)
-            and not bool(np.isinf(self.squares).any())
+            and all(r.finite for r in (*self.replays, *self.runs))
+            and not bool(np.isinf(self.absolutes).any())
         )
 
     @property
@@ -131,21 +113,34 @@ def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | Non
 def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> CandidateModel:
     """Replay a fitted model over everything held out."""
     tracks = evidence.tracks(assembly, held_out=True)
-    return candidate_from(
-        assembly,
-        fitted,
-        tuple(replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
+    replays = tuple(
+        replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks
+    )
+    runs = replays
+    if evidence.per_run > 1:
+        runs = runs_of(evidence, assembly, fitted.p, fitted.stepping)
+    return candidate_from(assembly, fitted, replays, runs)
+
+
+def runs_of(
+    evidence: DataSplit, assembly: Assembly, p: Array, stepping: Stepping
+) -> tuple[Replay, ...]:
+    """Held-out replays over the horizon of the comparison."""
+    return tuple(
+        replay_track(assembly, p, t, stepping, evidence.noise, per_run=evidence.per_run)
+        for t in evidence.tracks(assembly, held_out=True)
     )
 
 
-def candidate_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...]) -> CandidateModel:
-    return CandidateModel(
-        assembly,
-        fitted,
-        replays,
-        np.concatenate([r.losses(2) for r in replays]),
-        np.concatenate([r.losses(1) for r in replays]),
-    )
+def candidate_from(
+    assembly: Assembly,
+    fitted: Fit,
+    replays: tuple[Replay, ...],
+    runs: tuple[Replay, ...] = (),
+) -> CandidateModel:
+    runs = runs or replays
+    absolutes = np.concatenate([r.losses(1) for r in runs])
+    return CandidateModel(assembly, fitted, replays, runs, absolutes)
 
 
 def transferred(assembly: Assembly, *found: tuple[Assembly, Array]) -> Array:
@@ -269,93 +264,3 @@ def refit(
             tolerance=settings.refit_tolerance,
         )
     return done
-
-
-@lru_cache(maxsize=16)  # the same for every model that is compared
-def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]:
-    """Bootstrap rows (draws x count) in runs of `block` neighbouring windows, the last one a
-    neighbour of the first: the circular block bootstrap of Politis and Romano (1992). Of few
-    windows each is drawn by itself: of two, runs of two are always both."""
-    block = min(block, max(1, count // 3))
-    random = np.random.default_rng(seed)
-    starts = random.integers(0, count, size=(draws, -(-count // block)))
-    rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(draws, -1)[:, :count]
-    rows.flags.writeable = False
-    return rows
-
-
-def bootstrap_losses(
-    models: list[CandidateModel],
-    asked: NDArray[np.bool_],
-    seed: int,
-    settings: Settings = DEFAULT,
-) -> Array:
-    """Log losses on resampled windows, models x draws (paired: the same windows for all).
-
-    One draw is L = 1/2 sum_c [log s_c(held out) + log s_c(fitted)], with s_c the mean squared
-    residual of channel c over the resampled windows: up to a constant, the negative log likelihood
-    per sample of Gaussian residuals whose variance is profiled out. The held-out windows that are
-    asked count and those of the fit, too: an effect adds few parameters to many samples, so its
-    gain where it was fitted is hardly optimistic. Of few held-out windows the draws lie farther
-    apart (`few_entries_factor`). Efron and Tibshirani (1993), An Introduction to the Bootstrap;
-    blocks after Kuensch (1989), Ann. Stat. 17.
-    """
-    return np.stack([_bootstrap_loss(c, asked, seed, settings) for c in models])
-
-
-def _bootstrap_loss(
-    model: CandidateModel, asked: NDArray[np.bool_], seed: int, settings: Settings
-) -> Array:
-    """Of one model (draws,), computed once."""
-    draws, block = settings.bootstrap_draws, settings.bootstrap_block
-    key = asked.tobytes(), seed, draws, block
-    if key not in model.drawn_losses:
-        count, trained = int(asked.sum()), model.fitted_squares
-        held = _drawn_means(model.squares[asked], resamples(count, draws, seed, block))
-        unseen = np.log(held).sum(axis=1)
-        wider = few_entries_factor(count)
-        if wider > 1.0:
-            unseen = unseen.mean() + wider * (unseen - unseen.mean())
-        seen = _drawn_means(trained, resamples(len(trained), draws, seed + 1, block))
-        model.drawn_losses[key] = 0.5 * (unseen + np.log(seen).sum(axis=1))
-    return model.drawn_losses[key]
-
-
-def log_evidence(fitted: Fit, correlated: Array, noise: Array) -> float:
-    """Laplace's approximation (MacKay 1992, Neural Computation 4:415), up to a constant:
-
-        log Z = -1/2 sum_c n_c / tau_c (log sigma_c^2 + S_c / sigma_c^2)
-                - 1/2 |s|^2 + 1/2 log det C
-
-    with n_c residuals of mean square S_c in channel c, the parameters s in prior spreads around the
-    data sheet, their covariance C. sigma_c^2 is S_c, or the noise where that is more: a model that
-    leaves little is judged by what it leaves, not by what another one left. correlated: tau,
-    samples per independent one, the same for all models that are compared; noise: per channel (SI).
-    0 where it cannot be told.
-    """
-    if not fitted.residuals:
-        return 0.0
-    free = list(fitted.problem.free)
-    s = fitted.problem.scale.inside(fitted.p[free])
-    count, squares = fitted.left
-    variance = np.maximum(squares, noise**2)
-    misfit = float(np.nansum(count / correlated * (np.log(variance) + squares / variance)))
-    sign, volume = np.linalg.slogdet(fitted.covariance) if free else (1.0, 0.0)
-    found = -0.5 * (misfit + float(s @ s)) + (0.5 * float(volume) if sign > 0 else 0.0)
-    return found if np.isfinite(found) else 0.0
-
-
-def in_errors(draws: Array) -> float:
-    """Mean of bootstrap draws in their standard deviations."""
-    return float(draws.mean() / max(draws.std(), 1e-6))
-
-
-def _drawn_means(squares: Array, rows: NDArray[np.intp]) -> Array:
-    """Mean per draw and channel; where no window of a draw has recorded a channel, its mean over
-    all windows; 1 (log loss 0) where none has at all."""
-    found = seen_mean(squares[rows], axis=1)
-    if np.isnan(found).any():
-        overall = seen_mean(squares)
-        overall = np.where(np.isnan(overall), 1.0, overall)
-        found = np.where(np.isnan(found), overall, found)
-    return found

@@ -2,15 +2,15 @@
 is missing.
 
 Free forms (`pamid.model.free_form`) have no law, only what a family has in common, so they take no
-part in the ranking of causes. Where no cause is named, or beside one, those that fit the ports at
-which something is missing are fitted on top of a model, all parameters jointly; the held-out
-windows that choose choose among them, and the others report.
+part in the ranking of causes. Where a material part of the gap remains, those that fit the ports at
+which something is missing are fitted on top of the model, all parameters jointly, and compared with
+it on the same held-out windows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import cast
 
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
-from pamid.diagnosis.decision import is_confirmed
-from pamid.diagnosis.judgement import forecast_interval
+from pamid.diagnosis.comparison import Comparison, Share
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.grey_box import model_with
@@ -42,13 +41,11 @@ Reached = dict[tuple[str, str], Span]  # by port and signal
 
 @dataclass(frozen=True, eq=False)
 class FreeForm:
-    """A free form that takes up a material share of what a model leaves. shrinkage, low, high:
-    share of the error that it removes on the windows that only report, with its 95 % interval."""
+    """A free form that takes up a material share of what a model leaves. removes: share of the
+    gap."""
 
     model: CandidateModel = field(repr=False)
-    shrinkage: float
-    low: float
-    high: float
+    removes: Share
     curve: FormCurve
 
     @property
@@ -71,31 +68,20 @@ class FreeForm:
 
 
 def free_forms(
-    search: Search,
-    best: CandidateModel,
-    ports: Sequence[str],
-    rivals: Sequence[CandidateModel] = (),
+    search: Search, comparison: Comparison, best: CandidateModel, ports: Sequence[str]
 ) -> list[FreeForm]:
-    """The free forms at these ports that take up what `best` leaves: the first, and those of other
-    families or at other ports that do nearly as well, best first; none where none removes a
-    material share of it.
+    """The free forms at these ports that remove a material share of what `best` leaves: the best
+    one and those that tie with it, the best first; none where none removes as much.
 
-    best: with effects or without; rivals: models of the catalogue on top of it. Where one of these
-    does as well, what is missing has a form of the catalogue, and nothing is returned.
+    best: with effects or without.
     """
-    beyond = replace(search, asked=search.half, budget=replace(search.budget, baseline=best))
-    models = [c for c in _fitted(search, best, ports) if _is_material(beyond, c)]
-    if not models:
-        return []
-    losses = beyond.losses([*models, *rivals])
-    order = sorted(range(len(models)), key=lambda i: (losses[i].mean(), models[i].label))
-    for other in losses[len(models) :]:
-        worse = other - losses[order[0]]
-        if worse.mean() <= search.settings.tie_errors * worse.std():
-            return []
-    first = models[order[0]]
-    near = beyond.excess(first) + search.settings.tie_share * beyond.excess(best)
-    return [_described(beyond, models[i]) for i in order if beyond.excess(models[i]) <= near]
+    models = [c for c in _fitted(search, best, ports) if comparison.is_material(c, best)]
+    ordered = comparison.ordered(models)
+    return [
+        FreeForm(c, comparison.removed(c, best), curve_of(c, search.settings))
+        for c in ordered
+        if c is ordered[0] or comparison.is_tied(c, ordered[0])
+    ]
 
 
 def _form(a: Attachment) -> FreeFormEffect:
@@ -138,24 +124,6 @@ def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
     if _form(a).along == "time":
         return reached.get((name, "value"))
     return reached.get((name, _along(a, rig.ports[name])))
-
-
-def _is_material(search: Search, c: CandidateModel) -> bool:
-    """Does it remove enough of what the baseline leaves, on the half that chooses and on the one
-    that reports?"""
-    half = replace(search, asked=search.half)
-    gap = half.excess(search.budget.baseline)
-    removed = gap - half.excess(c)
-    enough = gap > 0.0 and removed >= search.settings.form_share * gap
-    return enough and is_confirmed(search.budget, c, ~search.half, search.seed)
-
-
-def _described(search: Search, c: CandidateModel) -> FreeForm:
-    budget, reporting = search.budget, ~search.half
-    rows = reporting if reporting.any() else search.half
-    before, after = (budget.channel_losses(m.absolutes)[rows] for m in (budget.baseline, c))
-    low, high = forecast_interval(before, after, search.seed, search.settings)
-    return FreeForm(c, budget.shrinkage(c.absolutes, rows), low, high, curve_of(c, search.settings))
 
 
 def curve_of(c: CandidateModel, settings: Settings) -> FormCurve:

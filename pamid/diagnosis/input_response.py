@@ -151,9 +151,10 @@ def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bo
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
     )
+    absolutes = np.concatenate([r.losses() for r in model.replays])
     for c, floor in enumerate(seen_mean(budget.floor)):
-        seen = ~np.isnan(model.absolutes[:, c])  # a recording may lack the channel
-        own, flat = model.absolutes[seen, c], middle[seen, c]
+        seen = ~np.isnan(absolutes[:, c])  # a recording may lack the channel
+        own, flat = absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
         near = own.mean() < budget.settings.naive_near_floor * floor
         if _is_better(own, flat, seed, budget.settings) and (

@@ -11,6 +11,8 @@ the T-criterion for discrimination between models: Atkinson and Fedorov (1975), 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,16 +46,11 @@ def alike(
     return difference < max(settings.alike_share * reach, settings.alike_noise)
 
 
-def look_alike_classes(
+def all_alike(
     evidence: DataSplit,
     baseline: CandidateModel,
-    models: list[CandidateModel],
+    models: Sequence[CandidateModel],
     settings: Settings = DEFAULT,
-) -> list[list[str]]:
-    """Classes of two and more, by single linkage, in the order of the models."""
-    classes: list[list[CandidateModel]] = []
-    for c in models:
-        near = [k for k in classes if any(alike(evidence, baseline, c, m, settings) for m in k)]
-        merged = [m for k in near for m in k] + [c]
-        classes = [k for k in classes if k not in near] + [merged]
-    return [[m.attached[-1].label for m in k] for k in classes if len(k) > 1]
+) -> bool:
+    """Do all these models predict the same as the first of them?"""
+    return all(alike(evidence, baseline, models[0], c, settings) for c in models[1:])

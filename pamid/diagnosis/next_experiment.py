@@ -111,14 +111,12 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
     """Pairs of models to discriminate, the better ranked one first, one model of each family: every
     pair of those that are tied, else the chosen model and each of its nearest rivals."""
-    if d.verdict == "no-structural-gap" or d.silent or d.judged is None or not d.ranking:
+    if d.verdict == "no-structural-gap" or d.silent or d.answer is None or not d.ranking:
         return []
-    if d.judged.units:
-        return []  # what to measure with units or signs in doubt would be a guess
     best = d.cause or d.ranking[0]
     tied = d.verdict == "ambiguous"
     firsts: dict[str, CandidateModel] = {}
-    for c in [c for c, _ in d.judged.tied] if tied else d.ranking:
+    for c in [c.model for c in d.answer.causes] if tied else d.ranking:
         firsts.setdefault(c.family, c)
     others = [c for family, c in firsts.items() if family not in (best.family, d.ranking[0].family)]
     models = [best, *others][: d.settings.experiment_models]

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from pamid.base.share_words import percent_text, percents_text
-from pamid.diagnosis.judgement import calibration
-from pamid.diagnosis.judging import Member
+from pamid.base.share_words import percent_text
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
-from pamid.diagnosis.verdict_words import chance_figure
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
@@ -22,10 +19,9 @@ def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
     kinds = (
         _signs,
-        _company,
-        _dropped,
+        _instead,
+        _set_aside,
         _between,
-        _halves,
         _windows,
         _split,
         _fits,
@@ -47,62 +43,37 @@ def _signs(d: Diagnosis) -> list[str]:
     ]
 
 
-def _company(d: Diagnosis) -> list[str]:
-    """Effects that the best model needs and that are not named: what they remove, and what would do
-    as well in their place."""
-    j = d.judged
-    named = {m.effect.label for m in j.named} if j else set()
-    left_out = [m for m in j.members if m.effect.label not in named] if j else []
-    if j is None or not left_out or (len(j.members) == 1 and d.verdict == "cannot-tell"):
-        return []  # a sentence that cannot tell names the nearest
-
-    def told(m: Member) -> str:
-        return f"{m.effect.label} (P {chance_figure(m.probability)})"
-
-    share, several = d.removed_by(j.best), len(j.members) > 1
-    if share.share < d.settings.worth or (not several and share.low <= 0.0):
+def _instead(d: Diagnosis) -> list[str]:
+    """Families that do as well in the place of a cause, next to the others."""
+    if d.answer is None or d.verdict == "ambiguous":
         return []
-    instead = [
-        f" In the place of {m.effect.label} {' or '.join(m.instead)} would do as well."
-        for m in left_out
-        if m.instead
-    ]
-    beside = " beside ".join(map(told, j.members))
-    size = (
-        f"{percent_text(share.share)} of the gap (95 % interval "
-        f"{percents_text(share.low, share.high)})"
-    )
-    if not named:
-        removing = "together they remove" if several else "it removes"
-        return [f"The nearest is {beside}: {removing} {size}.{''.join(instead)}"]
-    lost = " and ".join(map(told, left_out))
     return [
-        f"The model with the cause holds {lost}, too, which is not named; all of them together "
-        f"remove {size}.{''.join(instead)}"
+        f"In the place of {c.effect.label} {' or '.join(c.instead)} would do as well."
+        for c in d.answer.causes
+        if c.instead
     ]
 
 
-def _dropped(d: Diagnosis) -> list[str]:
-    """Effects that were found beside those that are named, and are less probable than not."""
-    j = d.judged
-    if j is None or not j.named:
+def _set_aside(d: Diagnosis) -> list[str]:
+    """Candidates that would have led, and the physical reason against them."""
+    if d.guards is None or d.silent:
         return []
-    others = " and ".join(m.effect.label for m in j.members)
+    best = d.cause or d.budget.baseline
+    ahead = [c for c in d.ranking if d.comparison.removed(c, best).z > d.settings.tie_errors]
     return [
-        f"Beside {others} there may be {m.effect.label} (P {chance_figure(m.probability)}): it "
-        f"would remove {percent_text(m.removes.share)} of the gap (95 % interval "
-        f"{percents_text(m.removes.low, m.removes.high)})."
-        for m in j.dropped
-        if m.probability < calibration().lines["cause"].yes and m.removes.low > 0.0
-    ]
+        f"{c.label} removes {percent_text(d.comparison.removed(c).share)} of the gap and is set "
+        f"aside: {'; '.join(why)}."
+        for c in ahead
+        if len(c.attached) >= len(best.attached) and (why := d.guards.objections(c))
+    ][:1]
 
 
 def _between(d: Diagnosis) -> list[str]:
     """Readings that are half a sampling period early, or commands that are as late: what an input
     that is taken for held, or for linear between samples, makes of a model."""
-    if d.judged is None:
+    if d.answer is None:
         return []
-    model, rig = d.judged.best, d.evidence.rig
+    model, rig = d.answer.model, d.evidence.rig
     period_s = max(r.sampling_period_s for r in d.evidence.recordings)
     found = []
     for b, late in zip(model.assembly.parameters, model.fit.p, strict=True):
@@ -117,17 +88,6 @@ def _between(d: Diagnosis) -> list[str]:
                 f'(between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
             )
     return found
-
-
-def _halves(d: Diagnosis) -> list[str]:
-    halves = d.judged.halves if d.judged else None
-    if halves is None or halves.steady or d.cause is None:
-        return []
-    first, other = (c.label for c in halves.choices)
-    return [
-        f"Half of the held-out windows choose {first}, the other half {other}: the name hangs on "
-        "which windows are asked. A longer recording may settle it."
-    ]
 
 
 def _windows(d: Diagnosis) -> list[str]:
@@ -166,7 +126,7 @@ def _fits(d: Diagnosis) -> list[str]:
             f"The refit of the model itself did not converge ({base.why}): what it leaves may be "
             "less than is said."
         )
-    if d.budget.shrinkage(d.budget.data_sheet) > d.settings.gap_margin:
+    if d.budget.shrinkage(d.budget.data_sheet) > d.settings.floor_margin:
         found.append(
             "Refitted, the model predicts what was held out worse than with its data sheet "
             f"({d.budget.error_text()}): its parameters were bent to what none of them does, and "

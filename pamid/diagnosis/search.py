@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +13,12 @@ from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import (
     CandidateModel,
-    bootstrap_losses,
     known_along,
-    log_evidence,
     refit,
     replayed,
     transferred,
 )
-from pamid.diagnosis.own_terms import own_terms
-from pamid.diagnosis.ranges import is_plain_inside, mirrored, vanished, widened
+from pamid.diagnosis.ranges import mirrored, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
@@ -45,13 +41,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Search:
-    """What every step of a diagnosis needs. asked: held-out windows by whose losses models are
-    compared, all of them but where one half is asked by itself; half: one of the two halves."""
+    """What every step of a diagnosis needs."""
 
     evidence: DataSplit
     budget: Budget
-    asked: NDArray[np.bool_]
-    half: NDArray[np.bool_]
     candidates: list[Attachment]
     hints: GapHints
     seed: int
@@ -65,18 +58,6 @@ class Search:
 
     def family(self, a: Attachment) -> str:
         return a.family(self.evidence.rig)
-
-    def excess(self, c: CandidateModel) -> float:
-        return self.budget.excess(c.absolutes, self.asked)
-
-    def nats(self, c: CandidateModel) -> float:
-        """Log evidence of what was fitted, as many residuals independent as the baseline leaves; to
-        be compared among the models of this search."""
-        correlated = self.budget.baseline.fit.weights.correlated
-        return log_evidence(c.fit, correlated, self.evidence.noise)
-
-    def losses(self, models: list[CandidateModel]) -> Array:
-        return bootstrap_losses(models, self.asked, self.seed, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +242,7 @@ def opposite_signs(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
     found = [
-        (c, search.budget.shrinkage(c.absolutes, search.asked))
+        (c, search.budget.shrinkage(c.absolutes))
         for c in search.pool.run(work, starts, search.progress)
         if not isinstance(c, Failed) and c.finite
     ]
@@ -277,128 +258,6 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
     found = base.attached or s.assembly.program.keeps_slopes
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if found else None
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
-
-
-def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel, ...]:
-    """Contenders by mean bootstrapped log loss; a simpler member of the first one's family goes
-    before it where `_simplest` prefers it; one that has become a plainer effect than its name says,
-    or a term that the rig has already, stands behind those that have not."""
-    ranking = by_held_out_loss(search, models)
-    ranking.sort(key=lambda c: bool(c.attached and vanished(c, c.attached[-1].label)))
-    behind: list[CandidateModel] = []
-    while ranking:
-        first = _simplest(search, ranking)
-        ranking.remove(first)
-        last = first.attached[-1].label if first.attached else ""
-        if not last or not own_terms(first, last, search.budget.baseline, search.settings):
-            return (first, *ranking, *behind)
-        behind.append(first)
-    return tuple(behind)
-
-
-def by_held_out_loss(search: Search, models: list[CandidateModel]) -> list[CandidateModel]:
-    """The lowest mean bootstrapped log loss first; among equal ones by name."""
-    losses = search.losses(models).mean(axis=1) if models else []
-    order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
-    return [models[i] for i in order]
-
-
-def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
-    """The first, or a simpler member of its family over which its gain is slight or uncertain (the
-    one-standard-error rule of Breiman et al. 1984, at three). What is uncertain is decided by the
-    fitted data where they speak very strongly for a form: there what more parameters cost has been
-    paid. Where a parameter of the first ended at a bound that physics did not set, or at the limit
-    of its form, any model counts as simpler whose parameters did not: such an end says that the
-    form is another."""
-    forced = not is_plain_inside(ranking[0], search.settings)
-    best = ranking[0] if forced else most_evident(search, ranking)
-    simpler = [
-        c
-        for c in ranking
-        if (c.family == best.family and _complexity(c) < _complexity(best))
-        or (forced and c is not best and is_plain_inside(c, search.settings))
-    ]
-    for c in sorted(simpler, key=_complexity):
-        found = _gained(search, best, c)
-        if found.slight or (found.unsure and (forced or not _is_evident(search, best, c))):
-            return c
-    return best
-
-
-class _Gained(NamedTuple):
-    """What the windows asked say of a model beside another: is its gain slight, one standard error
-    added? might they as well have preferred the other one? are they alike?"""
-
-    slight: bool
-    unsure: bool
-    tied: bool
-
-
-def _gained(search: Search, best: CandidateModel, other: CandidateModel) -> _Gained:
-    losses, s = search.losses([best, other]), search.settings
-    gain = losses[1] - losses[0]
-    lost = search.excess(other) - search.excess(best)
-    gap = search.excess(search.budget.baseline)
-    worth, most = s.worth * gap, s.simpler_gain * best.squares.shape[1]
-    return _Gained(
-        bool(gain.mean() + s.tie_errors * gain.std() < most and lost < worth),
-        bool(gain.mean() < s.simpler_errors * gain.std() and lost < s.simpler_loss * worth),
-        bool(gain.mean() < s.tie_errors * gain.std() and lost < s.tie_share * gap),
-    )
-
-
-def _is_evident(search: Search, one: CandidateModel, other: CandidateModel) -> bool:
-    """Do the fitted data speak very strongly for the one?"""
-    return search.nats(one) - search.nats(other) > search.settings.simpler_evidence
-
-
-def most_evident(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
-    """The first, or one for which the fitted data speak very strongly: of the same families where
-    the windows asked are not sure of the first, of others where both are alike there."""
-    best = ranking[0]
-
-    def families(c: CandidateModel) -> list[str]:
-        return sorted(map(search.family, c.attached))
-
-    def is_open(c: CandidateModel) -> bool:
-        found = _gained(search, best, c)
-        return found.unsure if families(c) == families(best) else found.tied
-
-    plain = (
-        c
-        for c in ranking[1:]
-        if is_plain_inside(c, search.settings) and _is_evident(search, c, best) and is_open(c)
-    )
-    return max(plain, key=search.nats, default=best)
-
-
-def _complexity(c: CandidateModel) -> int:
-    """Fewer parameters first; among equally many the held-out windows decide."""
-    return c.free_count
-
-
-def indistinguishable_from_first(
-    search: Search, ranking: tuple[CandidateModel, ...], classes: list[list[str]]
-) -> tuple[CandidateModel, ...]:
-    """The first and every model that is not significantly worse on the held-out windows: by one
-    standard error; where its predictions are like those of the first (`classes`), by three and by
-    more than a refit is settled to."""
-    if not ranking:
-        return ()
-    losses, s = search.losses(list(ranking)), search.settings
-    same = next((k for k in classes if ranking[0].attached[-1].label in k), [])
-    gap, first = search.excess(search.budget.baseline), search.excess(ranking[0])
-    out = [ranking[0]]
-    for i, c in enumerate(ranking[1:], start=1):
-        worse = losses[i] - losses[0]
-        least = s.tie_errors * worse.std()
-        if c.attached[-1].label in same:
-            settled = s.refit_tolerance * c.squares.shape[1]
-            least = max(s.simpler_errors * worse.std(), settled)
-        unsure = worse.mean() < least
-        if unsure and search.excess(c) - first < s.tie_share * gap:
-            out.append(c)
-    return tuple(out)
 
 
 def carried_on(search: Search, models: list[CandidateModel]) -> list[CandidateModel]:

@@ -30,6 +30,7 @@ def candidate_plain(c: CandidateModel) -> Plain:
     return {
         "fit": _fit_plain(c.fit),
         "replays": [_replay_plain(r) for r in c.replays],
+        "runs": [] if c.runs is c.replays else [_replay_plain(r) for r in c.runs],
         "ranges": [[key, low, high] for key, (low, high) in c.assembly.ranges.items()],
     }
 
@@ -42,6 +43,7 @@ def candidate_restored(evidence: DataSplit, assembly: Assembly, found: Plain) ->
         assembly,
         _fit_of(evidence, assembly, found["fit"]),
         _replays_of(held, found["replays"], evidence.noise),
+        _replays_of(held, found["runs"], evidence.noise) if found["runs"] else (),
     )
 
 
@@ -123,6 +125,7 @@ def _replay_plain(r: Replay) -> Plain:
         "carried": r.carried,
         "starts": r.starts,
         "finite": r.finite,
+        "per_run": r.per_run,
     }
 
 
@@ -136,6 +139,7 @@ def _replays_of(tracks: tuple[Track, ...], found: list[Plain], noise: Array) -> 
             f["starts"],
             f["finite"],
             noise,
+            f["per_run"],
         )
         for t, f in zip(tracks, found, strict=True)
     )

@@ -23,20 +23,29 @@ class Settings:
     """See `described` for unit, meaning and evidence of each. UsageError for a value of another
     kind than the default, or one that is negative or not finite."""
 
+    # ---- comparison (comparison, answer, selection)
+    material_share: float = setting(
+        0.15, "share of the gap", "a cause removes at least this much of what is left without it"
+    )
+    standard_errors: float = setting(
+        3.0, "standard errors", "a cause removes it with at least this certainty, paired"
+    )
+    tie_errors: float = setting(
+        2.0, "standard errors", "families within this much of the best tie with it"
+    )
+    tie_margin: float = setting(
+        0.03, "share of the gap", "... and so do those within this share of it"
+    )
+    tied_most: int = setting(2, "families", "that are named as alternatives, at most")
+    material_rest: float = setting(0.2, "share of the gap", "a larger remainder is stated as one")
+    further_from: float = setting(
+        0.05, "share of the gap", "no further effect is sought where less remains"
+    )
+    floor_margin: float = setting(
+        0.10, "share of the noise floor", "a model nearer to the floor than this is at it"
+    )
+
     # ---- is there a gap? (budget, decision, input_response, misfit_beyond_range)
-    gap_margin: float = setting(
-        0.10,
-        "share of the noise floor",
-        "a refitted model nearer to the floor than this in every channel, with 95 % confidence, "
-        "has no structural gap",
-        "an equivalence margin, stated before the first trial; docs/measured/blind-trial.md",
-    )
-    open_gap: float = setting(
-        0.5, "probability", "of a gap that is not denied", "more probable than not is no denial"
-    )
-    plainly_not: float = setting(
-        0.05, "probability", "a lesser one needs no line beside it to be read as no", SHOWN_ONLY
-    )
     naive_margin: float = setting(
         0.10,
         "share of the error",
@@ -56,54 +65,22 @@ class Settings:
         "time shifts of the inputs whose predictions stand for those without inputs",
         "benchmarks/nonsense.py: 116 recordings without a machine",
     )
-    misfit_noise: float = setting(
-        3.0, "standard deviations of the noise", "an error above it is none of the sensor's"
-    )
-    least_shrinkage: float = setting(
-        0.02, "share of the error", "what a cause has to remove to be named at all"
-    )
-    unbacked_probability: float = setting(
-        0.5, "probability", "most of a cause where the other half of the windows chooses another"
-    )
-    ordinary_bend: float = setting(
-        0.02,
-        "share of what passes",
-        "an effect that only bends a characteristic by less is not told from a machine's own",
-        "the tolerance that data/rigs/README.md gives a map; benchmarks/strangers/run.py",
-    )
     own_terms: float = setting(
         0.05, "share of what an effect adds", "the rig's own terms leave no more: it is one of them"
     )
-    bend_slope: float = setting(0.3, "share of the slope", "by which such curves are steeper")
-    plain_missing: float = setting(
-        300.0,
-        "nats per sample",
-        "so much latent evidence is more than tolerances, whatever the line says",
-        "machines with tolerances alone left 229 at most (`pamid trial --part calibration`)",
+
+    # ---- horizon (budget)
+    horizons: tuple[int, ...] = setting(
+        (8, 4, 2), "windows", "that one run covers, where it cannot cover a whole recording", COST
     )
-    plain_beside: float = setting(
-        2.0, "nats per sample", "the same beside a background", "there 2 of 45 machines left more"
+    horizon_floor: float = setting(
+        1.5, "ratio", "by which the noise of an estimated start may raise the noise floor"
     )
-    ambiguous_families: int = setting(3, "families", "of which one is said to be there, at most")
-    ambiguous_share: float = setting(
-        0.25, "share of the largest probability", "tied families with less are not named beside it"
-    )
-    port_negligible: float = setting(
-        0.01, "share of the gap", "a cause whose port carries less, as far as sensors tell, is none"
-    )
-    port_overruled: float = setting(
-        0.5, "share of the gap", "... unless it surely removes as much, or by `further_sure`"
-    )
-    black_box_samples: int = setting(
-        120, "samples per window", "the black box sees the replay thinned to these", COST
-    )
-    black_box_neurons: int = setting(8, "count", "hidden neurons of its Elman network", COST)
-    black_box_iterations: int = setting(30, "count", "Levenberg-Marquardt steps", COST)
-    black_box_inputs: int = setting(
-        12, "count", "inputs at most: leading principal components beyond", COST
-    )
-    black_box_least: float = setting(
-        1.05, "noise floors", "no network is trained where the error is below it", COST
+    horizon_gain: float = setting(
+        1.35,
+        "ratio of errors in noise floors",
+        "a longer horizon is used where it shows this much more of the gap",
+        "docs/measured/comparison.md: nothing is gained where it shows less, and near ties are lost",
     )
 
     # ---- long recordings (tournament)
@@ -228,45 +205,6 @@ class Settings:
     )
     reweight_factor: float = setting(1.2, "ratio of weights", "growth that ends them", COST)
     stepping_rounds: int = setting(3, "count", "halvings of the winner's steps at most", COST)
-    bootstrap_draws: int = setting(
-        1000,
-        "count",
-        "resamples of the windows",
-        "a share of 0.5 is known to 0.016 (binomial standard error); Efron and Tibshirani (1993), "
-        "An Introduction to the Bootstrap, chapter 19",
-    )
-    bootstrap_block: int = setting(
-        2,
-        "windows",
-        "drawn together, for neighbours are alike: the moving-block bootstrap of Kuensch (1989)",
-        "a block should hold about three correlation times of the residual: two windows do",
-    )
-    worth: float = setting(0.05, "share of the gap", "what an effect has to remove to count")
-    simpler_gain: float = setting(
-        0.1,
-        "log squared error per channel",
-        "a simpler effect of the same family is preferred where another gains less",
-    )
-    simpler_errors: float = setting(
-        3.0,
-        "standard errors",
-        "... or gains with less certainty; also by which an effect that predicts alike has to "
-        "be worse",
-        "a rule stated before the first trial: simpler unless the gain exceeds three standard "
-        "errors, about 0.1 % for draws that are Gaussian",
-    )
-    simpler_evidence: float = setting(
-        5.0,
-        "nats",
-        "... and no more evidence on what was fitted: more is no uncertain gain",
-        "Kass and Raftery (1995), JASA 90:773: 2 ln B above 10 is very strong evidence",
-    )
-    simpler_loss: float = setting(
-        4.0, "worth", "most that an unsure gain may cost for the simpler effect to be preferred"
-    )
-    tie_errors: float = setting(1.0, "standard errors", "what is worse by less ties with the first")
-    tie_share: float = setting(0.1, "share of the gap", "... unless it leaves this much more")
-    compared: int = setting(8, "models", "leading ones among which look-alikes are sought", COST)
     alike_share: float = setting(
         0.25,
         "share",
@@ -283,35 +221,8 @@ class Settings:
         "the blind trial plants two at most (pamid/trial/cases.py)",
     )
     refits_beside: int = setting(4, "candidates", "refitted beside a first effect", COST)
-    further_share: float = setting(
-        0.005,
-        "share of the first latent evidence",
-        "no further effect is looked for where less is missing",
-    )
-    further_always: float = setting(
-        0.5, "nats per sample", "one is looked for in any case where more is missing"
-    )
-    further_never: float = setting(0.15, "nats per sample", "none is where less is missing")
-    further_ports: float = setting(
-        0.5, "share of the largest latent evidence", "ports with less are not tried"
-    )
-    further_least: float = setting(
-        0.02, "share of the gap", "what an effect has to remove to be named beside another"
-    )
-    further_of_left: float = setting(
-        0.25, "share of what the others leave", "... or of that, however small in the gap"
-    )
-    further_sure: float = setting(
-        5.0,
-        "standard errors",
-        "surer ones that remove as much need no line, and no slow value at their port",
-        "the usual five of a discovery: the line alone had lost a right effect at 11.9",
-    )
     subsets: int = setting(6, "combinations", "at most, of effects, refitted jointly", COST)
     subset_rows: int = setting(8000, "residuals", "thinned to which subsets are compared", COST)
-    rivals: int = setting(
-        2, "count", "runners-up tried in place of the first effect beside the second", COST
-    )
 
     # ---- where (port_evidence)
     port_alike: float = setting(
@@ -451,9 +362,6 @@ class Settings:
     )
     parity_bins: int = setting(
         8, "count", "ranges of size in which both directions are compared", SHOWN_ONLY
-    )
-    form_share: float = setting(
-        0.5, "share of the gap", "what a free form has to remove for its family to be said"
     )
     form_tail: float = setting(0.5, "per cent of the samples", "beyond either end of its curve")
     rough_share: float = setting(

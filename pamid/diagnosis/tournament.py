@@ -1,31 +1,25 @@
-"""The diagnosis from end to end: gap budget, latent evidence at the ports, screening, refits,
-ranking, forward selection, verdict."""
+"""The diagnosis from end to end: baseline, latent evidence at the ports, screening, refits,
+comparison, answer."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import zip_longest
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
+from pamid.diagnosis.answer import Answer, answer
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.cross_fitting import reported
-from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
-from pamid.diagnosis.family_forms import FreeForm, free_forms
+from pamid.diagnosis.comparison import Comparison, Share
+from pamid.diagnosis.family_forms import free_forms
+from pamid.diagnosis.guards import Guards
 from pamid.diagnosis.input_response import explained_channels, silent_channels
-from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.port_evidence import PortEvidence, locate
-from pamid.diagnosis.screening import by_gain
-from pamid.diagnosis.search import (
-    Search,
-    carried_on,
-    opposite_signs,
-    refit_screened,
-    run_round,
-)
+from pamid.diagnosis.search import Search, opposite_signs, run_round
+from pamid.diagnosis.selection import Selection, select_effects
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
@@ -36,89 +30,96 @@ from pamid.schemas.diagnosis_file import CAUSED
 from pamid.simulation.data_split import DataSplit, half_of_windows
 
 Array = NDArray[np.float64]
-NOTHING_OPEN = ("explained", "no-structural-gap")  # verdicts that need no further candidates
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything found. located: where something is missing before any effect; judged: what came
-    of the candidates; neither where the refitted model is at the noise floor."""
+    """A diagnosis. located: where something is missing before any effect; ranking: models of single
+    effects, the lowest held-out loss first; selection, answer: None, as these, where the recordings
+    do not show this machine or the baseline is at the noise floor."""
 
     evidence: DataSplit
     budget: Budget
-    half: NDArray[np.bool_]  # of the held-out windows
     seed: int = 0
     silent: tuple[str, ...] = ()  # channels that do not show this machine: `silent_channels`
     response: LaggedResponse | None = None  # of outputs to inputs; None where no input moves
     located: PortEvidence | None = None
-    judged: Judged | None = None
+    ranking: tuple[CandidateModel, ...] = ()
+    guards: Guards | None = None
+    selection: Selection | None = None
+    answer: Answer | None = None
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
     screened: str = ""  # family that the screen alone would have named
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
-    # families to one of which an effect outside the catalogue belongs, best first
-    free_forms: tuple[FreeForm, ...] = ()
 
     @property
     def verdict(self) -> str:
-        if self.judged is None:
-            return "cannot-tell" if self.silent else "no-structural-gap"
-        return self.judged.decision.verdict
+        if self.silent:
+            return "cannot-tell"
+        return self.answer.verdict if self.answer else "no-structural-gap"
 
     @property
     def cause(self) -> CandidateModel | None:
         """The model with the causes that the verdict names."""
-        return self.judged.best if self.judged and self.verdict in CAUSED else None
-
-    @property
-    def removed(self) -> Share | None:
-        """Share of the gap that the causes remove together; beside an effect that is not named,
-        what each removes."""
-        if self.cause is None or self.judged is None:
-            return None
-        named = [m.removes for m in self.judged.named]
-        if 0 < len(named) < len(self.judged.members):
-            sums = (
-                sum(s.share for s in named),
-                sum(s.low for s in named),
-                sum(s.high for s in named),
-            )
-            return Share(*(min(x, 1.0) for x in sums))
-        return self.removed_by(self.cause)
-
-    def removed_by(self, c: CandidateModel) -> Share:
-        """Share of the gap that a model removes."""
-        base = self.budget.baseline.absolutes
-        return gap_share(self.budget, base, self.reported(c), self.seed)
-
-    @property
-    def left_at(self) -> PortEvidence | None:
-        """Where something is missing beside the causes; where there are none, at all."""
-        return self.judged.after if self.judged and self.cause else self.located
-
-    @property
-    def ranking(self) -> tuple[CandidateModel, ...]:
-        return self.judged.ranking if self.judged else ()
+        return self.answer.model if self.answer and self.verdict in CAUSED else None
 
     @property
     def settings(self) -> Settings:
         return self.budget.settings
 
-    def reported(self, c: CandidateModel) -> Array:
-        """Errors of a model per held-out window and channel, each told by windows that had no part
-        in choosing it."""
-        return reported(self.judged.halves if self.judged else None, c)
+    @cached_property
+    def comparison(self) -> Comparison:
+        return Comparison(self.budget, self.seed)
+
+    @cached_property
+    def half(self) -> NDArray[np.bool_]:
+        """One of the two halves of the held-out windows."""
+        base = self.budget.baseline
+        return half_of_windows(list(base.replays), self.budget.channel_losses(base.absolutes))
+
+    @cached_property
+    def rivals(self) -> tuple[CandidateModel, ...]:
+        """Models among which the windows choose: the answer's and those of the same step."""
+        if self.selection is None:
+            return ()
+        models = (self.cause, *(c for step in self.selection.steps for c in step.candidates))
+        return tuple(dict.fromkeys(c for c in models if c is not None))
+
+    def reported(self, model: CandidateModel) -> Array:
+        """Errors of a model per held-out window and channel (SI). Those of the answer are free of
+        the choice: each half is scored with the model that the other half would have chosen."""
+        if model is not self.cause or len(self.rivals) < 2:
+            return model.absolutes
+        errors = model.absolutes.copy()
+        size = len(model.attached)
+        rivals = [c for c in self.rivals if len(c.attached) == size]
+        for part in (self.half, ~self.half):
+            if part.any() and not part.all():
+                losses = [self.comparison.loss(c)[~part].sum() for c in rivals]
+                errors[part] = rivals[int(np.argmin(losses))].absolutes[part]
+        return errors
+
+    @cached_property
+    def removed(self) -> Share | None:
+        """Share of the gap that the causes remove together, free of the choice."""
+        if self.cause is None:
+            return None
+        losses = self.budget.channel_losses(self.reported(self.cause))
+        return self.comparison.removed(self.cause, losses=losses)
+
+    @property
+    def left_at(self) -> PortEvidence | None:
+        """Where something is missing next to the causes; where there are none, at all."""
+        return self.answer.left_at if self.answer and self.cause else self.located
 
     @property
     def nameless_at(self) -> list[str]:
         """Ports at one of which something enters that has no name: where a free form takes it up,
-        else those with the largest latent evidence, which the recordings cannot tell apart."""
-        formed = dict.fromkeys(f.attachment.ports[0] for f in self.free_forms)
+        else those with the largest latent evidence, which the recordings cannot separate."""
+        forms = self.answer.free_forms if self.answer else ()
+        formed = dict.fromkeys(f.attachment.ports[0] for f in forms)
         return list(formed or (self.left_at.classes[0] if self.left_at else ()))
-
-    @property
-    def singles(self) -> dict[str, CandidateModel]:
-        return {c.attached[-1].label: c for c in self.ranking}
 
 
 def diagnose(
@@ -137,22 +138,19 @@ def diagnose(
     pool = pool or WorkerPool(jobs)
     evidence = evidence.excerpt(settings.fitted_most, settings.held_out_most)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
-    base = budget.baseline
-    half = half_of_windows(list(base.replays), budget.channel_losses(base.absolutes))
+    evidence = budget.evidence  # with the horizon of the comparison
+    base, comparison = budget.baseline, Comparison(budget, seed)
     response = lagged_response(evidence, base.assembly)
     explained = explained_channels(budget, base, response, seed)
     silent = silent_channels(budget, base, explained, response)
-    at_floor = at_noise_floor(budget, seed)
     # what neither the model nor any lag of the inputs predicts needs no search: whatever effect
     # reproduces it does so without the inputs
     hopeless = response is not None and (response.absent.all() or explained.any())
-    if at_floor or (silent and hopeless):
-        return Diagnosis(evidence, budget, half, seed, silent, response)
+    if comparison.at_floor(base) or (silent and hopeless):
+        return Diagnosis(evidence, budget, seed, silent, response)
     search = Search(
         evidence,
         budget,
-        np.ones_like(half),
-        half,
         attachments(evidence.rig, catalogue.values()),
         gather_hints(evidence, base, settings),
         seed,
@@ -163,61 +161,32 @@ def diagnose(
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
     first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
-    judged = judge(search, located, first, first.models)
-    failed = first.failed
-    opposite: list[tuple[CandidateModel, float]] = []
-    if judged.decision.verdict not in NOTHING_OPEN:
-        # before the verdict says that nothing known explains the gap, every known effect that acts
-        # there is refitted: a few steps of screening are not enough to reject it
-        named = bool(judged.decision.named)
-        rest = [
-            s
-            for s in ([] if named else by_gain(first.passed_over))
-            if _acts_where(located, s.attachment, settings)
-        ]
-        models, more = refit_screened(search, base, rest)
-        failed = failed + more
-        # what stands behind a name has been fitted to its end
-        before = first.models if named else carried_on(search, first.models)
-        everything = [*before, *carried_on(search, models)]
-        if any(a is not b for a, b in zip_longest(everything, first.models)):
-            judged = judge(search, located, first, everything, judged.selection)
-        if not judged.decision.named:
-            opposite = opposite_signs(search, list(judged.ranking))
-    forms: list[FreeForm] = []
-    if judged.decision.left_over:
-        progress("looking for the family of what the catalogue does not hold")
-        forms = _forms(search, located, judged, [c for c, _ in opposite])
+    guards = Guards(search)
+    selection = select_effects(search, comparison, guards, located, first)
+    ranking = comparison.ordered(first.models)
+    opposite = [] if selection.best.attached else opposite_signs(search, ranking)
+    progress("fitting free curves to what remains")
+    rest = comparison.removed(selection.best).rest.share
+    material = rest >= settings.material_rest and not comparison.at_floor(selection.best)
+    ports = list(selection.after.classes[0]) if material else []
+    forms = free_forms(search, comparison, selection.best, ports)
+    decision = answer(comparison, selection, ranking, forms)
+    explained = explained_channels(budget, decision.model, response, seed)
     return Diagnosis(
         evidence,
         budget,
-        half,
         seed,
-        judged.silent,
+        silent_channels(budget, decision.model, explained, response),
         response,
         located,
-        judged,
-        tuple(failed),
+        tuple(ranking),
+        guards,
+        selection,
+        decision,
+        tuple(first.failed),
         first.first_family,
         tuple(opposite),
-        tuple(forms),
     )
-
-
-def _forms(
-    search: Search, located: PortEvidence, judged: Judged, opposite: list[CandidateModel]
-) -> list[FreeForm]:
-    """Free forms of what is missing: beside the causes, or altogether where none is named."""
-    if judged.decision.named:
-        return free_forms(search, judged.best, judged.after.classes[0])
-    rivals = [*judged.ranking, *opposite]
-    return free_forms(search, search.budget.baseline, located.classes[0], rivals)
-
-
-def _acts_where(located: PortEvidence, a: Attachment, settings: Settings) -> bool:
-    """Does it act at a port at which something is missing?"""
-    most = settings.port_reach * located.most
-    return max(located.gains[port] for port in a.ports) >= most
 
 
 def candidates_to_screen(

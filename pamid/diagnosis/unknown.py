@@ -61,8 +61,8 @@ class Missing:
 
 
 def left_over(d: Diagnosis) -> bool:
-    """Is more than noise and tolerances left, with the causes or because there is none?"""
-    return d.judged is not None and d.judged.decision.left_over
+    """Is a material part of the gap left, with the causes or because there is none?"""
+    return d.answer is not None and not d.silent and d.answer.left_over
 
 
 def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:

@@ -11,24 +11,22 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.consistency import CONTRADICTS, inconsistencies, unnamed
-from pamid.diagnosis.decision import Share, counts_from
-from pamid.diagnosis.judgement import forecast_interval
-from pamid.diagnosis.judging import Member
+from pamid.diagnosis.answer import Cause, forecast_interval, probability
+from pamid.diagnosis.comparison import Share, paired_ratio
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes, roughness
+from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.proposal import Proposal, WithheldExperiment, proposal_result
 from pamid.diagnosis.ranges import at_bounds
-from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.diagnosis.unknown import left_over
-from pamid.diagnosis.verdict_words import chance_figure, remark, sentence
-from pamid.estimation.intervals import background_pull, estimates
+from pamid.diagnosis.verdict_words import remark, sentence
+from pamid.estimation.intervals import NORMAL_95, background_pull, estimates
 from pamid.model.isolability import Isolability, isolability
 from pamid.model.port_flow import rig_map
+from pamid.model.rig import Rig
 from pamid.schemas import diagnosis_file as result
-from pamid.schemas import grounds
 
 Array = NDArray[np.float64]
 
@@ -54,21 +52,23 @@ def diagnosis_file(
 
 
 def drafted(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> result.DiagnosisFile:
-    """All but the next experiment, which takes its time to find, and what is said of
-    contradictions. unknown: of what is missing beside the causes, or altogether where none is named
-    (`pamid.diagnosis.unknown`)."""
+    """All but the next experiment, which takes its time to find. unknown: of what is missing next
+    to the causes, or altogether where none is named (`pamid.diagnosis.unknown`)."""
     shares = _where_shares(d)
     causes = _causes(d)
     isolable = isolability(d.evidence.rig, d.evidence.channels)
     port = _leading_port(isolable, shares, causes, unknown)
     remainder = _remainder(d, port, unknown)
-    found = result.DiagnosisFile(
+    draft = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
         remark=remark(d),
         causes=causes,
         remainder=remainder,
-        ranking=(*_ranking(d, seed), *(_unfitted(label, why) for label, why in d.failed)),
+        ranking=(*_ranking(d), *(_unfitted(label, why) for label, why in d.failed)),
+        comparison=_comparison(d),
+        horizon_s=d.budget.horizon_s,
+        forecast=_forecast(d),
         where=_where(d, isolable, port, shares),
         how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
         transfer=tuple(result.Transfer(**one) for one in transfer(d)),
@@ -77,9 +77,9 @@ def drafted(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> result.D
         unknown=_unknown(d, unknown) if unknown and d.cause is None else None,
         notes=(*notes(d), *roughness(d, remainder)),
         rig=rig_map(d.evidence.rig, d.evidence.channels),
-        **_judgement(d),
+        next_experiment=None,
     )
-    return found.model_copy(update={"sentence": sentence(found)})
+    return draft.model_copy(update={"sentence": sentence(draft)})
 
 
 def _unknown(d: Diagnosis, described: dict[str, Any]) -> result.Unknown:
@@ -90,59 +90,53 @@ def _unknown(d: Diagnosis, described: dict[str, Any]) -> result.Unknown:
 def completed(
     d: Diagnosis, draft: result.DiagnosisFile, proposal: Proposal | WithheldExperiment | None
 ) -> result.DiagnosisFile:
-    """A draft with what to measure next, and with notes on where it contradicts itself."""
-    said = draft.model_copy(update={"next_experiment": proposal_result(proposal)})
-    against = [f"{CONTRADICTS}: {one}." for one in inconsistencies(said, d.settings)]
-    held_back = [
-        f"{m.effect} is probable (P {chance_figure(m.probability or 0.0)}), but not named: "
-        f"{'; '.join(why)}."
-        for m, why in unnamed(said, d.settings)
-        if why
-    ]
+    """A draft with the next experiment."""
     withheld = [proposal.why] if isinstance(proposal, WithheldExperiment) else []
-    return said.model_copy(update={"notes": (*against, *withheld, *held_back, *said.notes)})
+    return draft.model_copy(
+        update={
+            "next_experiment": proposal_result(proposal),
+            "notes": (*withheld, *draft.notes),
+        }
+    )
 
 
-def _judgement(d: Diagnosis) -> dict[str, Any]:
-    """What candidates were judged by; nothing where there was no gap to judge them on."""
-    rig, j = d.evidence.rig, d.judged
-    if j is None:
-        nothing: dict[str, Any] = dict.fromkeys(
-            ("members", "dropped", "look_alikes", "further"), ()
+def _comparison(d: Diagnosis) -> tuple[result.ComparisonStep, ...]:
+    """The confidence set of every step that added an effect, and of the last one."""
+    if d.selection is None:
+        return ()
+    rig = d.evidence.rig
+
+    def member(c: CandidateModel, reference: CandidateModel) -> result.SetMember:
+        a = c.attached[-1]
+        return result.SetMember(
+            effect=c.label,
+            family=a.family(rig),
+            port=a.group(rig),
+            removes=_share(d.comparison.removed(c, reference)),
+            losses=tuple(map(float, d.comparison.loss(c))),
         )
-        return nothing | dict.fromkeys(("units", "grounds", "confidence"))
 
-    def told(m: Member) -> result.BestMember:
-        return result.BestMember(
-            effect=m.effect.label,
-            family=m.effect.family(rig),
-            port=m.effect.group(rig),
-            probability=_believed(d, m.probability),
-            removes=_share(m.removes),
-            bent=m.bent,
-            again=m.again,
-            signature=grounds.SignatureFigures(**vars(m.signature)),
+    return tuple(
+        result.ComparisonStep(
+            reference=step.reference.label,
+            reference_losses=tuple(map(float, d.comparison.loss(step.reference))),
+            tied=tuple(member(c, step.reference) for c in step.tied),
         )
-
-    return {
-        "members": tuple(map(told, j.members)),
-        "dropped": tuple(map(told, j.dropped)),
-        "look_alikes": j.classes,
-        "units": result.UnitsInDoubt(**j.units) if j.units else None,
-        "further": tuple(grounds.Further(**vars(n)) for n in j.forward_steps),
-        "grounds": grounds.Grounds(**vars(j.grounds)),
-        "confidence": grounds.Confidence(
-            gap=j.decision.gap,
-            known=_believed(d, j.decision.known),
-            first=_believed(d, j.probability[0]) if j.probability else 0.0,
-        ),
-    }
+        for step in d.selection.steps
+    )
 
 
-def _believed(d: Diagnosis, probability: float) -> float:
-    """No effect is probable on recordings that show nothing of the model."""
-    unused = d.judged is not None and d.judged.unused
-    return 0.0 if unused or remark(d) else probability
+def _forecast(d: Diagnosis) -> result.Forecast | None:
+    """Share of the error to be removed on a fresh recording."""
+    if d.cause is None:
+        return None
+    before, after = (
+        d.budget.channel_losses(x) for x in (d.budget.baseline.absolutes, d.reported(d.cause))
+    )
+    if len(before) < 2:
+        return None
+    low, high = forecast_interval(before, after, d.seed)
+    return result.Forecast(share=float(1.0 - after.sum() / before.sum()), low=low, high=high)
 
 
 def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
@@ -203,12 +197,12 @@ def family_forms(d: Diagnosis) -> tuple[result.FamilyForm, ...]:
             family=f.family,
             port=f.port,
             known_by=f.known_by,
-            shrinkage=f.shrinkage,
-            low=f.low,
-            high=f.high,
+            shrinkage=f.removes.share,
+            low=f.removes.low,
+            high=f.removes.high,
             curve=f.curve,
         )
-        for f in d.free_forms
+        for f in (d.answer.free_forms if d.answer else ())
     )
 
 
@@ -218,73 +212,67 @@ def groups(d: Diagnosis) -> list[str]:
 
 
 def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
-    """Every port group's share of the gap, largest first."""
+    """Every port group's share of the gap, largest first: what the causes remove, and what remains
+    where the latent evidence places it."""
     rig = d.evidence.rig
-    named = [a.group(rig) for a in d.cause.attached] if d.cause else []
-    found = (
-        d.located.shares(rig, *named)
-        if d.located
-        else dict.fromkeys(groups(d), 1.0 / len(groups(d)))
-    )
+    even = dict.fromkeys(groups(d), 1.0 / len(groups(d)))
+    left = d.left_at or d.located
+    found = left.shares(rig) if left else even
+    if d.answer and d.cause and d.removed:
+        rest = min(max(d.removed.rest.share, 0.0), 1.0)
+        found = {group: rest * share for group, share in _shares_of(d.located, rig, left).items()}
+        for c in _causes(d):
+            found[c.port] += (1.0 - rest) * (c.share or 0.0)
     ordered = sorted(found.items(), key=lambda e: (-e[1], e[0]))
     return tuple(result.PortShare(port=g, share=v) for g, v in ordered)
 
 
+def _shares_of(
+    located: PortEvidence | None, rig: Rig, left: PortEvidence | None
+) -> dict[str, float]:
+    """How what remains is divided among the groups of ports: by the evidence that is left."""
+    whole = left if left is not None and left.worth else located
+    if left is None or whole is None:
+        names = list(dict.fromkeys(rig.group_of(name) for name in rig.ports))
+        return dict.fromkeys(names, 1.0 / len(names))
+    if left.worth:
+        return left.shares(rig)
+    out = dict.fromkeys((rig.group_of(name) for name in rig.ports), 0.0)
+    for name, gain in left.gains.items():
+        out[rig.group_of(name)] += gain
+    total = sum(out.values())
+    return {k: v / total if total > 0.0 else 1.0 / len(out) for k, v in out.items()}
+
+
 def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
-    """What the verdict names, strongest first; for "ambiguous" the members that cannot be told
-    apart, the most probable first: what they remove does not decide between them."""
-    j = d.judged
-    if d.cause is None or j is None:
+    """What the verdict names, the one that removes most first; for "ambiguous" the members that
+    cannot be separated."""
+    if d.answer is None or d.cause is None:
         return ()
-    if d.verdict == "ambiguous":
-        tied = [one for one in j.tied if one[1].effect.label in j.decision.named]
-        tied.sort(key=lambda one: -one[1].probability)
-        return tuple(_cause(c, m, 1.0 / len(tied)) for c, m in tied)
-    shares = _cause_shares(d, [m.effect.label for m in j.named])
-    ordered = sorted(j.named, key=lambda m: -shares[m.effect.label])
-    return tuple(_cause(d.cause, m, shares[m.effect.label]) for m in ordered)
+    causes = sorted(d.answer.causes, key=lambda c: -c.removes.share)
+    removed = [max(c.removes.share, 0.0) for c in causes]
+    total = sum(removed)
+    parts = [r / total if total > 0.0 else 1.0 / len(removed) for r in removed]
+    return tuple(_cause(c, part) for c, part in zip(causes, parts, strict=True))
 
 
-def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
-    """Shapley shares where every effect was also fitted alone; of two and more the singles decide
-    the rest."""
-    if len(labels) == 1:
-        return {labels[0]: 1.0}
-    assert d.cause is not None
-    whole = d.budget.shrinkage(d.cause.absolutes)
-    alone = {
-        k: max(d.budget.shrinkage(d.singles[k].absolutes), 0.0) if k in d.singles else 0.0
-        for k in labels
-    }
-    # two effects: phi_i = (v_i + v - v_j)/2, exact; three: the same with the others' mean
-    phi = {
-        k: max(
-            0.0,
-            0.5
-            * (alone[k] + whole - sum(v for j, v in alone.items() if j != k) / (len(labels) - 1)),
-        )
-        for k in labels
-    }
-    total = sum(phi.values())
-    return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
-
-
-def _cause(c: CandidateModel, m: Member, share: float) -> result.Cause:
-    rig = c.assembly.rig
+def _cause(c: Cause, share: float) -> result.Cause:
+    rig = c.model.assembly.rig
     return result.Cause(
-        effect=m.effect.label,
-        family=m.effect.family(rig),
-        port=m.effect.group(rig),
-        or_at=m.or_at,
-        parameters=_parameters(c, m.effect.label),
-        probability=m.probability,
-        removes=_share(m.removes),
+        effect=c.effect.label,
+        family=c.effect.family(rig),
+        port=c.effect.group(rig),
+        or_at=c.or_at,
+        instead=c.instead,
+        parameters=_parameters(c.model, c.effect.label),
+        probability=c.probability,
+        removes=_share(c.removes),
         share=share,
     )
 
 
 def _share(s: Share) -> result.GapShare:
-    return result.GapShare(share=s.share, low=s.low, high=s.high)
+    return result.GapShare(share=s.share, low=s.low, high=s.high, standard_errors=s.z)
 
 
 def _remainder(
@@ -292,37 +280,24 @@ def _remainder(
 ) -> result.Remainder | None:
     """What is left of the gap with the causes; the gap itself, which enters at the leading port,
     where there are none."""
-    j = d.judged
-    if j is None:
+    if d.answer is None:
         return None
-    removed = d.removed
-    rest = removed.rest if removed else Share(1.0, 1.0, 1.0)
-    misfit = j.grounds.after(j.forward_steps) if d.cause else j.grounds.before
-    chance, p_value = (
-        (j.decision.remainder, j.decision.remainder_p_value)
-        if d.cause
-        else (j.decision.gap, j.decision.gap_p_value)
-    )
+    rest = d.removed.rest if d.removed else Share(1.0, 1.0, 1.0)
     # of recordings that do not suffice, too: what they leave is there, only not its cause
-    unsure = d.verdict == "cannot-tell" and j.decision.gap_real
+    material = left_over(d) or d.verdict == "cannot-tell"
     described = unknown if unknown and left_over(d) else {}
     at = described.get("port", "")
     port = at if d.cause else leading
-    probable, plain = counts_from(misfit, d.settings)
+    forms = d.answer.free_forms
     return result.Remainder(
         share=rest.share,
         low=rest.low,
         high=rest.high,
-        floors=misfit.floors,
-        probability=chance,
-        p_value=p_value,
-        probable_from=probable,
-        evidence=misfit.missing,
-        plain_from=plain,
-        real=left_over(d) or unsure,
-        port=port if left_over(d) or unsure else "",
+        floors=d.answer.floors,
+        real=material,
+        port=port if material else "",
         formula=described.get("formula", "") if at == port else "",
-        family=d.free_forms[0].family if d.cause and d.free_forms else "",
+        family=forms[0].family if d.cause and forms else "",
         **(described.get("amount", {}) if at == port else {}),
     )
 
@@ -351,14 +326,8 @@ def _parameters(c: CandidateModel, label: str) -> dict[str, result.CauseParamete
     return fitted | read_off
 
 
-def _ranking(d: Diagnosis, seed: int) -> tuple[result.Candidate, ...]:
-    j = d.judged
-    if j is None:
-        return ()
-    return tuple(
-        _ranked(d, c, _believed(d, chance), own, seed)
-        for c, chance, own in zip(j.ranking, j.probability, j.signatures, strict=True)
-    )
+def _ranking(d: Diagnosis) -> tuple[result.Candidate, ...]:
+    return tuple(_ranked(d, c) for c in d.ranking)
 
 
 def _unfitted(label: str, why: str) -> result.Candidate:
@@ -376,36 +345,41 @@ def _unfitted(label: str, why: str) -> result.Candidate:
         why=why,
         parameters={},
         at_bound=(),
-        signature=None,
+        removes=None,
+        behind=0.0,
+        set_aside=(),
     )
 
 
-def _ranked(
-    d: Diagnosis, c: CandidateModel, probability: float, signature: Signature, seed: int
-) -> result.Candidate:
-    left, before = d.reported(c), d.budget.baseline.absolutes
-    losses, base = d.budget.channel_losses(left), d.budget.channel_losses(before)
-    low, high = forecast_interval(base, losses, seed, d.settings)
-    held = {}
-    for i, channel in enumerate(d.evidence.channels):
-        held[channel] = result.HeldOut(
+def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
+    before, removed = d.budget.baseline.absolutes, d.comparison.removed(c)
+    base = d.comparison.loss(d.budget.baseline)
+    share, error = paired_ratio(base - d.comparison.loss(c), base, d.seed)
+    held = {
+        channel: result.HeldOut(
             mae_before=column_size(channel, float(seen_mean(before[:, i]))),
-            mae_after=column_size(channel, float(seen_mean(left[:, i]))),
+            mae_after=column_size(channel, float(seen_mean(c.absolutes[:, i]))),
         )
+        for i, channel in enumerate(d.evidence.channels)
+    }
+    first = d.ranking[0]
+    chance = probability(d.comparison, c, d.budget.baseline, d.ranking)
     return result.Candidate(
         effect=c.attached[-1].label,
         family=c.family,
         port=c.group,
-        probability=probability,
+        probability=0.0 if remark(d) else chance,
         held_out=held,
-        shrinkage=d.budget.shrinkage(left),
-        low=low,
-        high=high,
+        removes=_share(removed),
+        behind=0.0 if c is first else d.comparison.removed(first, c).z,
+        shrinkage=share,
+        low=share - NORMAL_95 * error,
+        high=min(share + NORMAL_95 * error, 1.0),
         converged=c.fit.converged,
         why=c.fit.why,
         parameters=_parameters(c, c.attached[-1].label),
         at_bound=at_bounds(c, d.settings),
-        signature=grounds.SignatureFigures(**vars(signature)),
+        set_aside=d.guards.objections(c) if d.guards else (),
     )
 
 
@@ -414,16 +388,17 @@ def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
     channel, b = d.evidence.channels[i], d.budget
     rows, left = ~np.isnan(b.floor[:, i]), d.reported(d.cause or b.baseline)
     before, after = b.baseline.absolutes[rows, i], left[rows, i]
-    low, high = forecast_interval(before, after, seed, d.settings)
+    share, error = paired_ratio(before - after, before, seed) if len(before) > 1 else (0.0, 1.0)
+    short = None if b.short is None else column_size(channel, b.short[rows, i].mean())
     return result.Reach(
         mae_data_sheet=column_size(channel, b.data_sheet[rows, i].mean()),
         mae_refitted=column_size(channel, before.mean()),
         mae_with_cause=column_size(channel, after.mean()),
         noise_floor=column_size(channel, b.floor[rows, i].mean()),
-        black_box=column_size(channel, b.black_box[rows, i].mean()),
-        shrinkage=float(1.0 - after.mean() / before.mean()),
-        low=low,
-        high=high,
+        mae_refitted_short=short,
+        shrinkage=share,
+        low=share - NORMAL_95 * error,
+        high=min(share + NORMAL_95 * error, 1.0),
     )
 
 
@@ -434,7 +409,9 @@ def _isolable(d: Diagnosis, found: Isolability) -> dict[str, Any]:
     port = d.evidence.rig.group_of
     leading = d.located.classes[0] if d.located else ()
     for tied in (
-        [c.group for c, _ in (d.judged.tied if d.judged else ())],
+        [c.effect.group(d.evidence.rig) for c in (d.answer.causes if d.answer else ())]
+        if d.verdict == "ambiguous"
+        else [],
         [port(name) for name in leading],
     ):
         if len(set(tied)) > 1 and not any(set(tied) <= set(g) for g in together):

@@ -14,15 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
-from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT
-from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder, Where
+from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
 if TYPE_CHECKING:
     from pamid.diagnosis.tournament import Diagnosis
 
 RECORD_MORE = "Record for longer, or with larger motion."
-MEASURE_MAP = "Measure what comes out there for what goes in, slowly, over the whole range."
 
 #: how the note begins that stands in the place of an experiment
 WITHHELD = "No next experiment is proposed"
@@ -42,20 +40,6 @@ AS_IN_FILE = Spelling()
 def remark(d: Diagnosis) -> str:
     """What is wrong with the recordings, or with how they were read, where no verdict on the model
     means anything."""
-    units = d.judged.units if d.judged else None
-    if units and (units["slips"] or not d.silent):
-        channel, share = max(units["error_over_spread"].items(), key=lambda pair: pair[1])
-        # no slip of the pen explains it: then the units may well be right
-        lost = (
-            ""
-            if units["slips"]
-            else " If they are right, the refit got nowhere: something large is missing, a prior "
-            "is far off, or a window begins in a state that no sensor reads."
-        )
-        return (
-            f"The refitted model misses {channel} by {times_text(share)} times what it moves. "
-            f"{units['advice']}{lost}"
-        )
     if not d.silent:
         return ""
     sent, channels, one = _moving_inputs(d), _joined(d.silent, "and"), len(d.silent) == 1
@@ -97,47 +81,90 @@ def _moving_inputs(d: Diagnosis) -> str:
 
 
 def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """The verdict in one sentence; a remark goes before it."""
+    """The verdict in one sentence or two; a remark goes before it."""
     if found.remark:
         return found.remark
-    rest = found.remainder
     if found.verdict == "no-structural-gap":
-        return (
-            "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was "
-            f"found.{_tolerated(rest)}"
-        )
+        return _no_gap(found)
     if found.verdict == "unknown-effect":
         at = _entrance(found.where, spelling) if found.where and found.where.port else ""
         families = free_families(found, spelling)
         return (
-            "Something material is missing from the model, and no effect of the catalogue "
-            f"explains it.{at}{f' It is {families}.' if families else ''}{_as_a_rough_map(found)}"
+            "No effect of the catalogue removes a material share of the gap, but a curve at one of "
+            f"its ports does.{at}{f' It is {families}.' if families else ''}"
         )
     if found.verdict == "cannot-tell":
         return _unsure(found, spelling)
-    last = "or" if found.verdict == "ambiguous" else "and"
-    names = _joined((_with_places(c, spelling) for c in found.causes), last)
-    verb = "explain" if last == "and" and len(found.causes) > 1 else "explains"
-    if rest is None or rest.share is None:
-        return f"{names} {verb} the gap."
-    said = f"{names} {verb} {percent_text(1.0 - rest.share)} of the gap"
     if found.verdict == "ambiguous":
-        said += ": these recordings do not decide between them"
-    if not rest.real:
-        return f"{said}; {left_beside(rest)}."
-    return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
-
-
-def _as_a_rough_map(found: DiagnosisFile) -> str:
-    """Where what is missing is no more than a map leaves that is rough, and the rig states by how
-    much none of its maps may be: that; begins with a space."""
+        return f"{_set_text(found, spelling)}{_rest_text(found, spelling)}"
+    removing = [_with_share(c, spelling) for c in found.causes]
+    if len(removing) == 1:
+        return f"{removing[0]}{_next_family(found, spelling)}.{_rest_text(found, spelling)}"
     rest = found.remainder
-    if rest is None or found.background or rest.missing_rms is None or not rest.passing_rms:
+    together = (
+        f", together {percent_text(1.0 - rest.share)}" if rest and rest.share is not None else ""
+    )
+    return f"{_joined(removing, 'and')}{together}.{_rest_text(found, spelling)}"
+
+
+def _no_gap(found: DiagnosisFile) -> str:
+    """No gap, or none that anything known would close."""
+    rest = found.remainder
+    if rest is None or rest.floors is None:
+        return "The refitted model is at the noise floor: no structural gap was found."
+    return (
+        "No structural gap was found: no effect of the catalogue, and no curve at a port, removes "
+        f"a material share of what the refitted model leaves, {times_text(rest.floors)} times the "
+        "noise floor."
+    )
+
+
+def _with_share(c: Cause, spelling: Spelling) -> str:
+    """ "Play at the camera port removes 80 % of the gap (P 0.93)"."""
+    share = percent_text(c.removes.share) if c.removes else "a part"
+    name = f"{spelling.effect(c.effect)}{_place_of(c, spelling)}"
+    ports = _joined((spelling.port(port) for port in c.or_at), "or")
+    elsewhere = f", or the like at the {ports} port," if ports else ""
+    return f"{name}{elsewhere} removes {share} of the gap{_chance_of(c)}"
+
+
+def _place_of(c: Cause, spelling: Spelling) -> str:
+    return f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
+
+
+def _chance_of(c: Cause) -> str:
+    return f" (P {chance_figure(c.probability)})" if c.probability is not None else ""
+
+
+def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
+    """How far the next family is behind a single cause; empty where there is none."""
+    own = found.causes[0]
+    others = (r for r in found.ranking if r.family not in (own.family, "", *own.instead))
+    rival = next((r for r in others if r.removes is not None and r.removes.share > 0.0), None)
+    if rival is None or rival.removes is None:
         return ""
-    share = rest.missing_rms / rest.passing_rms
-    if share > DEFAULT.rough_share:
+    return f"; of other families {spelling.effect(rival.effect)} removes most, {percent_text(rival.removes.share)}"
+
+
+def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
+    names = [_with_share(c, spelling) for c in found.causes]
+    if len(names) == 2:
+        return f"These recordings cannot separate two causes: {names[0]}; {names[1]}."
+    same = _joined((spelling.effect(c.effect) for c in found.causes), "and")
+    share = found.causes[0].removes
+    size = f" Each removes about {percent_text(share.share)} of the gap." if share else ""
+    return f"On these recordings {same} do the same, and no data of them can separate them.{size}"
+
+
+def _rest_text(found: DiagnosisFile, spelling: Spelling) -> str:
+    """What remains: size and place; begins with a space."""
+    rest = found.remainder
+    if rest is None or rest.share is None:
         return ""
-    return f" A map that is rough by {percent_text(share)} there would look alike."
+    floors = f", {times_text(rest.floors)} times the noise floor" if rest.floors else ""
+    if not rest.real:
+        return f" {percent_text(max(rest.share, 0.0))} of the gap remains{floors}."
+    return f" {percent_text(rest.share)} of the gap remains{floors}{_entering(rest, spelling)}."
 
 
 def withheld(found: DiagnosisFile) -> str:
@@ -154,14 +181,7 @@ def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if not families:
         return ""
     names = _joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
-    text = f"of the {names} family, in a form not in the catalogue"
-    nearest = found.members[0] if len(found.members) == 1 and not found.causes else None
-    if nearest is None or nearest.family not in families or nearest.removes is None:
-        return text
-    if nearest.removes.low <= 0.0:
-        return text
-    share = percent_text(nearest.removes.share)
-    return f"{text} (the nearest in it is {_with_chance(nearest, spelling)}, {share} of the gap)"
+    return f"of the {names} family, in a form not in the catalogue"
 
 
 def size_of(rest: Remainder, *, beside: bool) -> str:
@@ -195,62 +215,8 @@ def amount_of(rest: Remainder) -> str:
 
 
 def weight_of(rest: Remainder) -> str:
-    """Whether what is left is more than noise and tolerances, by what that was decided, and how
-    often these alone leave as much."""
-    text = (
-        "more than noise and ordinary tolerances"
-        if rest.real
-        else "not told from noise and ordinary tolerances"
-    )
-    if rest.by_evidence and rest.evidence is not None and rest.plain_from is not None:
-        return (
-            f"{text}: the recordings speak for a missing value with {rest.evidence:.3g} nats per "
-            f"sample, which decides from {rest.plain_from:.3g} on; the errors alone would not have "
-            f"(P {chance_figure(rest.probability or 0.0)})"
-        )
-    text += _chance_beside(rest)
-    if rest.p_value is not None:
-        of = 100.0 * rest.p_value
-        often = "fewer than 1" if of < 1.0 else f"{of:.0f}"
-        text += (
-            f"; of 100 machines on which nothing is missing, {often} would leave as much or more"
-        )
-    return text
-
-
-def _chance_beside(rest: Remainder) -> str:
-    """How probable it is that what is left is more, with the line that it did not reach where that
-    is not plain; begins with a space."""
-    if rest.probability is None:
-        return ""
-    if not rest.real and rest.floors is not None and rest.floors < 1.0 + DEFAULT.gap_margin:
-        return f" (within {percent_text(DEFAULT.gap_margin)} of the noise floor)"
-    short = not rest.real and rest.probability >= DEFAULT.plainly_not
-    line = f"; it counts from {rest.probable_from:.2f} on" if short and rest.probable_from else ""
-    return f" (P {chance_figure(rest.probability)} that it is more{line})"
-
-
-def _tolerated(rest: Remainder | None) -> str:
-    """How much tolerances are made to answer for, where it is plainly more than noise; begins with
-    a space."""
-    if rest is None or rest.floors is None or rest.floors < DEFAULT.naive_near_floor:
-        return ""
-    return (
-        f" What is left, {times_text(rest.floors)} times the noise floor, machines leave as well "
-        "on which nothing is missing."
-    )
-
-
-def left_beside(rest: Remainder) -> str:
-    """What remains beside the causes and is not real: said with its size and chance where it is
-    plainly more than noise, for then tolerances alone have to answer for it."""
-    if rest.floors is None or rest.floors < DEFAULT.naive_near_floor:
-        return "what remains is within noise and tolerances"
-    text = (
-        f"what remains, {times_text(rest.floors)} times the noise floor, is not told from ordinary "
-        "tolerances"
-    )
-    return f"{text}{_chance_beside(rest)}"
+    """Whether what is left is a material part of the gap."""
+    return "a material part of the gap" if rest.real else "no material part of the gap"
 
 
 def _entrance(where: Where, spelling: Spelling) -> str:
@@ -273,56 +239,25 @@ def _entering(rest: Remainder, spelling: Spelling) -> str:
 
 
 def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
-    """A probable cause that the held-out windows do not confirm, or a gap that may be none."""
-    m = max(found.members, key=lambda m: m.probability or 0.0, default=None)
-    rest = found.remainder
-    if m is not None and m.removes is not None and m.bent is not None and _only_bent(m):
+    """The leader of the ranking, and why it is not named."""
+    steps = [step for step in found.comparison if step.tied]
+    if steps:
+        names = [spelling.effect(m.effect) for m in steps[0].tied]
+        share = percent_text(steps[0].tied[0].removes.share)
         return (
-            f"{_with_chance(m, spelling)} would remove {percent_text(m.removes.share)} of the gap, "
-            f"but it bends what passes there by {percent_text(m.bent)} only: machines on which "
-            f"nothing is missing are as far from straight. {MEASURE_MAP}"
+            f"{names[0]} removes most of the gap, {share}, but {_joined(names[1:], 'and')} do next "
+            "to as well: these recordings cannot separate them."
         )
-    if rest is not None and not rest.real and rest.probability is not None:
-        text = (
-            "These recordings leave open whether anything is missing "
-            f"(P {chance_figure(rest.probability)})"
-        )
-        if rest.floors is not None:
-            text += f": what is left is {size_of(rest, beside=False)}"
-        text += "."
-        if m is not None and m.removes is not None and m.removes.share >= DEFAULT.worth:
-            text += (
-                f" The nearest is {_with_chance(m, spelling)}, {percent_text(m.removes.share)} of "
-                f"it (95 % interval {percents_text(m.removes.low, m.removes.high)})."
-            )
-        return f"{text} {RECORD_MORE}"
-    if m is None or m.removes is None:
+    leader = next((r for r in found.ranking if r.removes is not None), None)
+    if leader is None or leader.removes is None:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
+    removes = leader.removes
+    windows = len(found.comparison[0].reference_losses) if found.comparison else 0
     return (
-        f"{_with_chance(m, spelling)} may be missing, but the held-out windows do not suffice to "
-        f"confirm it: it removes {percent_text(m.removes.share)} of the gap (95 % interval "
-        f"{percents_text(m.removes.low, m.removes.high)}). {RECORD_MORE}"
+        f"{spelling.effect(leader.effect)} may be missing: it removes {percent_text(removes.share)} "
+        f"of the gap (95 % interval {percents_text(removes.low, removes.high)}), which "
+        f"{windows} held-out windows do not make certain. {RECORD_MORE}"
     )
-
-
-def _only_bent(m: BestMember) -> bool:
-    """Is it probable, and held back for being no more than an ordinary machine's characteristic?"""
-    probable = (m.probability or 0.0) >= calibration().lines["cause"].yes
-    backed = m.removes is not None and m.removes.low > 0.0
-    return probable and backed and m.bent is not None and m.bent <= DEFAULT.ordinary_bend
-
-
-def _with_chance(c: Cause | BestMember, spelling: Spelling) -> str:
-    place = f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
-    chance = f" (P {chance_figure(c.probability)})" if c.probability is not None else ""
-    return f"{spelling.effect(c.effect)}{place}{chance}"
-
-
-def _with_places(c: Cause, spelling: Spelling) -> str:
-    """The same, and where else it may as well act."""
-    ports = _joined((spelling.port(port) for port in c.or_at), "or")
-    elsewhere = f", or the like at the {ports} port," if ports else ""
-    return f"{_with_chance(c, spelling)}{elsewhere}"
 
 
 def chance_figure(probability: float) -> str:

@@ -59,7 +59,7 @@ class PowerSettings:
     stiff."""
 
     sizes: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
-    margin: float = DEFAULT.gap_margin
+    margin: float = DEFAULT.floor_margin
     sure: float = 3.0
     alike: float = DEFAULT.alike_share
     rows: int = 6000

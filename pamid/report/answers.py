@@ -173,12 +173,10 @@ def which_answer(run: RunData) -> Answer:
 
 
 def _confidence(diagnosis: DiagnosisFile) -> str:
-    """What a probability means here, and the one that anything is missing at all."""
+    """The meaning of a probability."""
     if diagnosis.remark or not any(one.probability is not None for one in diagnosis.ranking):
         return ""
-    gap = diagnosis.confidence.gap if diagnosis.confidence is not None else None
-    at_all = "" if gap is None else f"; that anything is missing at all: {formatting.chance(gap)}"
-    return f"{PROBABILITY_MEANS}{at_all}."
+    return f"{PROBABILITY_MEANS}."
 
 
 def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
@@ -277,16 +275,12 @@ def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _beside(diagnosis: DiagnosisFile) -> list[str]:
-    """Look-alike classes; what the others remove is told by the ranking and its tooltips."""
-    named = {cause.effect for cause in diagnosis.causes}
-    details = [
-        sentence(
-            "look-alikes that these recordings do not separate: "
-            f"{formatting.join(map(effect_label, group))}"
-        )
-        for group in diagnosis.look_alikes
-        if len(group) > 1 and (not named or named & set(group))
-    ]
+    """The confidence set; the ranking and its tooltips hold the other candidates."""
+    tied = diagnosis.tied
+    details = []
+    if len(tied) > 1:
+        names = formatting.join(map(effect_label, tied))
+        details.append(f"These recordings cannot separate {names}.")
     return details if len(diagnosis.ranking) > 1 else [*details, "No other candidate was refitted."]
 
 
@@ -337,18 +331,6 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
                 else f"; what is left is {times_text(times)} times that"
             )
         texts.append(f"{text}.")
-    if row.black_box is not None and best is not None:
-        verb = "no better than the physical model"
-        if row.black_box < best:
-            verb = (
-                "hardly better"
-                if row.black_box > 0.9 * best
-                else "so some structure may still be missing"
-            )
-        texts.append(
-            "A black box trained on the same data reaches "
-            f"{formatting.with_unit_text(row.black_box, unit_text)}, {verb}."
-        )
     return texts
 
 

@@ -71,10 +71,10 @@ def over_channels(diagnosis: DiagnosisFile) -> str:
 
 
 def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
-    """The best candidate that is neither a cause nor a look-alike of one; else the best that is no
+    """The best candidate that is neither a cause nor tied with one; else the best that is no
     cause."""
     named = {cause.effect for cause in diagnosis.causes}
-    alike = {name for group in diagnosis.look_alikes if named & set(group) for name in group}
+    alike = set(diagnosis.tied)
     others = [one for one in diagnosis.ranking if one.effect not in named]
     different = [one for one in others if one.effect not in alike]
     return (different or others or [None])[0]  # type: ignore[list-item]

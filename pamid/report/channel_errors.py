@@ -17,7 +17,6 @@ MODEL_NAMES = {
     "refitted": "refitted",
     "with_network": "with network",
     "with_cause": "with cause",
-    "black_box": "black box",
     "noise_floor": "noise floor",
 }
 _AGREE = 0.02  # two files that agree on an MAE within this share are not worth a remark
@@ -33,7 +32,6 @@ class ChannelErrors:
     refitted: float | None = None
     with_network: float | None = None
     with_cause: float | None = None
-    black_box: float | None = None
     noise_floor: float | None = None
     shrinkage: float | None = None
     low: float | None = None
@@ -84,7 +82,6 @@ def _row(name: str, run: RunData) -> ChannelErrors:
         refitted=stated(reached.mae_refitted if reached else None, "refitted"),
         with_network=network.get("with_network"),
         with_cause=named.mae_with_cause if named is not None else None,
-        black_box=reached.black_box if reached is not None else None,
         noise_floor=stated(reached.noise_floor if reached else None, "noise_floor"),
         shrinkage=named.shrinkage if named is not None else None,
         low=named.low if named is not None else None,

@@ -157,6 +157,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
                     family="",
                     port="",
                     or_at=(),
+                    instead=(),
                     parameters=own,
                     probability=None,
                     removes=None,

@@ -215,9 +215,7 @@ def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     if not shown:
         return None
     named = {cause.effect for cause in diagnosis.causes}
-    alike = {
-        name for group in diagnosis.look_alikes if named & set(group) for name in group
-    } - named
+    alike = set(diagnosis.tied) - named
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

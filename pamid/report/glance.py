@@ -134,7 +134,6 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
     texts = [_grounds_line(one, len(shown) > 1) for one in shown]
-    texts += _look_alikes(diagnosis)
     return AnswerCard(
         "Which",
         sentence(lead).removesuffix("."),
@@ -144,7 +143,7 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
 
 
 def _best_guess(diagnosis: DiagnosisFile) -> tuple[str, ...]:
-    best = max(diagnosis.members, key=lambda one: one.probability or 0.0, default=None)
+    best = next((one for one in diagnosis.ranking if one.removes is not None), None)
     if best is None or best.probability is None:
         return ("These recordings do not suffice.",)
     return (f"{effect_label(best.effect)} may be missing (P {chance_figure(best.probability)}).",)
@@ -184,16 +183,6 @@ def _grounds_line(cause: Cause, several: bool) -> str:
     return f"{effect_label(cause.effect)}: {text}" if several and text else text
 
 
-def _look_alikes(diagnosis: DiagnosisFile) -> list[str]:
-    named = {one.effect for one in diagnosis.causes}
-    alike = {
-        other for group in diagnosis.look_alikes if named & set(group) for other in group
-    } - named
-    if not alike or diagnosis.verdict == "ambiguous":
-        return []
-    return [f"looks like it: {formatting.join(map(effect_label, sorted(alike)), 'or')}"]
-
-
 # ---- how far -------------------------------------------------------------------------------------
 
 
@@ -222,8 +211,6 @@ def _left_line(diagnosis: DiagnosisFile | None) -> list[str]:
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return []
-    if not rest.real:
-        return [set_figures(verdict_words.left_beside(rest))]
     size = set_figures(verdict_words.size_of(rest, beside=bool(diagnosis.causes)))
     at = f", at the {port_label(rest.port)}" if rest.port else ""
     return [f"left: {size}{at}"]

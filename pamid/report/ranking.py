@@ -78,13 +78,9 @@ def why_not(one: Candidate, diagnosis: DiagnosisFile) -> str:
         return formatting.not_converged("its fit", one.why)
     if one.shrinkage is None:
         return formatting.clean(one.why) or "was not refitted"
-    reasons = [
-        f"looks like {effect_label(other)} on these recordings"
-        for group in diagnosis.look_alikes
-        if one.effect in group
-        for other in group
-        if other in named
-    ][:1]
+    reasons = list(one.set_aside)
+    if one.effect in diagnosis.tied and named:
+        reasons.append("these recordings cannot separate it from the first")
     if one.low is not None and one.low <= 0.0:
         reasons.append("its gain is not sure: the interval reaches 0")
     best = next((each for each in diagnosis.ranking if each.effect in named), None)

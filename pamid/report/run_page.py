@@ -39,7 +39,6 @@ from pamid.report.rig_figure import panels_html
 from pamid.report.style import Picture
 from pamid.report.tables import (
     combinations_table,
-    grounds_table,
     loop_table,
     mae_table,
     parameter_table,
@@ -283,12 +282,7 @@ def _candidates(run: RunData) -> Iterator[Block]:
     diagnosis = run.diagnosis
     if diagnosis is None or not diagnosis.ranking:
         return
-    yield Heading("What the verdict rests on", 3)
-    if diagnosis.grounds is not None and (statistics := diagnosis.grounds.numbers()):
-        yield Details(
-            "For developers: the figures behind the verdict",
-            (grounds_table(statistics), notes("All on the held-out windows.")),
-        )
+    yield Heading("Comparison of the candidates", 3)
     yield Details(
         f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost",
         (ranking_table(diagnosis), rivals_table(diagnosis)),
@@ -296,15 +290,6 @@ def _candidates(run: RunData) -> Iterator[Block]:
     if diagnosis.notes:
         yield Heading("What to know before believing a figure", 3)
         yield Bullets(tuple(formatting.clean(one) for one in diagnosis.notes))
-    classes = [
-        formatting.join(map(formatting.effect_label, group))
-        for group in diagnosis.look_alikes
-        if len(group) > 1
-    ]
-    if classes:
-        yield Heading("Look-alikes", 3)
-        yield Bullets(tuple(classes))
-        yield notes("Effects of one class predict the same, within the noise, on these recordings.")
 
 
 def _sensors(run: RunData) -> Iterator[Block]:

@@ -38,7 +38,6 @@ COLOURS = {
     "refitted": ("#0072b2", "#56b4e9"),
     "with_cause": ("#d55e00", "#f0883e"),
     "with_network": ("#009e73", "#2fc79a"),
-    "black_box": ("#8a5a9e", "#c49bd6"),
     "noise_floor": ("#b9c0c8", "#5b636d"),
     "faint": ("#eef0f3", "#22272d"),
 }

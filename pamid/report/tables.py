@@ -373,16 +373,3 @@ def sensors_table(where: Where) -> Table:
 def _figure(value: float) -> str:
     """A count without decimals."""
     return count(value) if float(value).is_integer() else number(value)
-
-
-def grounds_table(grounds: dict[str, float]) -> Table:
-    """The figures that the verdict rests on, and what each one means."""
-    body = [
-        [
-            formatting.port_label(name),
-            percent(value) if name in SHARES else _figure(value),
-            GROUNDS.get(name, formatting.DASH),
-        ]
-        for name, value in grounds.items()
-    ]
-    return table(["figure", "value", "meaning"], body, (1,))

@@ -19,7 +19,6 @@ from pamid.schemas.estimates import (
     FailedJob,
     Interval,
 )
-from pamid.schemas.grounds import Confidence, Further, Grounds, SignatureFigures
 from pamid.schemas.model import (
     Count,
     Figures,
@@ -56,11 +55,12 @@ class CauseParameter(Interval):
 
 
 class GapShare(Model):
-    """A share of the gap, on held-out data that chose nothing."""
+    """A share of the gap between the refitted model and the noise floor, on held-out windows."""
 
     share: Number = Field(description=SHARE)
-    low: Number = Field(description=LOW)
+    low: Number = Field(description=f"{LOW}, paired window by window")
     high: Number = Field(description=HIGH)
+    standard_errors: Written[Number] = Field(None, description="the share in its standard errors")
 
 
 class Cause(Model):
@@ -72,6 +72,9 @@ class Cause(Model):
     or_at: ListOf[Text] = Field(
         (), description="groups of ports at which an effect of its family does as well"
     )
+    instead: ListOf[Text] = Field(
+        (), description="families that do as well in its place, next to the other causes"
+    )
     parameters: MapOf[CauseParameter] = Field({}, description="by name with unit")
     probability: Number | None = Field(
         None, description="calibrated frequency with which such a cause is there, 0 to 1"
@@ -80,7 +83,7 @@ class Cause(Model):
         None, description="share of the gap that it removes beside the other causes"
     )
     share: Number | None = Field(
-        None, description="Shapley share of the shrinkage among the causes, 0 to 1"
+        None, description="its part of what the causes remove one by one, 0 to 1"
     )
 
 
@@ -93,15 +96,9 @@ class Remainder(Model):
     floors: Written[Number] = Field(
         None, description="error that is left over the noise floor, in the worst channel"
     )
-    probability: Written[Number] = Field(
-        None, description="that it is more than noise and ordinary tolerances, 0 to 1"
+    real: Flag = Field(
+        True, description="whether it is material: a fifth of the gap or more, above the floor"
     )
-    p_value: Written[Number] = Field(
-        None,
-        description="how often noise and tolerances alone leave as much, among machines on which "
-        "nothing else was missing",
-    )
-    real: Flag = Field(True, description="whether it counts as more than noise and tolerances")
     port: Text = Field("", description="group of ports at which it enters; empty where not real")
     formula: Text = Field("", description="what is missing there, in the signals at the port")
     family: Text = Field("", description="whose free form would take it up; empty where none does")
@@ -114,21 +111,6 @@ class Remainder(Model):
         default=None, description="... of what passes there, with all that acts"
     )
     unit: Sometimes[Text] = Field(default=None, description="of both")
-    probable_from: Sometimes[Number] = Field(
-        default=None, description="from this `probability` on it counts as more"
-    )
-    evidence: Sometimes[Number] = Field(
-        default=None, description="latent evidence that something is missing, nats per sample"
-    )
-    plain_from: Sometimes[Number] = Field(
-        default=None, description="from this `evidence` on it counts, however probable"
-    )
-
-    @property
-    def by_evidence(self) -> bool:
-        """Does it count as more although error figures alone do not make it probable?"""
-        probability, least = self.probability, self.probable_from
-        return self.real and None not in (probability, least) and bool(probability < least)  # type: ignore[operator]
 
 
 class HeldOut(Model):
@@ -148,6 +130,10 @@ class Candidate(Model):
         None, description="calibrated frequency with which such a candidate is the cause, 0 to 1"
     )
     held_out: MapOf[HeldOut] = Field({}, description="by channel")
+    removes: GapShare | None = Field(None, description="share of the gap, alone")
+    behind: Written[Number] = Field(
+        None, description="standard errors by which the first of the ranking removes more"
+    )
     shrinkage: Written[Number] = Field(
         None, description=f"{SHRINKAGE}, all channels weighed by their floors"
     )
@@ -159,28 +145,37 @@ class Candidate(Model):
     at_bound: ListOf[Text] = Field(
         (), description="of these, those at a bound that physics did not set"
     )
-    signature: SignatureFigures | None = Field(None, description="what speaks for it, alone")
+    set_aside: ListOf[Text] = Field((), description="physical reasons for which it is not named")
 
 
-class BestMember(Model):
-    """An effect of the best model, whatever the verdict."""
+class SetMember(Model):
+    """A model of the confidence set."""
 
-    effect: Text = Field(description="label, effect@port where the place is not unique")
+    effect: Text = Field(description="label of the effect that the step adds")
     family: Text = Field("", description="of effects that are mistaken for each other")
     port: Text = Field("", description="group of ports that it acts on")
-    probability: Number | None = Field(None, description="that it is there, 0 to 1")
-    removes: GapShare | None = Field(None, description="share of the gap, beside the others")
-    bent: Number | None = Field(
-        None,
-        description="share of what passes its port (root mean square) by which it bends a "
-        "characteristic, where that is all that it does",
+    removes: GapShare = Field(description="share of the gap, against the reference of the step")
+    losses: ListOf[Number] = Field((), description="per held-out window, in noise floors")
+
+
+class ComparisonStep(Model):
+    """Models compared on the same held-out windows, on top of the same reference."""
+
+    reference: Text = Field(description="effects of the reference; baseline for none")
+    reference_losses: ListOf[Number] = Field(
+        (), description="of the reference, per held-out window, in noise floors"
     )
-    again: ListOf[Text] = Field(
-        (), description="the rig's own parameters whose terms at this port do what it does"
+    tied: ListOf[SetMember] = Field(
+        (), description="confidence set: one model per family, the best first"
     )
-    signature: SignatureFigures | None = Field(
-        None, description="what speaks for it, beside the others"
-    )
+
+
+class Forecast(Model):
+    """Share of the error that the causes remove on a fresh recording, as predicted."""
+
+    share: Number = Field(description=SHRINKAGE)
+    low: Number = Field(description=LOW)
+    high: Number = Field(description=HIGH)
 
 
 class PortShare(Model):
@@ -255,7 +250,9 @@ class Reach(Model):
     noise_floor: Written[Number] = Field(
         None, description="error of a perfect model, by the noise of the sensors"
     )
-    black_box: Number | None = Field(None, description="error of a model without physics")
+    mae_refitted_short: Number | None = Field(
+        None, description=f"mae_refitted, with a start estimated in every window: {ERROR}"
+    )
     shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
     low: Written[Number] = Field(None, description=LOW)
     high: Written[Number] = Field(None, description=HIGH)
@@ -372,24 +369,6 @@ class Unknown(Model):
     )
 
 
-class Slip(Model):
-    """What, multiplied by `factor`, brings model and recording together."""
-
-    kind: Literal["parameter", "column"]
-    name: Text
-    factor: Number
-
-
-class UnitsInDoubt(Model):
-    """The refitted model misses by more than the signal moves: units and signs are in doubt."""
-
-    error_over_spread: MapOf[Number] = Field(
-        description="held-out error over the spread of the signal, by channel"
-    )
-    advice: Text
-    slips: ListOf[Slip]
-
-
 class DiagnosisFile(Model):
     """Where the gap lies, which effect causes it, how far it shrinks."""
 
@@ -398,7 +377,6 @@ class DiagnosisFile(Model):
         "how far it shrinks"
     )
 
-    not_read: ClassVar = ("units", "further")
     earlier: ClassVar = {
         "pamid.diagnosis/1": "every cause now has a probability of its own and the share of the "
         "gap that it removes, `remainder` tells what is left, and the verdicts partly-explained "
@@ -406,7 +384,7 @@ class DiagnosisFile(Model):
     }
     written_by: ClassVar = "pamid diagnose"
 
-    schema_: Literal["pamid.diagnosis/2"] = Field(default="pamid.diagnosis/2", alias="schema")
+    schema_: Literal["pamid.diagnosis/3"] = Field(default="pamid.diagnosis/3", alias="schema")
     verdict: Verdict
     sentence: Text = Field("", description="the verdict in words")
     remark: Text = Field(
@@ -425,28 +403,29 @@ class DiagnosisFile(Model):
     ranking: ListOf[Candidate] = Field(
         (), description="every candidate that was refitted, best first"
     )
-    members: ListOf[BestMember] = Field(
-        (), description="effects of the best model, whether or not the verdict names them"
+    comparison: ListOf[ComparisonStep] = Field(
+        (), description="confidence sets, in the order in which effects were added"
     )
-    dropped: ListOf[BestMember] = Field(
-        (), description="effects found beside these that are too improbable to be named"
+    horizon_s: Written[Number] = Field(
+        None, description="time over which the model predicts from one estimated state, s"
+    )
+    forecast: Forecast | None = Field(
+        None, description="for a fresh recording; null without causes"
     )
     where: Written[Where] = Field(None, description="where the gap enters")
     how_far: MapOf[Reach] = Field({}, description="by channel")
     transfer: ListOf[Transfer] = Field((), description="does the cause hold elsewhere?")
-    look_alikes: ListOf[ListOf[Text]] = Field(
-        (), description="classes of effects that these recordings cannot tell from each other"
-    )
     next_experiment: NextExperiment | None = Field(None, description="what to measure next")
     parameters: MapOf[Estimate] = Field({}, description="of the rig, by name with unit")
     background: MapOf[Pull] = Field({}, description="by name")
     unknown: Unknown | None = Field(None, description="of an effect without a name")
-    units: UnitsInDoubt | None = Field(None, description="null where they are not in doubt")
     rig: Sometimes[RigMap] = Field(default=None, description="its ports and which leads to which")
-    further: ListOf[Further] = Field((), description="in the order in which they were tried")
-    grounds: Grounds | None = Field(None, description="what the verdict rests on")
-    confidence: Confidence | None = Field(None, description="of the verdict")
     notes: ListOf[Text] = Field(
         (), description="what a reader should know before believing a figure, in words"
     )
     failed_jobs: Sometimes[ListOf[FailedJob]] = None
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Effects that tie with the first cause, one per family, the first included."""
+        return tuple(m.effect for m in self.comparison[0].tied) if self.comparison else ()

@@ -84,6 +84,7 @@ class DataSplit:
     timescale_s: float
     correlation_s: float
     lead_most: float = np.inf  # correlation times before a held-out part, for what keeps memories
+    per_run: int = 1  # held-out windows that a model predicts from one estimated state
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each. Models with

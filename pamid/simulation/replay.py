@@ -1,8 +1,8 @@
-"""What a model leaves over: recorded-command replay in short windows, and the noise floor of that
-comparison.
+"""Recorded-command replay of a model, scored window by window, and its noise floor.
 
-A window starts from a state estimated on its first part, which is not scored; then the model runs
-freely on the recorded command. What effects remember runs on from window to window.
+A run covers one window or more, up to the whole recording. It begins in a state estimated from its
+own data; then the model runs freely on the recorded command. What effects remember is carried on
+from run to run.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recording
 USUAL_WINDOW_SAMPLES = 40  # of a window at least
 FEWEST_WINDOW_SAMPLES = 20  # where a record would not give 3 such; 3 of them find its start
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
-WARM_UP = 0.15  # share of a window that only serves to find its start
+WARM_UP = 0.15  # share of a run's first window that only serves to find its start
+WHOLE = 2**31 - 1  # windows per run: one run over the whole recording
 
 
 def replay_windows(track: Track) -> list[Window]:
@@ -44,12 +45,13 @@ def replay_windows(track: Track) -> list[Window]:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A model run over a track window by window, its lead-in included.
+    """A model run over a track, its lead-in included.
 
     full_track, full_outputs (samples x channels, SI), full_windows: lead-in included; noise: of the
     sensors, per channel (SI);
     carried, starts: the rig's states to which the window before has led and at which the window was
-    entered (windows x states); finite: nothing of what is scored became unstable.
+    entered (windows x states); finite: nothing of what is scored became unstable; per_run: scored
+    windows that one run covers.
     """
 
     full_track: Track
@@ -59,6 +61,7 @@ class Replay:
     starts: Array = field(repr=False)
     finite: bool
     noise: Array
+    per_run: int = 1
 
     @cached_property
     def track(self) -> Track:
@@ -84,10 +87,10 @@ class Replay:
 
     @cached_property
     def scored(self) -> NDArray[np.bool_]:
-        """Samples behind the first part of their window, on which its start was estimated."""
-        out = np.zeros(len(self.track), bool)
-        for w in self.windows:
-            out[w.start + warm_up(w) : w.stop] = True
+        """Samples behind the first part of their run, on which its start was estimated."""
+        out = np.ones(len(self.track), bool)
+        for w in self.windows[:: self.per_run]:
+            out[w.start : w.start + warm_up(w)] = False
         return out
 
     @property
@@ -122,7 +125,7 @@ class Replay:
 
 
 def warm_up(window: Window) -> int:
-    """Samples at the beginning of a window on which its start is estimated."""
+    """Samples at the beginning of a run's first window that are not scored."""
     return max(10, round(WARM_UP * (window.stop - window.start)))
 
 
@@ -133,12 +136,14 @@ def replay_track(
     stepping: Stepping,
     noise: Array,
     jumps: Array | None = None,
+    per_run: int = 1,
 ) -> Replay:
-    """Run the model over the track window by window; the sensor noise per channel (SI) weighs the
-    start estimates.
+    """Run the model over the track; the sensor noise per channel (SI) weighs the start estimates.
 
-    Windows of the track's lead-in find their start from all of their samples. jumps: by what the
-    states are known to have departed from what was carried over (windows x states).
+    A run over one window finds its start from the part that is not scored, a longer one from the
+    whole of its first window, and so do windows of the track's lead-in. jumps: by what the states
+    are known to have departed from what was carried over (windows x states); per_run: scored
+    windows that one run covers.
     """
     runner = Runner(assembly, track, stepping)
     values = runner.parameters(p)
@@ -150,16 +155,24 @@ def replay_track(
         *(Window(w.start + lead, w.stop + lead) for w in windows),
     )
     carried, starts = np.empty((2, len(full_windows), runner.start_states))
+    leading = len(full_windows) - len(windows)
     for k, window in enumerate(full_windows):
         ahead = window.start < lead
-        seen = window if ahead else Window(window.start, window.start + warm_up(window))
-        carried[k] = memory.x[: runner.start_states]
-        guess = carried[k] if jumps is None else carried[k] + jumps[k]
-        x, usable = estimate_initial_state(
-            runner, memory, seen, values, 1.0 / noise, guess, track.jump if k else None
-        )
-        starts[k] = x if usable else carried[k]
-        runner.enter(memory, starts[k])
+        carried[k] = starts[k] = memory.x[: runner.start_states]
+        if ahead or (k - leading) % per_run == 0:
+            whole = ahead or per_run > 1
+            stop = window.stop if whole else window.start + warm_up(window)
+            x, usable = estimate_initial_state(
+                runner,
+                memory,
+                Window(window.start, stop),
+                values,
+                1.0 / noise,
+                carried[k] if jumps is None else carried[k] + jumps[k],
+                track.jump if k else None,
+            )
+            starts[k] = x if usable else carried[k]
+            runner.enter(memory, starts[k])
         Y, _, fine = runner.run(memory, window, values, False)
         if not fine or not np.isfinite(memory.x).all():
             finite = finite and ahead
@@ -167,7 +180,7 @@ def replay_track(
             # what the effects remember has run away, too: it begins anew
             memory = runner.memory(values)
         full_outputs[window.start : window.stop] = Y
-    return Replay(track, full_outputs, full_windows, carried, starts, finite, noise)
+    return Replay(track, full_outputs, full_windows, carried, starts, finite, noise, per_run)
 
 
 def run_windows(
@@ -203,7 +216,13 @@ def noise_floor(
     y = done.full_outputs + noise * random.standard_normal(done.full_outputs.shape)
     y[:, ~done.seen] = np.nan
     return replay_track(
-        assembly, p, replace(done.full_track, y=y), stepping, noise, done.starts - done.carried
+        assembly,
+        p,
+        replace(done.full_track, y=y),
+        stepping,
+        noise,
+        done.starts - done.carried,
+        done.per_run,
     )
 
 

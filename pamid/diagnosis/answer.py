@@ -1,0 +1,253 @@
+"""The answer of a diagnosis, from the figures of the comparison.
+
+    explained           causes; what remains is below a fifth of the gap, or at the noise floor
+    partly-explained    causes, and a material remainder
+    ambiguous           a set of causes that these recordings cannot separate
+    unknown-effect      a curve at a port removes a material share, and nothing of the catalogue does
+    no-structural-gap   at the noise floor, or nothing at any port removes a material share
+    cannot-tell         too few windows, too many causes that tie, or recordings in doubt
+
+Every cause has one probability, a logistic function of the figures of the comparison alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import shrinkage_interval
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.comparison import NOTHING, Comparison, Share, families_of
+from pamid.diagnosis.family_forms import FreeForm
+from pamid.diagnosis.look_alikes import all_alike
+from pamid.diagnosis.port_evidence import PortEvidence
+from pamid.diagnosis.selection import Selection
+from pamid.model.attachment import Attachment
+from pamid.schemas.diagnosis_file import CAUSED
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """An effect of the answer. model: that it is part of; removes: share of the gap that it removes
+    next to the others; or_at: groups of ports at which its family does as well; instead: families
+    that do as well in its place."""
+
+    effect: Attachment
+    model: CandidateModel
+    removes: Share
+    probability: float
+    or_at: tuple[str, ...] = ()
+    instead: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Verdict, causes, and what remains. model: with the causes, the baseline without any; removed:
+    share of the gap that it removes; why: of cannot-tell ("few", "many"); leader: the best
+    candidate, whatever the verdict; alike: whether the causes that tie predict the same."""
+
+    verdict: str
+    model: CandidateModel
+    causes: tuple[Cause, ...]
+    removed: Share
+    material_rest: bool
+    floors: float
+    left_at: PortEvidence
+    free_forms: tuple[FreeForm, ...] = ()
+    why: str = ""
+    leader: CandidateModel | None = None
+    alike: bool = False
+
+    @property
+    def left_over(self) -> bool:
+        """Is a material part of the gap left, with the causes or because there is none?"""
+        return self.verdict == "unknown-effect" or (self.verdict in CAUSED and self.material_rest)
+
+
+def answer(
+    comparison: Comparison,
+    selection: Selection,
+    ranking: Sequence[CandidateModel],
+    forms: Sequence[FreeForm],
+) -> Answer:
+    """The answer to a selection. forms: curves at ports that remove a material share of what it
+    leaves; ranking: models of single effects, the best first."""
+    settings, best = comparison.budget.settings, selection.best
+    removed = comparison.removed(best)
+    floors = comparison.floors(best)
+    causes = tuple(_cause(comparison, selection, a, ranking) for a in best.attached)
+    rest = removed.rest.share >= settings.material_rest and not comparison.at_floor(best)
+    leader = next(iter(ranking), None)
+    alike, why = False, ""
+    single = selection.instead.get(best.attached[0].label, ()) if len(best.attached) == 1 else ()
+    others = [c for c in single if not _same_effect(c, best)]
+    if others:
+        tied = [best, *others]
+        alike = all_alike(comparison.budget.model.evidence, comparison.budget.baseline, tied)
+        if len(tied) > settings.tied_most and not alike:
+            verdict, why, causes = "cannot-tell", "many", ()
+        else:
+            verdict = "ambiguous"
+            causes = tuple(_cause(comparison, selection, c.attached[0], ranking, c) for c in tied)
+    elif causes:
+        verdict = "partly-explained" if rest else "explained"
+    elif leader is not None and _is_open(comparison, leader):
+        verdict, why = "cannot-tell", "few"
+    else:
+        verdict = "unknown-effect" if forms else "no-structural-gap"
+    if not causes:
+        best, removed, rest = comparison.budget.baseline, NOTHING, bool(forms)
+        floors = comparison.floors(best)
+    return Answer(
+        verdict,
+        best,
+        causes,
+        removed,
+        rest,
+        floors,
+        selection.after,
+        tuple(forms),
+        why,
+        leader,
+        alike,
+    )
+
+
+def _same_effect(one: CandidateModel, other: CandidateModel) -> bool:
+    """Is it the same effect at another port, or of the same family?"""
+    names = {a.effect.name for a in one.attached}
+    return names == {a.effect.name for a in other.attached} or families_of(one) == families_of(
+        other
+    )
+
+
+def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
+    """Would the leader remove a material share, were it not for too few or too different
+    windows?"""
+    settings, removed = comparison.budget.settings, comparison.removed(leader)
+    return removed.share >= settings.material_share and (1.0 < removed.z < settings.standard_errors)
+
+
+def _cause(
+    comparison: Comparison,
+    selection: Selection,
+    a: Attachment,
+    ranking: Sequence[CandidateModel],
+    model: CandidateModel | None = None,
+) -> Cause:
+    """The effect with its figures next to the others of the model (default: the selected one)."""
+    model = model or selection.best
+    below = selection.without.get(a.label, comparison.budget.baseline)
+    rig, own = model.assembly.rig, a.group(model.assembly.rig)
+    rivals = list(selection.instead.get(a.label, ()))
+    if len(model.attached) == 1:
+        rivals = [c for c in ranking if c is not model and comparison.is_tied(c, model)]
+    placed = [
+        k.group(rig)
+        for c in rivals
+        for k in c.attached
+        if k not in model.attached
+        and (k.effect.name == a.effect.name or k.family(rig) == a.family(rig))
+        and not set(k.ports) & set(a.ports)
+    ]
+    families = [
+        k.family(rig)
+        for c in selection.instead.get(a.label, ())
+        for k in c.attached
+        if k not in model.attached
+    ]
+    return Cause(
+        a,
+        model,
+        comparison.removed(model, below),
+        probability(comparison, model, below, ranking),
+        tuple(g for g in dict.fromkeys(placed) if g != own),
+        tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
+    )
+
+
+# ---- probability -----------------------------------------------------------------------------
+
+
+def features(
+    comparison: Comparison,
+    model: CandidateModel,
+    below: CandidateModel,
+    ranking: Sequence[CandidateModel],
+) -> dict[str, float]:
+    """Figures of the comparison from which the probability of a cause is made.
+
+    below: the model without the cause; ranking: models of single effects, among which the next
+    family is sought.
+    """
+    removed = comparison.removed(model, below)
+    families = families_of(model)
+    others = (c for c in ranking if not families_of(c) & families)
+    rival = next(others, comparison.budget.baseline)
+    lead = comparison.removed(model, rival)
+    rest = comparison.removed(model).rest.share
+    windows = len(comparison.loss(model))
+    return {
+        "removed": float(np.clip(comparison.of_rest(model, below), -0.2, 1.0)),
+        "rest": float(np.clip(rest, 0.0, 1.0)),
+        "floors": float(np.log10(np.clip(comparison.floors(model), 1.0, 1000.0))),
+        "sure": signed_decades(removed.z),
+        "lead": signed_decades(lead.z if lead.share > 0.0 else min(lead.z, 0.0)),
+        "windows": float(np.log10(windows)),
+    }
+
+
+def probability(
+    comparison: Comparison,
+    model: CandidateModel,
+    below: CandidateModel,
+    ranking: Sequence[CandidateModel],
+) -> float:
+    """Calibrated frequency with which a cause of these figures is there."""
+    weights = calibration()
+    x = features(comparison, model, below, ranking)
+    score = weights["constant"] + sum(weights[name] * value for name, value in x.items())
+    return float(1.0 / (1.0 + np.exp(-score)))
+
+
+def signed_decades(value: float) -> float:
+    """sign(x) log10(1 + |x|)"""
+    return float(np.sign(value) * np.log10(1.0 + abs(value)))
+
+
+@cache
+def _learnt() -> dict[str, Any]:
+    """What the calibration cases have taught: see `pamid.trial.calibration`."""
+    text = files("pamid.diagnosis").joinpath("calibration.json").read_text(encoding="utf-8")
+    learnt: dict[str, Any] = json.loads(text)
+    return learnt
+
+
+def calibration() -> dict[str, float]:
+    """Weights of the logistic function."""
+    weights: dict[str, float] = _learnt()["weights"]
+    return weights
+
+
+def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, float]:
+    """95 % interval of the share of the error that is removed on a fresh recording.
+
+    before, after: losses per window (n,), n >= 2. The bootstrap interval of these windows and,
+    added in squares on the logarithm of the error ratio, the spread from recording to recording,
+    as measured on the calibration cases in proportion to the root of the share.
+    """
+    low, high = shrinkage_interval(before, after, seed=seed)
+    middle = np.log(max(float(after.sum() / before.sum()), 1e-9))
+    edges = np.log(np.maximum([1.0 - high, 1.0 - low], 1e-9))
+    other = float(_learnt()["spread"]) * np.sqrt(max(1.0 - np.exp(middle), 0.0))
+    half = np.hypot(edges - middle, other)
+    return float(1.0 - np.exp(middle + half[1])), float(1.0 - np.exp(middle - half[0]))

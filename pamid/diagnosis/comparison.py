@@ -1,0 +1,178 @@
+"""Comparison of models by their errors on the same held-out windows.
+
+With the mean absolute error e_wc of a model in window w and channel c, and the noise floor f_c,
+
+    loss_w        = sum_c e_wc / f_c
+    share removed = sum_w (loss_w(reference) - loss_w(model)) / sum_w (loss_w(baseline) - floor)
+
+The share is one of the gap between the baseline and the noise floor. Its standard error is that of
+the paired ratio sum_w (loss_w(reference) - loss_w(model)) / sum_w loss_w(reference), by a circular
+block bootstrap over windows: an effect that removes the same share of every window is certain
+although the windows differ. Diebold and Mariano (1995), JBES 13:253, for paired losses; Politis and
+Romano (1992) for the bootstrap. A model need not be true to be compared: no true one may be among
+the candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, chapter 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import few_entries_factor, seen_mean
+from pamid.diagnosis.budget import Budget
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.estimation.intervals import NORMAL_95
+
+Array = NDArray[np.float64]
+
+LEAST_ERROR = 1e-6  # standard error of a share, for losses that are equal to rounding
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of the gap with its paired 95 % interval; z: the share in its standard errors."""
+
+    share: float
+    low: float
+    high: float
+    z: float = 0.0
+
+    @property
+    def rest(self) -> Share:
+        """The share of the gap that remains."""
+        return Share(1.0 - self.share, 1.0 - self.high, 1.0 - self.low)
+
+
+NOTHING = Share(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Held-out errors of models, paired window by window, in shares of the gap of the baseline."""
+
+    budget: Budget
+    seed: int
+
+    def loss(self, model: CandidateModel) -> Array:
+        """One loss per held-out window, in noise floors."""
+        return self.budget.channel_losses(model.absolutes)
+
+    @cached_property
+    def gap(self) -> float:
+        """Loss of the baseline above the noise floor, summed over the windows."""
+        floor = self.budget.channel_losses(self.budget.floor)
+        return float(self.loss(self.budget.baseline).sum() - floor.sum())
+
+    def removed(
+        self,
+        model: CandidateModel,
+        reference: CandidateModel | None = None,
+        losses: Array | None = None,
+    ) -> Share:
+        """Share of the gap that a model removes, by default against the baseline.
+
+        losses: of the model, where they are reported by windows that had no part in its choice.
+        """
+        before = self.loss(reference or self.budget.baseline)
+        after = self.loss(model) if losses is None else losses
+        if self.gap <= 0.0 or len(before) < 2:
+            return NOTHING
+        share, error = paired_ratio(before - after, before, self.seed)
+        scale = float(before.sum()) / self.gap
+        reach = NORMAL_95 * error
+        return Share(
+            min(share * scale, 1.0),
+            min((share - reach) * scale, 1.0),
+            min((share + reach) * scale, 1.0),
+            share / error,
+        )
+
+    def of_rest(self, model: CandidateModel, reference: CandidateModel) -> float:
+        """Share that a model removes of the gap that its reference leaves."""
+        left = 1.0 - self.removed(reference).share
+        return self.removed(model, reference).share / left if left > 0.0 else 0.0
+
+    def is_material(self, model: CandidateModel, reference: CandidateModel) -> bool:
+        """Whether a model removes a material share of the gap that its reference leaves, by
+        enough standard errors."""
+        settings = self.budget.settings
+        return (
+            self.of_rest(model, reference) >= settings.material_share
+            and self.removed(model, reference).z >= settings.standard_errors
+        )
+
+    def is_tied(self, model: CandidateModel, best: CandidateModel) -> bool:
+        """Whether the windows cannot separate a model from the best one."""
+        settings, lead = self.budget.settings, self.removed(best, model)
+        return lead.z < settings.tie_errors or lead.share < settings.tie_margin
+
+    def floors(self, model: CandidateModel) -> float:
+        """Error over the noise floor, worst channel."""
+        floor = seen_mean(self.budget.floor)
+        return float(np.nanmax(seen_mean(model.absolutes) / floor))
+
+    def at_floor(self, model: CandidateModel) -> bool:
+        """Whether a model is at the noise floor in every channel, within the margin."""
+        return self.floors(model) < 1.0 + self.budget.settings.floor_margin
+
+    def ordered(self, models: Sequence[CandidateModel]) -> list[CandidateModel]:
+        """The lowest held-out loss first; among equal ones by name."""
+        return sorted(models, key=lambda c: (float(self.loss(c).sum()), c.label))
+
+    def confidence_set(
+        self, models: Sequence[CandidateModel], reference: CandidateModel
+    ) -> list[CandidateModel]:
+        """One model per family, the best first: the material ones that tie with the best.
+
+        Within a family the simplest member that is not worse stands for it. Empty where no model
+        removes a material share.
+        """
+        leaders: dict[frozenset[str], CandidateModel] = {}
+        material = [c for c in self.ordered(models) if self.is_material(c, reference)]
+        for c in material:
+            leaders.setdefault(families_of(c), c)
+        if not leaders:
+            return []
+        best = next(iter(leaders.values()))
+        tied = [c for c in leaders.values() if c is best or self.is_tied(c, best)]
+        return [self.simplest(c, material) for c in tied]
+
+    def simplest(self, best: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
+        """The model with the fewest parameters among those of the same families that tie with
+        the best of them."""
+        family = [c for c in models if families_of(c) == families_of(best)]
+        tied = [c for c in family if c is best or self.is_tied(c, best)]
+        return min(tied, key=lambda c: c.free_count, default=best)
+
+
+def families_of(model: CandidateModel) -> frozenset[str]:
+    """Families of a model's effects, each with the ports where these recordings may show it."""
+    return frozenset(a.family(model.assembly.rig) for a in model.attached)
+
+
+def paired_ratio(numerator: Array, denominator: Array, seed: int) -> tuple[float, float]:
+    """Ratio of two sums over windows (n,), n >= 2, and its bootstrap standard error."""
+    rows = resamples(len(numerator), seed)
+    ratios = numerator[rows].sum(axis=1) / denominator[rows].sum(axis=1)
+    error = float(ratios.std()) * few_entries_factor(len(numerator))
+    return float(numerator.sum() / denominator.sum()), max(error, LEAST_ERROR)
+
+
+DRAWS, BLOCK = 1000, 2  # resamples, and neighbouring windows that are drawn together
+
+
+@lru_cache(maxsize=16)  # the same for every model that is compared
+def resamples(count: int, seed: int) -> NDArray[np.intp]:
+    """Bootstrap rows (draws x count) in blocks of neighbouring windows, the last one a neighbour of
+    the first: the circular block bootstrap of Politis and Romano (1992). Of few windows each is
+    drawn by itself: of two, blocks of two are always both."""
+    block = min(BLOCK, max(1, count // 3))
+    random = np.random.default_rng(seed)
+    starts = random.integers(0, count, size=(DRAWS, -(-count // block)))
+    rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(DRAWS, -1)[:, :count]
+    rows.flags.writeable = False
+    return rows

@@ -1,0 +1,265 @@
+"""Effects added step by step, each step a comparison on the held-out windows.
+
+A step refits candidates on top of the model reached so far, pairs among them, and compares all of
+them with it. The best material one becomes the reference of the next step, until nothing material
+is added. A member whose removal costs nothing material is removed again. At the end every effect
+is held against the ones that tied with it, in the company of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from pamid.base.errors import PamidError
+from pamid.diagnosis.candidate_model import CandidateModel, transferred
+from pamid.diagnosis.comparison import Comparison, families_of
+from pamid.diagnosis.effect_subsets import ScreenedResponses, Subset, best_subsets, responses_of
+from pamid.diagnosis.guards import Guards
+from pamid.diagnosis.port_evidence import PortEvidence, locate
+from pamid.diagnosis.ranges import as_wide
+from pamid.diagnosis.screening import by_gain
+from pamid.diagnosis.search import (
+    RefitStart,
+    Refitting,
+    Round,
+    Search,
+    run_round,
+    with_finer_steps,
+)
+from pamid.diagnosis.starting_hints import gather_hints
+from pamid.estimation.grey_box import model_with
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment
+from pamid.parallel.jobs import Failed
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One comparison. reference: the model that the candidates extend; candidates: the
+    material ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the best first."""
+
+    reference: CandidateModel
+    candidates: tuple[CandidateModel, ...]
+    tied: tuple[CandidateModel, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The model with every effect that was added. without: by effect, the model less this effect;
+    instead: by effect, models with another one in its place that tie; after: the latent evidence
+    that is left at the ports."""
+
+    best: CandidateModel
+    steps: tuple[Step, ...]
+    after: PortEvidence
+    without: dict[str, CandidateModel] = field(default_factory=dict)
+    instead: dict[str, tuple[CandidateModel, ...]] = field(default_factory=dict)
+
+
+def select_effects(
+    search: Search,
+    comparison: Comparison,
+    guards: Guards,
+    located: PortEvidence,
+    first: Round,
+) -> Selection:
+    """Add effects to the baseline for as long as they remove a material share of what is left.
+
+    located: latent evidence at the ports without effects; first: the screened and refitted
+    candidates on top of the baseline.
+    """
+    settings, best = search.settings, search.budget.baseline
+    steps = [compared(comparison, guards, best, first.models)]
+    after = located
+    responses: ScreenedResponses | None = None
+    while True:
+        if steps[-1].tied:
+            extended = with_finer_steps(search, steps[-1].tied[0])
+            shorter = _needed_effects(search, comparison, extended)
+            if len(shorter.attached) <= len(best.attached):
+                break
+            best = shorter
+            after = _located_after(search, best, located)
+        rest = 1.0 - comparison.removed(best).share
+        full = len(best.attached) >= settings.effects_most
+        if full or rest < settings.further_from or comparison.at_floor(best):
+            break
+        if best.attached or not steps[-1].tied:
+            if responses is None:
+                responses = responses_of(
+                    search.evidence, first.reference, first.screened, search.pool
+                )
+            search.progress(f"looking for a further effect next to {best.label}")
+            larger = _larger(search, best, first.models, located, after, responses)
+            steps.append(compared(comparison, guards, best, larger))
+        if not steps[-1].tied:
+            break
+    return _with_rivals(search, comparison, guards, Selection(best, tuple(steps), after))
+
+
+def compared(
+    comparison: Comparison,
+    guards: Guards,
+    reference: CandidateModel,
+    models: Sequence[CandidateModel],
+) -> Step:
+    """Compare models that extend a reference, those set aside that physics objects to."""
+    candidates = [
+        c
+        for c in comparison.ordered(models)
+        if comparison.is_material(c, reference) and not guards.objections(c)
+    ]
+    tied = comparison.confidence_set(candidates, reference)
+    idle = [c for c in tied if guards.ignores_inputs(c)]
+    if idle:  # costs a few runs, so that only those are tried that would be named
+        families = {families_of(c) for c in idle}
+        kept = [c for c in candidates if families_of(c) not in families]
+        tied = comparison.confidence_set(kept, reference)
+    return Step(reference, tuple(candidates), tuple(tied))
+
+
+def _located_after(search: Search, best: CandidateModel, located: PortEvidence) -> PortEvidence:
+    leaders = [k[0] for k in located.classes]
+    return locate(search.evidence, best, search.pool, leaders, settings=search.settings)
+
+
+def _larger(
+    search: Search,
+    best: CandidateModel,
+    singles: Sequence[CandidateModel],
+    located: PortEvidence,
+    after: PortEvidence,
+    responses: ScreenedResponses,
+) -> list[CandidateModel]:
+    """Refitted models with one effect more than `best`: on top of it, at ports where the smoother
+    finds something, and the best subsets of as many effects."""
+    size = len(best.attached) + 1
+    models: list[CandidateModel] = []
+    if best.attached:
+        least = search.settings.port_reach * after.most
+        open_ports = {p for k in located.classes for p in k if after.gains[k[0]] >= least}
+        others = [
+            a
+            for a in search.candidates
+            if open_ports & set(a.ports) and not _is_taken(search, a, best, located)
+        ]
+        # the lines of the gap's spectrum, and over the position, are those of what is left by now
+        hints = gather_hints(search.evidence, best, search.settings)
+        models = run_round(replace(search, hints=hints), best, others).models
+    known = {frozenset(a.label for a in c.attached) for c in models}
+    subsets = best_subsets(
+        responses,
+        search.family,
+        max(size, 2),
+        search.settings,
+        lambda a, b: not set(a.ports) & _alike(b, located),
+    )
+    starts = [_joint_start(search, s, best, singles) for s in subsets if s.labels not in known]
+    work = Refitting(
+        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
+    )
+    refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
+    return [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
+
+
+def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:
+    """Does an effect of its family act where the recordings cannot tell its place from this one's?
+    Two joints may both have dry friction; two laws of it at one joint are one cause."""
+    places, family = _alike(a, located), search.family(a)
+    return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
+
+
+def _alike(a: Attachment, located: PortEvidence) -> set[str]:
+    """The ports where it acts, and those that the recordings cannot tell from these."""
+    here = [k for k in located.classes if set(a.ports) & set(k)]
+    return {*a.ports, *(port for k in here for port in k)}
+
+
+def _joint_start(
+    search: Search, subset: Subset, best: CandidateModel, singles: Sequence[CandidateModel]
+) -> RefitStart | None:
+    """A subset's model, refitted from the values of each member alone, the strongest last: it
+    knows the rig's own parameters best. Members that are in `best` come first, as there; None of
+    effects that cannot act together."""
+    alone = {c.label: (c.assembly, c.fit.p) for c in singles}
+    before = [a.label for a in best.attached]
+    strongest = by_gain(subset.members)
+    members = sorted(
+        strongest,
+        key=lambda s: (
+            before.index(s.attachment.label) if s.attachment.label in before else len(before)
+        ),
+    )
+    attached = tuple(s.attachment for s in members)
+    try:
+        assembly = model_with(search.evidence, attached, search.budget.sizes)
+    except PamidError:
+        return None
+    sources = [alone.get(s.attachment.label, s.ended) for s in strongest[::-1]]
+    return _start_from(attached, assembly, sources)
+
+
+def _start_from(
+    attached: tuple[Attachment, ...], assembly: Assembly, sources: Sequence[tuple[Assembly, object]]
+) -> RefitStart:
+    """A model refitted from the parameters of others, in ranges as wide as theirs."""
+    wide = as_wide(assembly, *(other for other, _ in sources))
+    p = transferred(wide, *sources)  # type: ignore[arg-type]
+    return RefitStart(attached, p, ranges=dict(wide.ranges), assembly=assembly)
+
+
+def refitted_with(
+    search: Search, attached: tuple[Attachment, ...], *sources: CandidateModel
+) -> CandidateModel:
+    """A model with these effects, refitted from the parameters of others, the last of them
+    first."""
+    if not attached:
+        return search.budget.baseline
+    assembly = model_with(search.evidence, attached, search.budget.sizes)
+    work = Refitting(
+        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
+    )
+    start = _start_from(attached, assembly, [(c.assembly, c.fit.p) for c in sources])
+    return search.pool.one(work, start)
+
+
+def _needed_effects(search: Search, comparison: Comparison, best: CandidateModel) -> CandidateModel:
+    """The model less every effect whose removal costs nothing material. The newest is tried, too:
+    where the model below it had ended in a local minimum, its gain was the way out."""
+    for a in best.attached if len(best.attached) > 1 else ():
+        smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
+        if smaller.finite and not comparison.is_material(best, smaller):
+            return _needed_effects(search, comparison, smaller)
+    return best
+
+
+def _with_rivals(
+    search: Search, comparison: Comparison, guards: Guards, selection: Selection
+) -> Selection:
+    """The selection with, for every effect, the model without it and those that do as well with
+    another one in its place."""
+    best, steps = selection.best, selection.steps
+    without, instead = {}, {}
+    for a in best.attached:
+        others = tuple(k for k in best.attached if k is not a)
+        below = refitted_with(search, others, best)
+        without[a.label] = below if below.finite else search.budget.baseline
+        rivals = {
+            k: c
+            for step in steps
+            for c in step.tied
+            for k in c.attached
+            if k not in best.attached and any(a in m.attached for m in step.tied)
+        }
+        models = [
+            c if not others else refitted_with(search, (*others, k), best, c)
+            for k, c in rivals.items()
+            if not others or search.family(k) not in map(search.family, others)
+        ]
+        instead[a.label] = tuple(
+            c
+            for c in comparison.ordered([c for c in models if c.finite])
+            if comparison.is_tied(c, best) and not guards.objections(c)
+        )
+    return replace(selection, without=without, instead=instead)
