@@ -26,7 +26,7 @@ from pamid.model.registry import rig_named
 from pamid.recording.overlap import overlaps
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.trial.case_runs import CaseMachine, _written
+from pamid.trial.case_machine import CaseMachine
 from pamid.trial.cases import draw_cases
 
 PERIOD_S = 0.003
@@ -93,7 +93,7 @@ def main() -> None:
             )
         stopped = 0
         for case in draw_cases("calibration", cases, 901, "one-dof"):
-            made = _written(case, CaseMachine.of(case).run(case.planted), Path(place) / "case.csv")
+            made = CaseMachine.of(case).recording(case.planted, Path(place) / "case.csv")
             stopped += bool(blocking(made, rig))
         print(f"recordings of the trial's joint that the gate stops: {stopped} of {cases}")
 

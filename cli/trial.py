@@ -75,6 +75,14 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     help="Of the cases drawn only this stratum.",
 )
 @click.option(
+    "--world",
+    type=click.Choice(["closed", "open"]),
+    default="closed",
+    show_default=True,
+    help="closed: what is planted is the whole gap. open: one or two further effects act as well, "
+    "maps are rougher than the rig states and the logger is a poor one.",
+)
+@click.option(
     "--bare",
     is_flag=True,
     help="Take away what the rig states of its machine's tolerances (background).",
@@ -105,6 +113,7 @@ def command(
     resume: bool,
     overwrite: bool,
     only: str | None,
+    world: str,
     bare: bool,
     calibrate: Path | None,
     also: tuple[Path, ...],
@@ -116,6 +125,12 @@ def command(
     On the arm a fault also has a place: one of two joints, one of four muscles, or all of them;
     behind a starter rig it is one of the rig's ports, and the loop is open. What the diagnosis says
     of probabilities was learned from the calibration parts.
+
+    --world open draws cases like real machines: besides the planted effect one or two further ones
+    of other families, each changing the readings by 10 to 60 % as much, map errors beyond the
+    rig's tolerance, coloured noise, a jittering clock, a coarse gauge behind a calibration curve,
+    and a recording that starts in motion. A second recording is held out. An answer is right if it
+    names what removes most, reports what remains and where, and claims no more than it removes.
 
     For a rig file, and for a rig without a machine of its own, or with --excitation, machines are
     made of the rig itself: its parameters drawn from their priors, a roughness of 0.5 to 4 % at its
@@ -149,6 +164,8 @@ def command(
     _require_one_way(resume, overwrite, index)
     tried = _tried(rig, excitation)
     fixed: dict[str, Any] = {"part": part, "seed": seed, **({"bare": True} if bare else {})}
+    if world != "closed":
+        fixed["world"] = world
     if not isinstance(tried, str):
         fixed = {"rig": rig, "machine": tried.sha256, **fixed}
     elif rig != "one-dof":
@@ -169,7 +186,7 @@ def command(
             with progress_line("trial", cases) as progress:
                 found = run_trial(
                     output,
-                    CaseSelection(part, cases, seed, tried, only or "", bare),
+                    CaseSelection(part, cases, seed, tried, only or "", bare, world),
                     pool,
                     done=lambda i, n: progress.update(i, "cases", n),
                 )
@@ -241,6 +258,7 @@ def _share(
         tried,
         options["only"] or "",
         fixed.get("bare", False),
+        fixed.get("world", "closed"),
     ).draw()
     cases = every_case[number - 1 :: count]
     with progress_line("trial", len(cases)) as progress:

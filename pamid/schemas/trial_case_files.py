@@ -8,7 +8,9 @@ from pydantic import ConfigDict, Field
 
 from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.estimates import HIGH, LOW, RIG, SEED, SHA256, FailedJob
-from pamid.schemas.model import MAY_LACK, Count, ListOf, MapOf, Model, Number, Sometimes, Text
+from pamid.schemas.model import MAY_LACK, Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
+
+WORLD = "open where further effects act as well and maps and loggers are poor"
 
 
 class ChannelForecast(Model):
@@ -33,6 +35,26 @@ class ShrinkageForecast(Model):
     channels: MapOf[ChannelForecast]
 
 
+class PlantedTruth(Model):
+    """What counts as the right answer to a planted fault."""
+
+    fault: Text
+    family: Text
+    port: Text
+    exact: ListOf[Text] = Field(description="effects that are the very same")
+
+
+class ActingEffect(PlantedTruth):
+    """An effect that acts in a case, with what it changes."""
+
+    planted: Flag = Field(description="or a further, lesser one")
+    change: Number = Field(
+        description="of the held-out readings if it acts alone: root mean square in their standard "
+        "deviations"
+    )
+    removes: Number = Field(description="... if it is taken out of all that act")
+
+
 class TrialCaseFile(Model):
     """The result of one case."""
 
@@ -52,22 +74,12 @@ class TrialCaseFile(Model):
     visibility_each: Annotated[Number | None, MAY_LACK] = Field(
         default=None, description="of two faults, that of the less visible one by itself"
     )
-    lost_at: Sometimes[Text] = Field(
-        default=None,
-        description="gate at which one of two faults was lost; empty where both were named",
+    acting: Sometimes[ListOf[ActingEffect]] = Field(
+        default=None, description="what acts in an open case; first what removes most"
     )
     shrinkage: Annotated[ShrinkageForecast | None, MAY_LACK] = Field(
         default=None, description="null without a cause, or where a model became unstable"
     )
-
-
-class PlantedTruth(Model):
-    """What counts as the right answer to a planted fault."""
-
-    fault: Text
-    family: Text
-    port: Text
-    exact: ListOf[Text] = Field(description="effects that are the very same")
 
 
 class CaseLabel(Model):
@@ -86,6 +98,14 @@ class CaseLabel(Model):
     bare: Sometimes[bool] = Field(
         default=None, description="is the tool not told of the machine's tolerances?"
     )
+    world: Sometimes[Text] = Field(default=None, description=WORLD)
+    further: Sometimes[MapOf[dict[Text, Number]]] = Field(
+        default=None, description="candidates for further effects -> sizes before they are scaled"
+    )
+    shares: Sometimes[ListOf[Number]] = Field(
+        default=None,
+        description="of further effects: change of the readings, in that by the planted one",
+    )
 
 
 class TrialLabelsFile(Model):
@@ -102,6 +122,7 @@ class TrialLabelsFile(Model):
     bare: Sometimes[bool] = Field(
         default=None, description="is the tool not told of the machine's tolerances?"
     )
+    world: Sometimes[Text] = Field(default=None, description=WORLD)
 
 
 class TrialShare(Model):

@@ -65,10 +65,6 @@ class TrialFile(Model):
     confusion: MapOf[MapOf[Count]] = Field(
         {}, description="planted family -> answer -> number of visible single faults"
     )
-    lost_pairs: MapOf[Count] = Field(
-        default={},
-        description="gate -> number of visible pairs of faults of which it lost one",
-    )
     baselines: MapOf[Rate] = Field({}, description="rates of answers that look at nothing")
     rig: Text = Field(default="one-dof", description="name of the rig, or of its file")
     cases_sha256: Text = Field("", description="digest of all cases and their labels")

@@ -31,6 +31,7 @@ from pamid.trial.joint_plant import (
     packed,
     stamped,
 )
+from pamid.trial.logger import PLAIN_LOGGER, Logger
 
 Array = NDArray[np.float64]
 
@@ -153,6 +154,7 @@ def record_arm(
     noise: float,
     seed: int,
     steps: int = SUBSTEPS,
+    logger: Logger = PLAIN_LOGGER,
 ) -> dict[str, Array]:
     """What this arm, with these faults (fault@place -> sizes), would have recorded.
 
@@ -167,11 +169,8 @@ def record_arm(
     asked = np.asarray(excitation.reference_deg if closed else excitation.command, dtype=np.float64)
     n = len(asked)
     extended = np.concatenate([asked, np.repeat(asked[-1:], AHEAD, axis=0)]).T.copy()
-    jitter = (
-        noise
-        * ARM_NOISE
-        * np.random.default_rng(seed).standard_normal((n + AHEAD, len(ARM_CHANNELS)))
-    )
+    random = np.random.default_rng(seed)
+    jitter = noise * ARM_NOISE * logger.noise(random, (n + AHEAD, len(ARM_CHANNELS)))
     readings, commands = np.zeros((n + AHEAD, len(ARM_CHANNELS))), np.zeros((2, n + AHEAD))
     run(
         packed(**asdict(arm.body(payload_kg))),
@@ -192,7 +191,8 @@ def record_arm(
             f"the arm flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
-    logged = _logged(arm.joints[0], f, readings, jitter[:n], time)
+    taken = time + PERIOD_S * logger.delays(random, n)
+    logged = _logged(arm.joints[0], f, readings, jitter[:n], taken)
     asked_for = {f"reference_{j}_deg": asked[:, k] for k, j in enumerate(JOINTS)} if closed else {}
     return {
         "time_s": time,

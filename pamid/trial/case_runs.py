@@ -29,10 +29,9 @@ from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.grey_box import fit_model
 from pamid.model.effect import Effect
-from pamid.model.registry import effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
-from pamid.recording.recording import TIME, Recording, read_recording, write_recording
+from pamid.recording.recording import Recording
 from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.model import read
 from pamid.schemas.trial_case_files import (
@@ -43,11 +42,9 @@ from pamid.schemas.trial_case_files import (
     TrialLabelsFile,
 )
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
-from pamid.trial.cases import Case, cases_sha256, draw_cases
-from pamid.trial.conditions import StarterConditions
-from pamid.trial.lost_pairs import lost_at
-from pamid.trial.machine import ONE_DOF, Machine, Record
-from pamid.trial.marking import Marked
+from pamid.trial.case_machine import CaseMachine, RecordedCase
+from pamid.trial.cases import CLOSED, OPEN, Case, cases_sha256, draw_cases
+from pamid.trial.machine import ONE_DOF
 from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
 
@@ -61,7 +58,7 @@ Done = Callable[[int, int], None]
 class CaseSelection:
     """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
     of one stratum, where one is named. rig: its name, or a machine that is made of it; bare:
-    without the tolerances that the rig states."""
+    without the tolerances that the rig states; world: "closed" or "open"."""
 
     part: str
     count: int
@@ -69,13 +66,16 @@ class CaseSelection:
     rig: str | OwnMachine = ONE_DOF
     only: str = ""
     bare: bool = False
+    world: str = CLOSED
 
     @property
     def rig_name(self) -> str:
         return self.rig if isinstance(self.rig, str) else self.rig.name
 
     def draw(self) -> list[Case]:
-        drawn = draw_cases(self.part, self.count, self.seed, self.rig, bare=self.bare)
+        drawn = draw_cases(
+            self.part, self.count, self.seed, self.rig, bare=self.bare, world=self.world
+        )
         return [c for c in drawn if self.only in ("", c.stratum)]
 
 
@@ -103,6 +103,8 @@ def run_trial(
     )
     if selection.bare:
         about = about.model_copy(update={"bare": True})
+    if selection.world != CLOSED:
+        about = about.model_copy(update={"world": selection.world})
     write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
     found = score_cases(
@@ -194,33 +196,29 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two
     faults, that of the less visible one beside the other, shrinkage predicted and achieved."""
     bench = CaseMachine.of(case)
-    recorded = _written(case, bench.run(case.planted), place / "recording.csv")
-    catalogue = {k: v for k, v in effects().items() if k not in case.removed}
+    recorded = bench.recorded(place)
+    evidence = recorded.data
     begun = time.process_time()
-    d, verdict = diagnosed(split_recordings(case.tools_rig, [recorded], []), catalogue)
+    d, verdict = diagnosed(evidence, recorded.catalogue)
     seconds = time.process_time() - begun
-    seen = (
-        _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
-    )
-    each = (
-        [
-            _visibility(d, _written(case, bench.run({k: v}), place / "twin.csv"))
-            for k, v in case.planted.items()
-        ]
-        if len(case.planted) > 1
-        else []
-    )
-    held, marked = None, {"diagnosis": verdict, "visibility_each": min(each, default=seen)}
-    if d.cause is not None:
-        fresh = _written(case, bench.run(case.planted, fresh=True), place / "fresh.csv")
-        held = _shrinkage(d, verdict, fresh)
+
+    def visibility(*without: str) -> float:
+        """Of the faults that are taken out."""
+        faults = {k: v for k, v in bench.faults.items() if k not in without}
+        return _visibility(d, bench.recorded(place / "twin", faults, fresh=0))
+
+    planted = list(case.planted)
+    seen = visibility(*planted) if planted else None
+    each = [visibility(*(p for p in planted if p != k)) for k in planted] if planted[1:] else []
+    held = None if d.cause is None else _shrinkage(d, verdict, recorded.fresh[0])
     return {
-        **marked,
+        "diagnosis": verdict,
+        "visibility_each": min(each, default=seen),
         "screened_family": d.screened,
         "seconds": seconds,
         "visibility": seen,
         "shrinkage": held,
-        **({"lost_at": lost_at(Marked(case.label(), marked))} if each else {}),
+        **({"acting": recorded.acting} if case.world == OPEN else {}),
     }
 
 
@@ -233,56 +231,10 @@ def diagnosed(
     return d, diagnosis_json(d, describe_unknown(d), 0) | {"failed_jobs": pool.failed_jobs}
 
 
-@dataclass(frozen=True)
-class CaseMachine:
-    """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh
-    one."""
-
-    case: Case
-    machine: Machine
-    record: Record
-    seeds: tuple[int, ...]
-
-    @classmethod
-    def of(cls, case: Case) -> CaseMachine:
-        random, machine = np.random.default_rng(case.seed), case.machine
-        seeds = tuple(int(s) for s in random.integers(2**31, size=4))
-        return cls(case, machine, machine.build(random, case.conditions), seeds)
-
-    def run(self, faults: dict[str, dict[str, float]], *, fresh: bool = False) -> dict[str, Array]:
-        """Columns of a recording, or of a fresh one."""
-        c = self.case.conditions
-        first, noise = self.seeds[2:] if fresh else self.seeds[:2]
-        signal = self.machine.excitation(c, self.record, first, noise)
-        return self.record(faults, signal, noise)
-
-
-def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
-    """The recording as a user has it: written to a file with the channels of the case, and read
-    back."""
-    c, machine = case.conditions, case.machine
-    hidden = machine.withheld_columns[c.channels]
-    meta: dict[str, Any] = {
-        "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": machine.period_s},
-        "known": machine.known(c),
-    }
-    if c.loop == "closed":
-        meta["controller"] = dict(machine.controller)
-    if case.own is not None and isinstance(c, StarterConditions):
-        meta = case.own.meta(c)
-    write_recording(
-        path,
-        columns[TIME],
-        {k: v for k, v in columns.items() if k != TIME and not k.startswith(hidden)},
-        meta,
-    )
-    return read_recording(path)
-
-
-def _visibility(d: Diagnosis, twin: Recording) -> float:
+def _visibility(d: Diagnosis, twin: RecordedCase) -> float:
     """The refitted model's held-out error over that on a recording without the fault, in the
     channel of the largest."""
-    healthy = fit_model(split_recordings(d.evidence.rig, [twin], []))
+    healthy = fit_model(twin.data)
     errors = np.concatenate([r.losses(1) for r in healthy.held_out]).mean(axis=0)
     return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
 

@@ -1,6 +1,10 @@
 """The cases of the blind trial: what is planted, under which conditions it is recorded, what the
 tool may not know.
 
+In a closed case one or two effects are the whole gap. In an open one further effects of other
+families act as well, each a share of the planted one, the maps are rougher than the rig states, and
+the logger is a poor one (`pamid.trial.logger`), as on real machines.
+
 A case depends on the trial's machine, seed, part and number alone, never on how many are drawn and
 never on the processor: what is drawn is rounded to DRAWN_DIGITS before it is used or digested.
 """
@@ -23,11 +27,25 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.model.rig import Rig
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
-from pamid.trial.machine import ONE_DOF, TWO_LINK, Machine, machine_named
+from pamid.trial.logger import draw_logger
+from pamid.trial.machine import ONE_DOF, TWO_LINK, Machine, machine_named, machine_names
 from pamid.trial.own_machine import OwnMachine
 
 TRIAL_PARTS = ("calibration", "test")
-STRATA = {"single": 0.45, "double": 0.12, "no-gap": 0.23, "withheld": 0.12, "nameless": 0.08}
+CLOSED, OPEN = "closed", "open"
+#: world -> stratum -> share of its cases
+STRATA = {
+    CLOSED: {"single": 0.45, "double": 0.12, "no-gap": 0.23, "withheld": 0.12, "nameless": 0.08},
+    OPEN: {"single": 0.6, "no-gap": 0.2, "nameless": 0.2},
+}
+WORLDS = tuple(STRATA)
+#: change of the readings by a further effect, in that by the planted one; a real machine's second
+#: and third effect are neither as large as its first nor lost in its noise
+FURTHER_SHARES = (0.1, 0.6)
+MOST_FURTHER = 2
+CANDIDATES = 8  # drawn for these: some cannot be scaled, or set a size that the planted one sets
+MAP_TOLERANCE = 0.02  # that rigs state (`background`)
+BEYOND_TOLERANCE = (1.0, 2.5)  # times it, in an open case
 NAMELESS = "nameless:"
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # steps of this share spread evenly, wherever they stop
 # exp, log and pow differ in their last bit (1e-16) between processors. A number near the edge
@@ -38,10 +56,17 @@ DRAWN_DIGITS = 9
 
 @dataclass(frozen=True)
 class Case:
-    """One case with its label. planted: fault, or fault@place, -> sizes; removed: effects taken out
-    of the tool's catalogue; conditions: as the machine draws them; own: the machine, where there is
-    none of the name of the rig to be found; bare: what the rig states of its tolerances is taken
-    away from the tool."""
+    """One case with its label.
+
+    planted     fault, or fault@place -> sizes
+    removed     effects taken out of the tool's catalogue
+    conditions  as the machine draws them
+    own         the machine, where there is none of the name of the rig to be found
+    bare        what the rig states of its tolerances is taken away from the tool
+    world       "closed" or "open"
+    further     candidates for the further effects of an open case -> sizes before they are scaled
+    shares      of the further effects: change of the readings, in that by the planted one
+    """
 
     number: int
     part: str
@@ -53,6 +78,9 @@ class Case:
     rig: str = ONE_DOF
     own: OwnMachine | None = field(default=None, compare=False, repr=False)
     bare: bool = False
+    world: str = CLOSED
+    further: dict[str, dict[str, float]] = field(default_factory=dict)
+    shares: tuple[float, ...] = ()
 
     @property
     def machine(self) -> Machine:
@@ -65,6 +93,9 @@ class Case:
         del fields["own"]
         if not self.bare:
             del fields["bare"]
+        if self.world == CLOSED:
+            del fields["world"], fields["further"], fields["shares"]
+            del fields["conditions"]["logger"]
         return fields
 
     @property
@@ -92,19 +123,38 @@ class Case:
 
 
 def draw_cases(
-    part: str, count: int, seed: int, rig: str | OwnMachine = ONE_DOF, *, bare: bool = False
+    part: str,
+    count: int,
+    seed: int,
+    rig: str | OwnMachine = ONE_DOF,
+    *,
+    bare: bool = False,
+    world: str = CLOSED,
 ) -> tuple[Case, ...]:
-    """The first `count` cases of a part. UsageError for an unknown part or rig."""
+    """The first `count` cases of a part, in a closed or in an open world. UsageError for an unknown
+    part, rig or world, and for an open world with a machine that is made of its rig."""
     machine = machine_named(rig) if isinstance(rig, str) else rig
-    if part not in TRIAL_PARTS:
-        raise UsageError(f"unknown part {part!r}", f"parts: {', '.join(TRIAL_PARTS)}")
-    cases = tuple(replace(_draw(machine, part, number, seed), bare=bare) for number in range(count))
+    for word, known, what in ((part, TRIAL_PARTS, "part"), (world, WORLDS, "world")):
+        if word not in known:
+            raise UsageError(f"unknown {what} {word!r}", f"{what}s: {', '.join(known)}")
+    if world == OPEN and isinstance(machine, OwnMachine):
+        raise UsageError(
+            f"there are no open cases of {machine.name!r}: they need a machine that does not share "
+            "the rig's equations",
+            f"Rigs that have one: {', '.join(machine_names())}.",
+        )
+    numbers = range(count)
+    cases = tuple(replace(_draw(machine, part, n, seed, world), bare=bare) for n in numbers)
     for other in TRIAL_PARTS:
         if other != part:
-            assert not {c.seed for c in cases} & {_seed(other, n, seed) for n in range(count)}, (
-                "parts share a seed"
-            )
+            others = {_seed(other, n, seed, world) for n in numbers}
+            assert not {c.seed for c in cases} & others, "parts share a seed"
     return cases
+
+
+def draw_case(part: str, number: int, seed: int, rig: str, *, world: str = CLOSED) -> Case:
+    """The case of one number. UsageError as in `draw_cases`."""
+    return draw_cases(part, number + 1, seed, rig, world=world)[number]
 
 
 def cases_sha256(cases: Sequence[Case]) -> str:
@@ -113,35 +163,63 @@ def cases_sha256(cases: Sequence[Case]) -> str:
     return hashlib.sha256("".join(c.sha256 for c in cases).encode()).hexdigest()
 
 
-def _stream(part: str, number: int, seed: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed, spawn_key=(TRIAL_PARTS.index(part), number))
+def _branch(part: str, world: str) -> int:
+    return TRIAL_PARTS.index(part) + len(TRIAL_PARTS) * WORLDS.index(world)
 
 
-def _seed(part: str, number: int, seed: int) -> int:
+def _stream(part: str, number: int, seed: int, world: str) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(_branch(part, world), number))
+
+
+def _seed(part: str, number: int, seed: int, world: str) -> int:
     # exact in any JSON
-    return int(_stream(part, number, seed).generate_state(1, np.uint64)[0] >> np.uint64(11))
+    return int(_stream(part, number, seed, world).generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
-def _draw(machine: Machine, part: str, number: int, seed: int) -> Case:
-    random = np.random.default_rng(_stream(part, number, seed).spawn(1)[0])
-    stratum, place = _stratum(part, number, seed)
-    clean = stratum == "no-gap" and place < 0.5
+def _draw(machine: Machine, part: str, number: int, seed: int, world: str) -> Case:
+    random = np.random.default_rng(_stream(part, number, seed, world).spawn(1)[0])
+    stratum, place = _stratum(part, number, seed, world)
+    clean = world == CLOSED and stratum == "no-gap" and place < 0.5
     names = _planted(machine, stratum, place, random)
     conditions = machine.draw_conditions(random, [machine.faults[n] for n in names], clean)
-    conditions = replace(conditions, **_rounded(asdict(conditions)))
     planted = {site: _rounded(sizes) for site, sizes in (machine.plant(n, random) for n in names)}
-    removed = withheld(machine.faults[names[0]], effects()) if stratum == "withheld" else ()
-    return Case(
+    case = Case(
         number,
         part,
-        _seed(part, number, seed),
+        _seed(part, number, seed, world),
         stratum,
         planted,
-        removed,
-        conditions,
+        withheld(machine.faults[names[0]], effects()) if stratum == "withheld" else (),
+        replace(conditions, **_rounded(vars(conditions))),
         machine.name,
         machine if isinstance(machine, OwnMachine) else None,
+        world=world,
     )
+    return _opened(case, names, random) if world == OPEN else case
+
+
+def _opened(case: Case, names: Sequence[str], random: np.random.Generator) -> Case:
+    """A case with what an open world adds to it; names: of the planted faults, without places."""
+    machine, c = case.machine, case.conditions
+    logger = draw_logger(random, c.seconds)
+    rough = {"background": MAP_TOLERANCE * float(random.uniform(*BEYOND_TOLERANCE))}
+    conditions = replace(c, **_rounded(rough), logger=replace(logger, **_rounded(vars(logger))))
+    case = replace(case, conditions=conditions)
+    if not names:
+        return case
+    count = int(random.integers(1, MOST_FURTHER + 1))
+    shares = _rounded({str(k): float(random.uniform(*FURTHER_SHARES)) for k in range(count)})
+    families = {machine.faults[n].family for n in names}
+    exact = frozenset().union(*(machine.faults[n].exact for n in names))
+    others = [
+        n
+        for n, f in machine.faults.items()
+        if not n.startswith(NAMELESS) and f.family not in families and not f.exact & exact
+    ]
+    drawn = [str(n) for n in random.permutation(others)[:CANDIDATES]]
+    sites = [machine.plant(n, random) for n in drawn]
+    further = {site: _rounded(sizes) for site, sizes in sites}
+    return replace(case, further=further, shares=tuple(shares.values()))
 
 
 def _rounded(drawn: dict[str, Any]) -> dict[str, Any]:
@@ -150,12 +228,12 @@ def _rounded(drawn: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _stratum(part: str, number: int, seed: int) -> tuple[str, float]:
+def _stratum(part: str, number: int, seed: int, world: str) -> tuple[str, float]:
     """Stratum of a case and its place in it, both spread evenly over the numbers however many are
     drawn."""
-    first = np.random.default_rng([seed, TRIAL_PARTS.index(part)]).random()
+    first = np.random.default_rng([seed, _branch(part, world)]).random()
     at = (first + number * GOLDEN) % 1.0
-    for stratum, share in STRATA.items():
+    for stratum, share in STRATA[world].items():
         if at < share:
             return stratum, at / share
         at -= share

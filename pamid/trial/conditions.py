@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamid.trial.faults import HIGH_INERTIA, LONG_HOLDS, PRESSURES, WIDE_RANGE, Fault
+from pamid.trial.logger import PLAIN_LOGGER, Logger
 
 JOINT_INERTIAS = (0.014, 0.0896)  # kg m2: the arm of the first paper, and 6.4 times it
 PAYLOADS = (0.0, 0.5)  # kg at the tip of the arm
@@ -31,6 +32,7 @@ class JointConditions:
     seconds: float
     amplitude_deg: float
     hold_s: tuple[float, float]
+    logger: Logger = PLAIN_LOGGER
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class ArmConditions:
     amplitude_1_deg: float
     amplitude_2_deg: float
     hold_s: tuple[float, float]
+    logger: Logger = PLAIN_LOGGER
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class StarterConditions:
     background: float
     seconds: float
     amplitude: float
+    logger: Logger = PLAIN_LOGGER
 
 
 Conditions = JointConditions | ArmConditions | StarterConditions

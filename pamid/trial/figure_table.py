@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pamid.trial.lost_pairs import PAIR_GATES
 from pamid.trial.machine import ONE_DOF, TWO_LINK
 
 
@@ -133,9 +132,6 @@ def trial_text(found: dict[str, Any]) -> str:
         f"{family:24s} " + ", ".join(f"{answer} {n}" for answer, n in answers.items())
         for family, answers in found["confusion"].items()
     ]
-    if found.get("lost_pairs"):
-        lines += ["", "pairs of which one effect was lost, and where"]
-        lines += [f"{n:5d}  {PAIR_GATES[gate]}" for gate, n in found["lost_pairs"].items()]
     lines += [f"failed: case {number}: {why}" for number, why in found["failures"].items()]
     return "\n".join(lines)
 

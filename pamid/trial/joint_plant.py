@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
 from pamid.trial.faults import Planted, planted
+from pamid.trial.logger import PLAIN_LOGGER, Logger
 
 Array = NDArray[np.float64]
 
@@ -166,6 +167,7 @@ def record(
     noise: float,
     seed: int,
     steps: int = SUBSTEPS,
+    logger: Logger = PLAIN_LOGGER,
 ) -> dict[str, Array]:
     """What this machine, with these faults (name -> sizes, as `Fault.draw` gives them), would have
     recorded.
@@ -180,11 +182,8 @@ def record(
     asked = np.asarray(excitation.reference_deg if closed else excitation.command, dtype=np.float64)
     n = len(asked)
     extended = np.concatenate([asked, np.full(AHEAD, asked[-1])])
-    jitter = (
-        noise
-        * JOINT_NOISE
-        * np.random.default_rng(seed).standard_normal((n + AHEAD, len(JOINT_CHANNELS)))
-    )
+    random = np.random.default_rng(seed)
+    jitter = noise * JOINT_NOISE * logger.noise(random, (n + AHEAD, len(JOINT_CHANNELS)))
     readings, commands = np.zeros((n + AHEAD, len(JOINT_CHANNELS))), np.zeros(n + AHEAD)
     run(
         machine_record(specimen, inertia_kg_m2),
@@ -204,7 +203,8 @@ def record(
             f"the machine flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
-    logged = _logged(specimen, f, readings, jitter[:n], time)
+    taken = time + PERIOD_S * logger.delays(random, n)
+    logged = _logged(specimen, f, readings, jitter[:n], taken)
     asked_for = {"reference_deg": asked} if closed else {}
     return {
         "time_s": time,
@@ -216,8 +216,6 @@ def record(
 
 def stamped(f: Planted, readings: Array, time: Array) -> Array:
     """Readings at the times of the logger, a copy; its clock may be early and drift."""
-    if not (f.early_s or f.skew_ppm):
-        return readings[: len(time)].copy()
     when = time + f.early_s - f.skew_ppm * 1e-6 * time
     stamps = np.arange(len(readings), dtype=np.float64) * PERIOD_S
     return np.stack([np.interp(when, stamps, channel) for channel in readings.T], axis=1)

@@ -21,7 +21,6 @@ from pamid.base.metrics import (
 )
 from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
-from pamid.trial.lost_pairs import PAIR_GATES, lost_at
 from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
@@ -67,7 +66,6 @@ def score_cases(
         reliability=reliability,
         strata=_strata(marked),
         confusion=_confusion(visible),
-        lost_pairs=_lost_pairs(marked),
         baselines=_baselines(visible, seed),
         rig=rig,
         cases_sha256=cases_sha256,
@@ -309,12 +307,6 @@ def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
         family: dict(Counter(m.answer for m in visible if m.family == family).most_common())
         for family in sorted({m.family for m in visible})
     }
-
-
-def _lost_pairs(marked: list[Marked]) -> dict[str, int]:
-    """Of visible pairs that were not both named, in the order of the gates."""
-    lost = Counter(lost_at(m) for m in marked if m.stratum == "double" and m.visible)
-    return {gate: lost[gate] for gate in PAIR_GATES if lost[gate]}
 
 
 def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:

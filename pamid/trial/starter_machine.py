@@ -20,6 +20,7 @@ from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import Draw, Fault
 from pamid.trial.joint_plant import AHEAD, packed
+from pamid.trial.logger import PLAIN_LOGGER, Logger
 from pamid.trial.machine import Record
 from pamid.trial.starter_faults import (
     ClockSizes,
@@ -172,7 +173,7 @@ class StarterMachine:
         maps = tuple(draw_map(random, c.background, span) for span in self.maps)
         steps = {k: float(random.uniform(*one.steps)) for k, one in self.log.items()}
         return lambda faults, signal, seed: self.record(
-            true, maps, steps, faults, signal, noise=c.noise, seed=seed
+            true, maps, steps, faults, signal, noise=c.noise, seed=seed, logger=c.logger
         )
 
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
@@ -213,6 +214,7 @@ class StarterMachine:
         noise: float,
         seed: int,
         steps: int = 0,
+        logger: Logger = PLAIN_LOGGER,
     ) -> dict[str, Array]:
         """What a machine of these constants would have recorded; converter: the steps of each
         column, in its unit; steps: of the integration per sample, if not the usual number. The
@@ -251,13 +253,14 @@ class StarterMachine:
             )
         stamps = np.arange(n + AHEAD, dtype=np.float64) * self.period_s
         time, clock = stamps[:n], places[CLOCK]
-        when = time + clock.early_s - clock.skew_ppm * 1e-6 * time
         random = np.random.default_rng(seed)
+        taken = time + self.period_s * logger.delays(random, n)
+        when = taken + clock.early_s - clock.skew_ppm * 1e-6 * taken
         shown = {k: np.asarray(signal[k]) for k in fine}
         for k, x in zip(self.logged, y.T, strict=True):
             shown[k] = np.interp(when, stamps, through(k, x)[::steps])
         return {"time_s": time} | {
-            k: self.log[k].written(x, noise * random.standard_normal(n), converter[k])
+            k: self.log[k].written(x, noise * logger.noise(random, n), converter[k])
             for k, x in shown.items()
         }
 

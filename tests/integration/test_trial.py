@@ -24,7 +24,7 @@ from pamid.schemas.trial_file import TrialFile
 from pamid.simulation.data_split import DataSplit
 from pamid.trial import case_runs
 from pamid.trial.case_runs import CaseWork
-from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
+from pamid.trial.cases import CLOSED, NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
 from pamid.trial.figure_table import trial_text
 from pamid.trial.scoring import score_cases
@@ -403,7 +403,7 @@ def test_parts_are_disjoint() -> None:
 
 def test_shares() -> None:
     cases = draw_cases("test", 200, 0)
-    for stratum, share in STRATA.items():
+    for stratum, share in STRATA[CLOSED].items():
         assert sum(c.stratum == stratum for c in cases) == pytest.approx(200 * share, abs=3)
     quiet = [c for c in cases if c.stratum == "no-gap"]
     assert sum(c.conditions.background == 0.0 for c in quiet) == pytest.approx(
@@ -415,7 +415,7 @@ def test_shares() -> None:
     assert sum(c.conditions.loop == "open" for c in cases) == pytest.approx(50, abs=22)
     known = [n for n in FAULTS if not n.startswith(NAMELESS)]
     planted = [n for c in cases if c.stratum == "single" for n in c.planted]
-    assert max(planted.count(n) for n in known) <= 2 * 200 * STRATA["single"] / len(known)
+    assert max(planted.count(n) for n in known) <= 2 * 200 * STRATA[CLOSED]["single"] / len(known)
 
 
 def test_what_is_planted() -> None:

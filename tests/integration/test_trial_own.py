@@ -20,7 +20,7 @@ from pamid.recording.recording import Recording, recording_of, write_recording
 from pamid.replications.demonstration import TRUTH_FILE, write_rig_recording
 from pamid.report.trial_results import read_trial
 from pamid.simulation.free_runs import free_run, input_table
-from pamid.trial.case_runs import CaseMachine, _written
+from pamid.trial.case_machine import CaseMachine
 from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
 from pamid.trial.own_excitation import MOST_OWN_SAMPLES, made_excitation, sampled
 from pamid.trial.own_faults import TIMES_TYPICAL
@@ -160,8 +160,8 @@ def test_parameters_stay_within_the_prior_and_readings_are_coarse(machine: OwnMa
 def test_nothing_of_the_truth_is_in_a_recording(machine: OwnMachine, tmp_path: Path) -> None:
     case = planted_case(machine)
     made = CaseMachine.of(case)
-    given = _written(case, made.run(case.planted), tmp_path / "one.csv")
-    twin = _written(case, made.run({}), tmp_path / "two.csv")
+    given = made.recording(case.planted, tmp_path / "one.csv")
+    twin = made.recording({}, tmp_path / "two.csv")
     rig = machine.rig
     assert set(given.columns) == {*rig.inputs, *rig.outputs} == set(twin.columns)
     told = (tmp_path / "one.toml").read_text()

@@ -158,7 +158,7 @@ def test_the_plant_shares_nothing_with_the_tool() -> None:
         known = {
             "pamid.base.errors",
             "pamid.engine.numba_cache",
-            *(f"pamid.trial.{k}" for k in ("faults", "kernel", "joint_kernel")),
+            *(f"pamid.trial.{k}" for k in ("faults", "kernel", "joint_kernel", "logger")),
         }
         assert own <= known, (module.__name__, own)
 

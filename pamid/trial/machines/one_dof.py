@@ -76,7 +76,13 @@ class OneDofMachine:
         assert isinstance(c, JointConditions)
         specimen = joint_plant.draw_specimen(random, c.background)
         return lambda faults, signal, seed: joint_plant.record(
-            specimen, faults, signal, inertia_kg_m2=c.inertia_kg_m2, noise=c.noise, seed=seed
+            specimen,
+            faults,
+            signal,
+            inertia_kg_m2=c.inertia_kg_m2,
+            noise=c.noise,
+            seed=seed,
+            logger=c.logger,
         )
 
 

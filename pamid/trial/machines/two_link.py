@@ -81,7 +81,13 @@ class TwoLinkMachine:
         assert isinstance(c, ArmConditions)
         specimen = arm_plant.draw_arm(random, c.background)
         return lambda faults, signal, seed: arm_plant.record_arm(
-            specimen, faults, signal, payload_kg=c.payload_kg, noise=c.noise, seed=seed
+            specimen,
+            faults,
+            signal,
+            payload_kg=c.payload_kg,
+            noise=c.noise,
+            seed=seed,
+            logger=c.logger,
         )
 
 
