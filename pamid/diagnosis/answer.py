@@ -38,13 +38,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Cause:
     """An effect of the answer. model: that it is part of; removes: share of the gap that it removes
-    next to the others; or_at: groups of ports at which its family does as well; instead: families
+    next to the others; figures: of which its probability is made; or_at: groups of ports at which its family does as well; instead: families
     that do as well in its place."""
 
     effect: Attachment
     model: CandidateModel
     removes: Share
-    probability: float
+    figures: dict[str, float]
     or_at: tuple[str, ...] = ()
     instead: tuple[str, ...] = ()
 
@@ -131,10 +131,11 @@ def _same_effect(one: CandidateModel, other: CandidateModel) -> bool:
 
 
 def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
-    """Would the leader remove a material share, were it not for too few or too different
-    windows?"""
+    """Is the leader's share material, and its interval off zero, but by too few standard errors?"""
     settings, removed = comparison.budget.settings, comparison.removed(leader)
-    return removed.share >= settings.material_share and (1.0 < removed.z < settings.standard_errors)
+    return removed.share >= settings.material_share and (
+        removed.low > 0.0 and removed.z < settings.standard_errors
+    )
 
 
 def _cause(
@@ -169,7 +170,7 @@ def _cause(
         a,
         model,
         comparison.removed(model, below),
-        probability(comparison, model, below, ranking),
+        features(comparison, model, below, ranking),
         tuple(g for g in dict.fromkeys(placed) if g != own),
         tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
     )
@@ -206,16 +207,15 @@ def features(
     }
 
 
-def probability(
-    comparison: Comparison,
-    model: CandidateModel,
-    below: CandidateModel,
-    ranking: Sequence[CandidateModel],
-) -> float:
-    """Calibrated frequency with which a cause of these figures is there."""
-    weights = calibration()
-    x = features(comparison, model, below, ranking)
-    score = weights["constant"] + sum(weights[name] * value for name, value in x.items())
+def probability(figures: dict[str, float]) -> float:
+    """Calibrated frequency with which a cause of these figures (`features`) acts."""
+    weights: dict[str, float] = _learnt()["weights"]
+    return logistic(weights, figures)
+
+
+def logistic(weights: dict[str, float], figures: dict[str, float]) -> float:
+    """1 / (1 + exp(-constant - weights.figures))"""
+    score = weights["constant"] + sum(weights[name] * value for name, value in figures.items())
     return float(1.0 / (1.0 + np.exp(-score)))
 
 
@@ -230,12 +230,6 @@ def _learnt() -> dict[str, Any]:
     text = files("pamid.diagnosis").joinpath("calibration.json").read_text(encoding="utf-8")
     learnt: dict[str, Any] = json.loads(text)
     return learnt
-
-
-def calibration() -> dict[str, float]:
-    """Weights of the logistic function."""
-    weights: dict[str, float] = _learnt()["weights"]
-    return weights
 
 
 def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, float]:

@@ -171,12 +171,14 @@ def diagnose(
     ports = list(selection.after.classes[0]) if material else []
     forms = free_forms(search, comparison, selection.best, ports)
     decision = answer(comparison, selection, ranking, forms)
-    explained = explained_channels(budget, decision.model, response, seed)
+    # whether the recordings show this machine is a matter of the best model, named or not
+    best = decision.leader if decision.leader and not decision.causes else decision.model
+    explained = explained_channels(budget, best, response, seed)
     return Diagnosis(
         evidence,
         budget,
         seed,
-        silent_channels(budget, decision.model, explained, response),
+        silent_channels(budget, best, explained, response),
         response,
         located,
         tuple(ranking),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.answer import Cause, forecast_interval, probability
+from pamid.diagnosis.answer import Cause, features, forecast_interval, probability
 from pamid.diagnosis.comparison import Share, paired_ratio
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes, roughness
@@ -265,8 +265,9 @@ def _cause(c: Cause, share: float) -> result.Cause:
         or_at=c.or_at,
         instead=c.instead,
         parameters=_parameters(c.model, c.effect.label),
-        probability=c.probability,
+        probability=probability(c.figures),
         removes=_share(c.removes),
+        figures=c.figures,
         share=share,
     )
 
@@ -347,6 +348,7 @@ def _unfitted(label: str, why: str) -> result.Candidate:
         at_bound=(),
         removes=None,
         behind=0.0,
+        figures={},
         set_aside=(),
     )
 
@@ -363,12 +365,12 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         for i, channel in enumerate(d.evidence.channels)
     }
     first = d.ranking[0]
-    chance = probability(d.comparison, c, d.budget.baseline, d.ranking)
+    figures = features(d.comparison, c, d.budget.baseline, d.ranking)
     return result.Candidate(
         effect=c.attached[-1].label,
         family=c.family,
         port=c.group,
-        probability=0.0 if remark(d) else chance,
+        probability=0.0 if remark(d) else probability(figures),
         held_out=held,
         removes=_share(removed),
         behind=0.0 if c is first else d.comparison.removed(first, c).z,
@@ -379,6 +381,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         why=c.fit.why,
         parameters=_parameters(c, c.attached[-1].label),
         at_bound=at_bounds(c, d.settings),
+        figures=figures,
         set_aside=d.guards.objections(c) if d.guards else (),
     )
 

@@ -158,6 +158,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
                     port="",
                     or_at=(),
                     instead=(),
+                    figures={},
                     parameters=own,
                     probability=None,
                     removes=None,

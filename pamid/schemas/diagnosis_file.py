@@ -82,6 +82,7 @@ class Cause(Model):
     removes: GapShare | None = Field(
         None, description="share of the gap that it removes beside the other causes"
     )
+    figures: MapOf[Number] = Field({}, description="of which the probability is made")
     share: Number | None = Field(
         None, description="its part of what the causes remove one by one, 0 to 1"
     )
@@ -145,6 +146,7 @@ class Candidate(Model):
     at_bound: ListOf[Text] = Field(
         (), description="of these, those at a bound that physics did not set"
     )
+    figures: MapOf[Number] = Field({}, description="of which the probability is made")
     set_aside: ListOf[Text] = Field((), description="physical reasons for which it is not named")
 
 

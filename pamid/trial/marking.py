@@ -85,18 +85,6 @@ class Marked:
         found: list[dict[str, Any]] = self.found["causes"]
         return found
 
-    @property
-    def members(self) -> list[dict[str, Any]]:
-        """Effects of the best model, whether or not the verdict names them."""
-        return list(self.found.get("members") or ())
-
-    @property
-    def beside_others(self) -> list[dict[str, Any]]:
-        """Those of them that stand beside others, and effects that were found beside some and are
-        not in the best model."""
-        several = self.members if len(self.members) > 1 else []
-        return [*several, *(self.found.get("dropped") or ())]
-
     def is_right(self, one: dict[str, Any]) -> bool:
         """Is an effect (with its family and port) planted, or one of the same family at the same
         port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
@@ -141,9 +129,7 @@ class Marked:
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
-        alike = {top, *(m for k in self.found["look_alikes"] if top in k for m in k)}
-        if self.verdict == "ambiguous":
-            alike |= {c["effect"] for c in self.causes}
+        alike = {top, *(m["effect"] for step in self.found["comparison"][:1] for m in step["tied"])}
         return bool(exact & {_bare(name) for name in alike})
 
     @property
