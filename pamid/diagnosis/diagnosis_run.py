@@ -3,7 +3,7 @@ effect."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pamid.base.files import write_atomically
@@ -14,12 +14,44 @@ from pamid.diagnosis.next_experiment import Proposing
 from pamid.diagnosis.proposal import Proposal
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.unknown import described, find_missing, left_over, missing_csv
+from pamid.diagnosis.unknown import Missing, described, find_missing, left_over, missing_csv
 from pamid.diagnosis.verdict import completed, drafted
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
+from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.simulation.data_split import DataSplit
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """A diagnosis with its description. missing: the term that no cause explains; draft: the result
+    but for the next experiment."""
+
+    diagnosis: Diagnosis
+    missing: Missing | None
+    draft: DiagnosisFile
+
+
+def diagnosed(
+    evidence: DataSplit,
+    catalogue: dict[str, type[Effect]],
+    *,
+    pool: WorkerPool,
+    seed: int = 0,
+    progress: Progress = silent,
+    settings: Settings = DEFAULT,
+) -> Diagnosed:
+    """From data to verdict: the one path of the command, of Python and of the trial."""
+    found = diagnose(
+        evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
+    )
+    unknown, missing = None, None
+    if left_over(found):
+        progress("describing the missing term")
+        missing = find_missing(found, seed=seed, pool=pool)
+        unknown = described(found, missing)
+    return Diagnosed(found, missing, drafted(found, unknown, seed))
 
 
 def diagnose_into(
@@ -39,30 +71,25 @@ def diagnose_into(
     processes of this machine); those that failed are named in `failed_jobs`. settings: as in
     `pamid.diagnosis.tournament.diagnose`."""
     pool = pool or WorkerPool(jobs)
-    found = diagnose(
-        evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
+    result = diagnosed(
+        evidence, catalogue, pool=pool, seed=seed, progress=progress, settings=settings
     )
-    unknown, missing = None, None
-    if left_over(found):
-        progress("describing the missing term")
-        missing = find_missing(found, seed=seed, pool=pool)
-        unknown = described(found, missing)
-    draft = drafted(found, unknown, seed)
+    found, draft = result.diagnosis, result.draft
     progress(Settled(f"verdict: {draft.remark or draft.sentence}"))
     progress("looking for the next experiment")
     proposal = pool.one(Proposing(), found)
-    result = completed(found, draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
+    content = completed(found, draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found, seed))
     write_atomically(
         run.path(RESIDUAL_FILE),
         residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
     )
-    if missing is not None:
-        write_atomically(run.path("missing.csv"), missing_csv(missing, settings))
+    if result.missing is not None:
+        write_atomically(run.path("missing.csv"), missing_csv(result.missing, settings))
     if isinstance(proposal, Proposal):
         proposal.write(run.claim)
-    write_json(run.path("diagnosis.json"), result)
-    return result
+    write_json(run.path("diagnosis.json"), content)
+    return content
 
 
 def models_json(d: Diagnosis, seed: int) -> dict[str, Any]:

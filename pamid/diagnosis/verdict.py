@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
-from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.answer import Cause, features, forecast_interval, probability
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, paired_ratio
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes, roughness

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
-from pamid.diagnosis.settings import DEFAULT
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
 if TYPE_CHECKING:

@@ -67,6 +67,7 @@ class TrialFile(Model):
     )
     baselines: MapOf[Rate] = Field({}, description="rates of answers that look at nothing")
     rig: Text = Field(default="one-dof", description="name of the rig, or of its file")
+    world: Text = Field(default="closed", description="open where further effects act as well")
     cases_sha256: Text = Field("", description="digest of all cases and their labels")
     failures: dict[Text, Text] = Field({}, description="number of a case -> why it failed")
     failed_jobs: ListOf[FailedJob] = Field((), description="cases, or jobs of their diagnosis")

@@ -32,10 +32,9 @@ Array = NDArray[np.float64]
 Faults = Mapping[str, Mapping[str, float]]
 
 FITTED, HELD_OUT = range(2)  # recordings of a case; the numbers above are fresh ones
-MOST_SCALED = 3.0  # times a further effect's drawn size
+LARGEST_SCALING = 3.0  # times a further effect's drawn size
 SCALINGS = 8  # runs in which its size is sought
 SCALED_TO = 0.1  # of the share that was drawn
-GAUGE_MARGIN = 0.25  # range of a gauge beyond that of the healthy machine, share of it
 
 
 @dataclass(frozen=True)
@@ -199,9 +198,7 @@ class CaseMachine:
             return None
         signal = self._signal(FITTED, self.case.conditions.loop)
         healthy = self._run({}, FITTED, signal)[name]
-        low, high = float(healthy.min()), float(healthy.max())
-        beyond = GAUGE_MARGIN * (high - low)
-        return name, low - beyond, high + beyond
+        return name, float(healthy.min()), float(healthy.max())
 
     def _hidden(self, column: str) -> bool:
         return column.startswith(self.machine.withheld_columns[self.case.conditions.channels])
@@ -261,7 +258,7 @@ class CaseMachine:
                 return sizes
             if change <= 0.0:
                 return None
-            factor = min(factor * wanted / change, MOST_SCALED)
+            factor = min(factor * wanted / change, LARGEST_SCALING)
         return sizes if low <= change <= high else None
 
 

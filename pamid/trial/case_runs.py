@@ -22,11 +22,10 @@ from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
 from pamid.base.metrics import shrinkage_interval
+from pamid.diagnosis.answer import forecast_interval
 from pamid.diagnosis.candidate_model import replayed
-from pamid.diagnosis.judgement import forecast_interval
-from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.unknown import describe_unknown
-from pamid.diagnosis.verdict import diagnosis_json
+from pamid.diagnosis.diagnosis_run import diagnosed
+from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.grey_box import fit_model
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
@@ -114,6 +113,7 @@ def run_trial(
         seed=selection.seed,
         rig=selection.rig_name,
         cases_sha256=digest,
+        world=selection.world,
     ).as_json()
     write_json(folder / "trial.json", found)
     return found
@@ -199,7 +199,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = bench.recorded(place)
     evidence = recorded.data
     begun = time.process_time()
-    d, verdict = diagnosed(evidence, recorded.catalogue)
+    d, verdict = diagnosed_case(evidence, recorded.catalogue)
     seconds = time.process_time() - begun
 
     def visibility(*without: str) -> float:
@@ -208,7 +208,8 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
         return _visibility(d, bench.recorded(place / "twin", faults, fresh=0))
 
     planted = list(case.planted)
-    seen = visibility(*planted) if planted else None
+    leading = [recorded.acting[0].fault] if recorded.acting else planted
+    seen = visibility(*leading) if leading else None
     each = [visibility(*(p for p in planted if p != k)) for k in planted] if planted[1:] else []
     held = None if d.cause is None else _shrinkage(d, verdict, recorded.fresh[0])
     return {
@@ -222,13 +223,13 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     }
 
 
-def diagnosed(
+def diagnosed_case(
     evidence: DataSplit, catalogue: dict[str, type[Effect]]
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """The tool under trial: it is given this and nothing else."""
     pool = WorkerPool()
-    d = diagnose(evidence, catalogue, pool=pool)
-    return d, diagnosis_json(d, describe_unknown(d), 0) | {"failed_jobs": pool.failed_jobs}
+    found = diagnosed(evidence, catalogue, pool=pool)
+    return found.diagnosis, found.draft.as_json() | {"failed_jobs": pool.failed_jobs}
 
 
 def _visibility(d: Diagnosis, twin: RecordedCase) -> float:
@@ -236,7 +237,8 @@ def _visibility(d: Diagnosis, twin: RecordedCase) -> float:
     channel of the largest."""
     healthy = fit_model(twin.data)
     errors = np.concatenate([r.losses(1) for r in healthy.held_out]).mean(axis=0)
-    return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
+    own = np.concatenate([r.losses(1) for r in d.budget.baseline.replays]).mean(axis=0)
+    return float((own / errors).max())
 
 
 def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> ShrinkageForecast | None:
@@ -245,7 +247,9 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
     assert d.cause is not None
     left = d.reported(d.cause)
     other = replace(
-        split_recordings(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),)
+        split_recordings(d.evidence.rig, [fresh], []),
+        held_out=(Span(fresh, 0, len(fresh)),),
+        per_run=d.evidence.per_run,
     )
     before, after = (replayed(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
     if not (before.finite and after.finite):
@@ -253,7 +257,7 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
     errors = [m.absolutes.mean(axis=0) for m in (before, after)]
     floor = d.budget.floor.mean(axis=0)
     was, now = (d.budget.channel_losses(a) for a in (d.budget.baseline.absolutes, left))
-    raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
+    raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now, d.seed)
     return ShrinkageForecast(
         predicted=d.budget.shrinkage(left),
         low=low,

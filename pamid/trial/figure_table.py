@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pamid.trial.cases import OPEN
 from pamid.trial.machine import ONE_DOF, TWO_LINK
 
 
@@ -60,7 +61,9 @@ JOINT_ROWS = (
     FigureRow("rates", "abstains_plain", "... where its gap is twice the rest"),
     FigureRow("rates", "abstains_withheld", "... withheld from the catalogue"),
     FigureRow("rates", "abstains_nameless", "... never in any catalogue"),
-    FigureRow("rates", "leaves_nameless", "... or said to be real, and none blamed", 88.0),
+    FigureRow(
+        "rates", "leaves_nameless", "... or real and none blamed, or over half said to remain", 88.0
+    ),
     FigureRow("rates", "unknown_port", "port of an effect outside the catalogue right", 85.0),
     FigureRow("figures", "ece", "expected calibration error, 10 bins", 0.05, upward=False, unit=""),
     FigureRow("figures", "brier", "Brier score", unit=""),
@@ -82,6 +85,27 @@ JOINT_ROWS = (
     FigureRow("baselines", "screening", "first choice of the screen alone"),
     FigureRow("baselines", "shuffled_labels", "labels dealt out at random"),
 )
+_OPEN_ROWS = (
+    FigureRow("rates", "open_right", "leader named, remainder reported, claims hold", 88.0),
+    FigureRow("rates", "open_leader", "... leader named first, or in a set of two"),
+    FigureRow("rates", "open_lesser", "a lesser effect named instead"),
+    FigureRow("rates", "open_wrong", "none of the named effects acts", 5.0, upward=False),
+    FigureRow("rates", "open_left", "nothing named"),
+    FigureRow("rates", "open_remainder", "size and place of the remainder reported"),
+    FigureRow("rates", "open_claims", "no less removed than claimed"),
+)
+# rates that mean something only where one effect, or two, are the whole gap
+_CLOSED_ONLY = (
+    "extra_causes",
+    "both_of_two",
+    "both_seen",
+    "one_of_two",
+    "wrong_beside_right",
+    "false_alarm_clean",
+    "false_alarm_background",
+    "abstains_withheld",
+)
+_OPEN_TARGETS = {"false_alarm": 3.0, "leaves_nameless": 88.0, "ece": 0.08}
 _ARM_TARGETS = {"family_first": 88.0, "port_exact": 85.0, "ece": 0.08}
 _ARM_ROWS = [replace(row, target=_ARM_TARGETS.get(row.key)) for row in JOINT_ROWS]
 _ARM_ROWS.insert(
@@ -107,7 +131,11 @@ TITLES = {
 
 def rows_of(found: Mapping[str, Any]) -> tuple[FigureRow, ...]:
     """The rows of the trial of this rig; a trial.json without one is of the joint."""
-    return _ROWS_OF.get(found.get("rig", ONE_DOF), _STARTER_ROWS)
+    rows = _ROWS_OF.get(found.get("rig", ONE_DOF), _STARTER_ROWS)
+    if found.get("world") != OPEN:
+        return rows
+    kept = (row for row in rows if row.key not in _CLOSED_ONLY)
+    return (*_OPEN_ROWS, *(replace(row, target=_OPEN_TARGETS.get(row.key)) for row in kept))
 
 
 def trial_text(found: dict[str, Any]) -> str:
@@ -139,10 +167,11 @@ def trial_text(found: dict[str, Any]) -> str:
 def summary(found: dict[str, Any]) -> str:
     """How many cases there are, and how many of them count."""
     failed, unseen = found["rates"]["failed"]["hits"], found["rates"]["unseen"]
-    rig = "" if rows_of(found) is JOINT_ROWS else f" of rig {found['rig']}"
+    rig = "" if found.get("rig", ONE_DOF) == ONE_DOF else f" of rig {found['rig']}"
+    world = " in an open world" if found.get("world") == OPEN else ""
     return (
-        f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
-        f"{failed} failed; {_seen(unseen['hits'], unseen['of'])}."
+        f"Blind trial{rig}{world}, part {found['part']}, seed {found['seed']}: "
+        f"{found['cases']} cases, {failed} failed; {_seen(unseen['hits'], unseen['of'])}."
     )
 
 

@@ -72,15 +72,21 @@ class Logger:
 
             g(s) = s + bend s (s - 1) / 2,  s = (x - low) / (high - low),
 
-        and turned back by its inverse, so that the steps of the reading are uneven."""
+        and turned back by its inverse, so that the steps of the reading are uneven. Beyond its
+        range the curve goes on in straight lines."""
         half = 0.5 * self.gauge_bend
         s = (x - low) / (high - low)
-        bounded = np.clip(s, -0.5, 1.5)  # the curve rises here, for every bend below 1
-        curve = bounded + half * bounded * (bounded - 1.0)
+        inside = np.clip(s, 0.0, 1.0)
+        below, above = np.minimum(s, 0.0), np.maximum(s - 1.0, 0.0)
+        curve = (
+            inside + half * inside * (inside - 1.0) + (1.0 - half) * below + (1.0 + half) * above
+        )
         step = 1.0 / self.gauge_steps
         shown = np.floor(curve / step + 0.5) * step
-        root = np.sqrt((1.0 - half) ** 2 + 4.0 * half * shown)
-        inverse = 2.0 * shown / ((1.0 - half) + root)
+        inside = np.clip(shown, 0.0, 1.0)
+        below, above = np.minimum(shown, 0.0), np.maximum(shown - 1.0, 0.0)
+        root = np.sqrt((1.0 - half) ** 2 + 4.0 * half * inside)
+        inverse = 2.0 * inside / (1.0 - half + root) + below / (1.0 - half) + above / (1.0 + half)
         return np.asarray(low + (high - low) * inverse)
 
 

@@ -10,8 +10,12 @@ from functools import cached_property
 from typing import Any
 
 from pamid.schemas.diagnosis_file import CAUSED
+from pamid.trial.cases import OPEN
 
 LEAST_VISIBILITY = 1.1  # visibility from which a fault has to be named
+MATERIAL = 0.15  # share of the refitted error from which an effect of an open case has to be named
+MATERIAL_REMAINDER = 0.2  # share of the gap from which the place of what remains has to be reported
+MOST_IN_SET = 2  # families of a set that counts as an answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +40,32 @@ class Marked:
         return found
 
     @property
+    def opened(self) -> bool:
+        """Do further effects act in this case, and poor maps and loggers?"""
+        return self.label.get("world") == OPEN
+
+    @property
+    def present(self) -> list[dict[str, Any]]:
+        """Effects that act and that the tool's catalogue has; the one that removes most first."""
+        if self.opened:
+            return [a for a in self.result["acting"] if a["family"]]
+        return self.truth if self.stratum in ("single", "double") else []
+
+    @property
+    def lead(self) -> dict[str, Any]:
+        """What is to be named first: the planted effect or, in an open case, the one that removes
+        most. IndexError where nothing acts."""
+        found: dict[str, Any] = (self.result["acting"] if self.opened else self.truth)[0]
+        return found
+
+    @property
     def family(self) -> str:
-        return str(self.truth[0]["family"])
+        return str(self.lead["family"])
+
+    @property
+    def material(self) -> bool:
+        """Does what removes most remove a material share of the refitted error?"""
+        return self.visibility * (1.0 - MATERIAL) >= 1.0
 
     @property
     def visibility(self) -> float:
@@ -75,9 +103,55 @@ class Marked:
 
     @property
     def leaves_nameless(self) -> bool:
-        """Is nothing blamed, and something real said to remain, whatever the verdict is called?"""
+        """Is nothing blamed, and something real said to remain, whatever the verdict is called?
+        What is blamed next to a remainder above half may be a lesser effect."""
         rest = self.found.get("remainder") or {}
-        return self.abstains or (not self.names and bool(rest.get("real")))
+        if self.names:
+            return float(rest.get("share") or 0.0) > 0.5
+        return self.abstains or bool(rest.get("real"))
+
+    @cached_property
+    def leader_named(self) -> bool:
+        """Is the effect that removes most named first, or one of a set of at most two families? A
+        larger set counts where all of it is one class of look-alikes: one group, as it is told."""
+        if not self.names or not self.causes:
+            return False
+        named = self.causes if self.verdict == "ambiguous" else self.causes[:1]
+        if not any(_answers(one, self.lead) for one in named):
+            return False
+        if len({c["family"] for c in named}) <= MOST_IN_SET:
+            return True
+        effects = {_bare(c["effect"]) for c in named}
+        return any(effects <= {_bare(e) for e in group} for group in self.found["look_alikes"])
+
+    @property
+    def remainder_reported(self) -> bool:
+        """Is there a size of what the named effects leave and, where it is material, a place?"""
+        rest = self.found.get("remainder") or {}
+        share = rest.get("share")
+        return share is not None and (share < MATERIAL_REMAINDER or bool(rest.get("port")))
+
+    @property
+    def claims_hold(self) -> bool:
+        """Does what is named remove as much of a fresh recording's error as is claimed, within the
+        interval?"""
+        forecast = self.result["shrinkage"]
+        return forecast is None or forecast["achieved"] >= forecast["low"]
+
+    @property
+    def open_right(self) -> bool:
+        """Leader named, remainder reported, and nothing named that removes less than claimed."""
+        return self.leader_named and self.remainder_reported and self.claims_hold
+
+    @property
+    def open_wrong(self) -> bool:
+        """Are effects named, and none of them acts?"""
+        return self.names and not any(self.is_right(c) for c in self.causes)
+
+    @property
+    def lesser_alone(self) -> bool:
+        """Is a lesser effect named, and the one that removes most not?"""
+        return self.names and not self.leader_named and not self.open_wrong
 
     @property
     def causes(self) -> list[dict[str, Any]]:
@@ -86,13 +160,12 @@ class Marked:
         return found
 
     def is_right(self, one: dict[str, Any]) -> bool:
-        """Is an effect (with its family and port) planted, or one of the same family at the same
+        """Does an effect (with its family and port) act, or one of the same family at the same
         port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
         return any(
             (one["family"] == t["family"] and one["port"] == t["port"])
             or ("@" not in t["fault"] and _bare(one["effect"]) in t["exact"])
-            for t in self.truth
-            if self.stratum in ("single", "double")
+            for t in self.present
         )
 
     @cached_property
@@ -125,7 +198,7 @@ class Marked:
     def exact_first(self) -> bool:
         """Is the first of the ranking a planted fault, or one that these recordings cannot tell
         from it?"""
-        exact = {name for t in self.truth for name in t["exact"]}
+        exact = {name for t in (self.present or self.truth) for name in t["exact"]}
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
@@ -142,7 +215,7 @@ class Marked:
         """Is the gap placed at the fault's port, at one indistinguishable from it, or at an exact
         equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is wrong.
         """
-        where, truth = self.found["where"], self.truth[0]
+        where, truth = self.found["where"], self.lead
         if not self.alarms:
             return False
         same = {
@@ -157,14 +230,17 @@ class Marked:
     @cached_property
     def port_exact(self) -> bool:
         """Does the first of the ranking act at the fault's own port, number and all?"""
-        return (
-            self.alarms and bool(self.ranking) and self.ranking[0]["port"] == self.truth[0]["port"]
-        )
+        return self.alarms and bool(self.ranking) and self.ranking[0]["port"] == self.lead["port"]
 
     @cached_property
     def caught(self) -> int:
         """How many of the planted families are among the causes."""
         return len({t["family"] for t in self.truth} & {c["family"] for c in self.causes})
+
+
+def _answers(named: dict[str, Any], acting: dict[str, Any]) -> bool:
+    """Is a named effect of the family of one that acts, or one that is the very same?"""
+    return named["family"] == acting["family"] or _bare(named["effect"]) in acting["exact"]
 
 
 def _bare(effect: str) -> str:

@@ -21,6 +21,7 @@ from pamid.base.metrics import (
 )
 from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
+from pamid.trial.cases import CLOSED, OPEN
 from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
@@ -38,6 +39,7 @@ def score_cases(
     seed: int = 0,
     rig: str = ONE_DOF,
     cases_sha256: str = "",
+    world: str = CLOSED,
 ) -> TrialFile:
     """trial.json: results compared with the labels of the same cases. seed: of the shuffled control
     and of the bootstrap."""
@@ -49,7 +51,7 @@ def score_cases(
         "unseen": _rate((m for m in marked if m.truth), lambda m: not m.visible),
         **_naming(singles),
         **_refusing(marked),
-        **_doubles(marked, singles),
+        **(_open(singles) if world == OPEN else _doubles(marked, singles)),
     }
     figures, covered = _forecasts(marked, seed)
     rates["shrinkage_covered"] = covered
@@ -68,6 +70,7 @@ def score_cases(
         confusion=_confusion(visible),
         baselines=_baselines(visible, seed),
         rig=rig,
+        world=world,
         cases_sha256=cases_sha256,
         failures={str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
         failed_jobs=failed_jobs(results),
@@ -163,6 +166,20 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
             (m for m in [*doubles, *singles] if m.visible), lambda m: m.wrong_beside_right
         ),
         "extra_causes": _rate(one, lambda m: len(m.causes) > 1),
+    }
+
+
+def _open(singles: list[Marked]) -> dict[str, Rate]:
+    """One planted effect among lesser ones: is what removes most named, and the rest reported?"""
+    seen = [m for m in singles if m.material]
+    return {
+        "open_right": _rate(seen, lambda m: m.open_right),
+        "open_leader": _rate(seen, lambda m: m.leader_named),
+        "open_lesser": _rate(seen, lambda m: m.lesser_alone),
+        "open_wrong": _rate(seen, lambda m: m.open_wrong),
+        "open_left": _rate(seen, lambda m: not m.names),
+        "open_remainder": _rate((m for m in seen if m.names), lambda m: m.remainder_reported),
+        "open_claims": _rate((m for m in seen if m.names), lambda m: m.claims_hold),
     }
 
 
