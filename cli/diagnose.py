@@ -206,21 +206,22 @@ def _free_forms(unknown: dict[str, Any]) -> list[str]:
 
 
 def _ranking(found: dict[str, Any]) -> list[str]:
-    """The candidates, after what the figures mean."""
+    """The candidates, the one that removes most first, after the meaning of the figures."""
+    from pamid.base.share_words import percent_text, percents_text
     from pamid.diagnosis.verdict_words import chance_figure
 
-    sure = found.get("confidence")
-    at_all = f": P {chance_figure(sure['gap'])}" if sure else ""
+    rows = [r for r in found["ranking"] if r["removes"]][:8]
     return [
         "",
-        "P is how often, among virtual machines with figures like these, an effect of that family",
-        f"was really there; that anything is missing at all{at_all}. Shrinkage is that of the",
-        "held-out error over all channels.",
-        f"{'effect':36s} {'family':20s} {'P':>6s} {'shrinkage':>10s} {'95 %':>16s}",
+        "Share of the gap that each candidate removes by itself (95 % interval, paired), standard",
+        "errors behind the first, and P: how often, among virtual machines with figures like these,",
+        "an effect of that family acted.",
+        f"{'effect':36s} {'family':20s} {'share':>6s} {'95 %':>12s} {'behind':>7s} {'P':>6s}",
         *(
-            f"{r['effect']:36s} {r['family']:20s} {chance_figure(r['probability']):>6s} "
-            f"{100 * r['shrinkage']:8.1f} % {100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
-            for r in found["ranking"][:8]
+            f"{r['effect']:36s} {r['family']:20s} {percent_text(r['removes']['share']):>6s} "
+            f"{percents_text(r['removes']['low'], r['removes']['high']):>12s} "
+            f"{r['behind']:7.1f} {chance_figure(r['probability']):>6s}"
+            for r in rows
         ),
     ]
 

@@ -3,7 +3,7 @@
     explained           causes; what remains is below a fifth of the gap, or at the noise floor
     partly-explained    causes, and a material remainder
     ambiguous           a set of causes that these recordings cannot separate
-    unknown-effect      a curve at a port removes a material share, and nothing of the catalogue does
+    unknown-effect      a curve at a port removes a material share, no effect of the catalogue does
     no-structural-gap   at the noise floor, or nothing at any port removes a material share
     cannot-tell         too few windows, too many causes that tie, or recordings in doubt
 
@@ -37,9 +37,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """An effect of the answer. model: that it is part of; removes: share of the gap that it removes
-    next to the others; figures: of which its probability is made; or_at: groups of ports at which its family does as well; instead: families
-    that do as well in its place."""
+    """An effect of the answer.
+
+    model    that it is part of
+    removes  share of the gap that it removes next to the others
+    figures  of which its probability is made
+    or_at    groups of ports at which its family does as well
+    instead  families that do as well in its place
+    """
 
     effect: Attachment
     model: CandidateModel

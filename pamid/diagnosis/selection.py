@@ -36,8 +36,9 @@ from pamid.parallel.jobs import Failed
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One comparison. reference: the model that the candidates extend; candidates: the
-    material ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the best first."""
+    """One comparison. reference: the model that the candidates extend; candidates: the material
+    ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the
+    best first."""
 
     reference: CandidateModel
     candidates: tuple[CandidateModel, ...]
@@ -83,7 +84,7 @@ def select_effects(
             after = _located_after(search, best, located)
         rest = 1.0 - comparison.removed(best).share
         full = len(best.attached) >= settings.effects_most
-        if full or rest < settings.further_from or comparison.at_floor(best):
+        if full or rest < settings.material_rest or comparison.at_floor(best):
             break
         if best.attached or not steps[-1].tied:
             if responses is None:

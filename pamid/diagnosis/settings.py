@@ -37,9 +37,10 @@ class Settings:
         0.03, "share of the gap", "... and so do those within this share of it"
     )
     tied_most: int = setting(2, "families", "that are named as alternatives, at most")
-    material_rest: float = setting(0.2, "share of the gap", "a larger remainder is stated as one")
-    further_from: float = setting(
-        0.05, "share of the gap", "no further effect is sought where less remains"
+    material_rest: float = setting(
+        0.2,
+        "share of the gap",
+        "a larger remainder is stated, and further effects are sought in it",
     )
     floor_margin: float = setting(
         0.10, "share of the noise floor", "a model nearer to the floor than this is at it"
@@ -80,7 +81,7 @@ class Settings:
         1.35,
         "ratio of errors in noise floors",
         "a longer horizon is used where it shows this much more of the gap",
-        "docs/measured/comparison.md: nothing is gained where it shows less, and near ties are lost",
+        "docs/measured/comparison.md: where it shows less, near ties are lost",
     )
 
     # ---- long recordings (tournament)

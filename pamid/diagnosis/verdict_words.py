@@ -142,7 +142,8 @@ def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
     rival = next((r for r in others if r.removes is not None and r.removes.share > 0.0), None)
     if rival is None or rival.removes is None:
         return ""
-    return f"; of other families {spelling.effect(rival.effect)} removes most, {percent_text(rival.removes.share)}"
+    share = percent_text(rival.removes.share)
+    return f"; of other families {spelling.effect(rival.effect)} removes most, {share}"
 
 
 def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
@@ -252,9 +253,10 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
     removes = leader.removes
     windows = len(found.comparison[0].reference_losses) if found.comparison else 0
+    interval = percents_text(removes.low, removes.high)
     return (
-        f"{spelling.effect(leader.effect)} may be missing: it removes {percent_text(removes.share)} "
-        f"of the gap (95 % interval {percents_text(removes.low, removes.high)}), which "
+        f"{spelling.effect(leader.effect)} may be missing: it removes "
+        f"{percent_text(removes.share)} of the gap (95 % interval {interval}), which "
         f"{windows} held-out windows do not make certain. {RECORD_MORE}"
     )
 

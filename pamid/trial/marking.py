@@ -117,12 +117,8 @@ class Marked:
         if not self.names or not self.causes:
             return False
         named = self.causes if self.verdict == "ambiguous" else self.causes[:1]
-        if not any(_answers(one, self.lead) for one in named):
-            return False
-        if len({c["family"] for c in named}) <= MOST_IN_SET:
-            return True
-        effects = {_bare(c["effect"]) for c in named}
-        return any(effects <= {_bare(e) for e in group} for group in self.found["look_alikes"])
+        # a larger set is only named where all of it predicts the same
+        return any(_answers(one, self.lead) for one in named)
 
     @property
     def remainder_reported(self) -> bool:
