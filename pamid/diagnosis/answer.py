@@ -203,7 +203,7 @@ def features(
     rest = comparison.removed(model).rest.share
     windows = len(comparison.loss(model))
     return {
-        "removed": float(np.clip(comparison.of_rest(model, below), -0.2, 1.0)),
+        "removed": float(np.clip(removed.share, -0.2, 1.0)),
         "rest": float(np.clip(rest, 0.0, 1.0)),
         "floors": float(np.log10(np.clip(comparison.floors(model), 1.0, 1000.0))),
         "sure": signed_decades(removed.z),

@@ -91,19 +91,11 @@ class Comparison:
             share / error,
         )
 
-    def of_rest(self, model: CandidateModel, reference: CandidateModel) -> float:
-        """Share that a model removes of the gap that its reference leaves."""
-        left = 1.0 - self.removed(reference).share
-        return self.removed(model, reference).share / left if left > 0.0 else 0.0
-
     def is_material(self, model: CandidateModel, reference: CandidateModel) -> bool:
-        """Whether a model removes a material share of the gap that its reference leaves, by
-        enough standard errors."""
-        settings = self.budget.settings
-        return (
-            self.of_rest(model, reference) >= settings.material_share
-            and self.removed(model, reference).z >= settings.standard_errors
-        )
+        """Whether a model removes a material share of the gap beyond its reference, by enough
+        standard errors."""
+        settings, removed = self.budget.settings, self.removed(model, reference)
+        return removed.share >= settings.material_share and removed.z >= settings.standard_errors
 
     def is_tied(self, model: CandidateModel, best: CandidateModel) -> bool:
         """Whether the windows cannot separate a model from the best one."""

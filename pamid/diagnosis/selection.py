@@ -246,17 +246,17 @@ def _with_rivals(
         others = tuple(k for k in best.attached if k is not a)
         below = refitted_with(search, others, best)
         without[a.label] = below if below.finite else search.budget.baseline
+        taken = set(map(search.family, best.attached))
         rivals = {
             k: c
             for step in steps
             for c in step.tied
             for k in c.attached
-            if k not in best.attached and any(a in m.attached for m in step.tied)
+            if search.family(k) not in taken
+            and any(search.family(a) in families_of(m) for m in step.tied)
         }
         models = [
-            c if not others else refitted_with(search, (*others, k), best, c)
-            for k, c in rivals.items()
-            if not others or search.family(k) not in map(search.family, others)
+            refitted_with(search, (*others, k), best, c) if others else c for k, c in rivals.items()
         ]
         instead[a.label] = tuple(
             c

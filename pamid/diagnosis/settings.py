@@ -25,7 +25,7 @@ class Settings:
 
     # ---- comparison (comparison, answer, selection)
     material_share: float = setting(
-        0.15, "share of the gap", "a cause removes at least this much of what is left without it"
+        0.15, "share of the gap", "a cause removes at least this much, next to the others"
     )
     standard_errors: float = setting(
         3.0, "standard errors", "a cause removes it with at least this certainty, paired"
