@@ -258,6 +258,16 @@ def size_to_si(value: Any, symbol: str) -> Any:
     return value * unit(symbol).factor
 
 
+# least duration (s) of each unit, with the factor from seconds; 0 has no unit of its own
+_DURATIONS = (
+    (3e4, 1.0 / 3600.0, "h"),
+    (1.0, 1.0, "s"),
+    (1e-3, 1e3, "ms"),
+    (1e-300, 1e6, "us"),
+    (0.0, 1.0, "s"),
+)
+
+
 def size_from_si(value: Any, symbol: str) -> Any:
     """Convert a difference, an error or a spread from SI to `symbol`."""
     return value / unit(symbol).factor
@@ -266,6 +276,13 @@ def size_from_si(value: Any, symbol: str) -> Any:
 def column_size(name: str, value: float) -> float:
     """An SI error or spread in the unit of the column `name`: ("temperature_degc", 2.0) -> 2."""
     return float(size_from_si(float(value), split_column(name)[1]))
+
+
+def duration_text(seconds: float, digits: int = 3) -> str:
+    """A duration or delay in the unit that fits it: 0.0032 -> "3.2 ms", 160.0 -> "160 s"."""
+    size = abs(seconds)
+    factor, symbol = next((f, u) for least, f, u in _DURATIONS if size >= least)
+    return f"{seconds * factor:.{digits}g} {symbol}"
 
 
 def compatible(symbol_a: str, symbol_b: str) -> bool:

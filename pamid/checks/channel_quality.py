@@ -1,18 +1,20 @@
 """What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse,
 noisy, or dead.
 
-There are two kinds of channel. Where white sensor noise of deviation sigma shows, an exact repeat
-is an accident: two readings fall on the same step q with probability q/(2 sqrt(pi) sigma), so that
-a run of n repeats by chance becomes rarer than CHANCE from n = 1 + log(CHANCE)/log(that) on
-(`shortest_repeat`). Where no noise shows (a coarse step, a noise-free simulation), a plateau is
-natural, and only a motion that stops or goes on with a jump counts.
+Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is a fault only
+if the channel would have gone on: its motion has a corner there, leaps on behind it, or its white
+noise stops and returns (`surrounded`). Of white noise of deviation sigma two readings fall on the
+same step q with probability q/(2 sqrt(pi) sigma), so that a run of n repeats by chance becomes
+rarer than CHANCE from n = 1 + log(CHANCE)/log(that) on (`shortest_repeat`).
 
     finding   statistic and threshold
-    clipped   run at the extreme value: longer than chance, at least SHORTEST_CLIP samples; without
-              noise, a corner sharper than CORNER_STEPS steps and CORNER_SPAN of the span, twice
-    frozen    run of repeats while others move: twice as long as chance, at least SHORTEST_FREEZE;
-              without noise, one that ends with a step JUMP times the largest one nearby
-    bridged   second differences below 0.02 sigma over SHORTEST_LINE samples
+    clipped   runs at the extreme value, longer than chance, at least SHORTEST_CLIP samples: two of
+              them with corners sharper than CORNER_STEPS steps, CORNER_NOISE sigma and CORNER_SPAN
+              of the span
+    frozen    run of repeats while others move, at least SHORTEST_FREEZE: twice as long as chance
+              and surrounded by noise, where repeats are as rare as chance elsewhere; or one that
+              ends with a step JUMP times the largest one nearby
+    bridged   second differences below 0.02 sigma over SHORTEST_LINE samples, surrounded by noise
     spikes    one or two samples beyond both neighbours by SPIKE_NOISE sigma, SPIKE_SPAN of the
               span and SPIKE_BEND times the 98 % quantile of second differences
     dead      standard deviation below ONLY_NOISE sigma, or a span of one step
@@ -37,7 +39,7 @@ from pamid.recording.noise import (
     MAY_BE_NOISE,
     is_white,
     noise_level,
-    plateau_spacing,
+    plateaus,
     quantisation_step,
 )
 from pamid.recording.recording import SIGNIFICANT_DIGITS
@@ -49,12 +51,18 @@ Places = NDArray[np.intp]
 MOST_WINDOWS = 60
 SHORTEST_CLIP = 3  # samples at the very extreme
 SHORTEST_FREEZE = 10  # samples
+MORE_REPEATS = 3.0  # times as many short repeats as noise makes: readings are not independent
 SHORTEST_LINE = 12  # samples on a straight line, where noise should be
 CHANCE = 1e-4  # of a false alarm per channel, for what noise could do
-CORNER_STEPS, CORNER_SPAN = 12.0, 1e-3
+CORNER_STEPS, CORNER_NOISE, CORNER_SPAN = 12.0, 4.0, 1e-3
+# samples on either side of a stretch in which noise has to show, and the share of it that has to
+AROUND, NOISE_AROUND = 12, 0.4
 JUMP = 8.0  # over the largest step nearby: how a frozen channel goes on
 SPIKE_NOISE, SPIKE_SPAN, SPIKE_BEND = 12.0, 0.02, 4.0
 COARSE_STEP = 0.01  # of the span
+# share of repeats of a signal that goes in steps; plateaus that a channel crosses for each of these
+# steps at most, if they are levels of the machine
+STEPPED, CROSSINGS = 0.8, 2.0
 # changes that tell a grain, and what the largest of them may be off by, in grains
 GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
@@ -217,17 +225,17 @@ def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
         starts, stops = runs_of((z >= top - 1e-9 * s.span) & ~idle)
         long = stops - starts >= max(SHORTEST_CLIP, shortest_repeat(s))
         starts, stops = starts[long], stops[long]
+        if not s.white and abs(top) <= max(2.0 * s.step, CORNER_SPAN * s.span):
+            continue  # a natural end: slack, vented, shut
+        sharp = np.array([_corner(z, a, b) for a, b in zip(starts, stops, strict=True)])
+        least = CORNER_NOISE * s.noise if s.white else CORNER_STEPS * max(s.step, s.grain)
+        corners = sharp > max(least, CORNER_SPAN * s.span)
+        if corners.sum() < 2:
+            # a turning point or a rest; a valve that shuts stops a pressure as sharply, but not
+            # twice at the same value
+            continue
         if not s.white:
-            if abs(top) <= max(2.0 * s.step, CORNER_SPAN * s.span):
-                continue  # a natural end: slack, vented, shut
-            sharp = np.array(
-                [_corner(z, a, b) for a, b in zip(starts, stops, strict=True)], dtype=float
-            )
-            keep = sharp > max(CORNER_STEPS * s.step, CORNER_SPAN * s.span)
-            if keep.sum() < 2:
-                # a valve that shuts stops a pressure as sharply, but not twice at the same value
-                continue
-            starts, stops = starts[keep], stops[keep]
+            starts, stops = starts[corners], stops[corners]
         if not starts.size:
             continue
         at = covered(z.size, starts, stops)
@@ -296,28 +304,40 @@ def shortest_repeat(s: CheckedSignal) -> float:
     return 1.0 + math.log(CHANCE) / math.log(chance) if chance < 1.0 else math.inf
 
 
+def independent(s: CheckedSignal, aside: Mask) -> bool:
+    """Is the noise white, and do readings repeat as rarely as it says, except aside?
+
+    An encoder whose noise shows only in motion repeats at turning points and at rest.
+    """
+    if not s.white:
+        return False
+    starts, stops = runs_of(s.still & ~aside)
+    repeats = int((stops - starts)[stops - starts < SHORTEST_FREEZE].sum())
+    return repeats <= MORE_REPEATS * max(1.0, repeat_chance(s) * s.values.size)
+
+
 def frozen(
     s: CheckedSignal, aside: Mask, liveliest: CheckedSignal | None
 ) -> tuple[list[QualityIssue], Mask]:
     """Stretches in which the channel stands exactly still while others move; aside: samples
     explained already; liveliest: of the other channels the one that stands still least."""
+    if liveliest is None:
+        return [], np.zeros(s.values.size, dtype=bool)
     starts, stops = runs_of(s.still & ~aside)
-    if s.white:
-        keep = stops - starts >= max(SHORTEST_FREEZE, 2.0 * shortest_repeat(s))
-    else:
-        keep = np.array(
-            [
-                b - a >= SHORTEST_FREEZE and _jumps_on(s, a, b)
-                for a, b in zip(starts, stops, strict=True)
-            ],
-            dtype=bool,
-        )
+    chance = 2.0 * shortest_repeat(s) if independent(s, aside) else math.inf
+    keep = np.array(
+        [
+            b - a >= SHORTEST_FREEZE
+            and (_jumps_on(s, a, b) or (b - a >= chance and surrounded(s, a, b)))
+            for a, b in zip(starts, stops, strict=True)
+        ],
+        dtype=bool,
+    )
     starts, stops = starts[keep], stops[keep]
-    if liveliest is not None:
-        awake = np.array(
-            [not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool
-        )
-        starts, stops = starts[awake], stops[awake]
+    awake = np.array(
+        [not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool
+    )
+    starts, stops = starts[awake], stops[awake]
     if not starts.size:
         return [], np.zeros(s.values.size, dtype=bool)
     at = covered(s.values.size, starts, stops)
@@ -347,6 +367,19 @@ def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
     return bool(d[at] > JUMP * max(neighbour, 0.5 * s.step) and d[at] > 1e-3 * s.span)
 
 
+def surrounded(s: CheckedSignal, start: int, stop: int) -> bool:
+    """Does the usual noise show right before and right behind a stretch? Where the channel rests or
+    turns, it mostly stops gradually or has none on either side. A side beyond the recording is not
+    looked at."""
+    before, behind = s.values[max(0, start - AROUND) : start], s.values[stop : stop + AROUND]
+    sides = [side for side in (before, behind) if side.size >= AROUND]
+    # second differences: their median in white noise of deviation sigma is 0.6745 sqrt(6) sigma
+    usual = 0.6745 * math.sqrt(6.0) * s.noise
+    return bool(sides) and all(
+        float(np.median(np.abs(np.diff(side, n=2)))) > NOISE_AROUND * usual for side in sides
+    )
+
+
 def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
     """Stretches on an exact straight line where noise should be: a gap that was interpolated."""
     if not s.white:
@@ -354,7 +387,13 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
     bend = np.abs(np.diff(s.values, n=2))
     flat = np.concatenate([[False], bend < 0.02 * s.noise, [False]]) & ~aside & ~s.still
     starts, stops = runs_of(flat)
-    keep = stops - starts >= SHORTEST_LINE
+    keep = np.array(
+        [
+            b - a >= SHORTEST_LINE and surrounded(s, a, b)
+            for a, b in zip(starts, stops, strict=True)
+        ],
+        dtype=bool,
+    )
     starts, stops = starts[keep], stops[keep]
     if not starts.size:
         return []
@@ -420,9 +459,14 @@ def shows_only_noise(s: CheckedSignal) -> bool:
     return s.span <= 1.01 * s.step or s.white and float(s.values.std()) < ONLY_NOISE * s.noise
 
 
-def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> list[QualityIssue]:
+def level_of(
+    s: CheckedSignal,
+    others_move: bool,
+    usual_noise: float = 0.0,
+    sent: Sequence[CheckedSignal] = (),
+) -> list[QualityIssue]:
     """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's
-    unit."""
+    unit; sent: what may move the machine from level to level."""
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])
     if shows_only_noise(s):
@@ -435,9 +479,11 @@ def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> l
             if others_move
             else []
         )
-    plateaus = 0.0 if s.sent else plateau_spacing(y)
-    if (step := plateaus or s.step) > COARSE_STEP * float(high - low) > 0.0:
-        finer = "; something rounds it before the logger, which is finer" if plateaus else ""
+    spacing, level = (0.0, 0.0) if s.sent else plateaus(y)
+    if spacing and any(_steps_as_often(o, (y - level) / spacing) for o in sent):
+        spacing = 0.0  # levels that the machine was sent to
+    if (step := spacing or s.step) > COARSE_STEP * float(high - low) > 0.0:
+        finer = "; something rounds it before the logger, which is finer" if spacing else ""
         return [
             QualityIssue(
                 "coarse",
@@ -468,3 +514,11 @@ def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> l
             )
         ]
     return []
+
+
+def _steps_as_often(sent: CheckedSignal, values: FloatArray) -> bool:
+    """Does a signal that mostly rests change as often as the channel, in plateaus, goes from one
+    to the next?"""
+    crossings = np.count_nonzero(np.diff(np.round(values)))
+    changes = np.count_nonzero(~sent.still) - 1
+    return bool(sent.still_share > STEPPED and crossings <= CROSSINGS * changes)

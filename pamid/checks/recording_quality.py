@@ -32,6 +32,7 @@ from pamid.checks.channel_quality import (
     clipped,
     covered,
     frozen,
+    independent,
     level_of,
     measurable,
     repeat_chance,
@@ -40,6 +41,7 @@ from pamid.checks.channel_quality import (
     shows_only_noise,
     signal_of,
     spikes,
+    surrounded,
     windows_of,
 )
 from pamid.checks.input_ranges import beyond_range
@@ -54,6 +56,9 @@ __all__ = ["QualityIssue", "channel_figures", "examine"]
 FloatArray = NDArray[np.float64]
 
 MOVES = 4.2  # times the noise: three of what two readings of a value at rest differ by
+# lost rows: moves looked at on either side, by what share of their mean each may differ from it,
+# resolutions of the channel that are missed at least, and what the first move behind makes up for
+PACE, UNSTEADY, LOST_STEPS, MADE_UP = 2, 0.7, 1.5, (0.6, 1.6)
 FEW_STEPS, FEW_LEVELS, FEW_SAMPLES = 10, 2, 500
 TIMID = 0.1  # of the usual amplitude
 IDLE = 0.5  # of the time without any change of what is sent
@@ -81,9 +86,9 @@ def examine(
     measured = [s for s in signals if not s.sent]
     found = _constant(recording, signals, rig)
     sent = [s for s in signals if s.sent and s.span > 0.0]
-    found += _held_and_clipped([s for s in measured if s.span > 0.0], _nothing_sent(sent))
+    found += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
     found += standstill(measured, sent)
-    found += _levels(measured, rig)
+    found += _levels(measured, sent, rig)
     found += _pressures(measured) + _sent(recording, rig)
     if rig is not None:
         against, judged = _against(recording, rig, thorough=True)
@@ -165,7 +170,9 @@ def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSign
     ]
 
 
-def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[QualityIssue]:
+def _levels(
+    measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal], rig: Rig | None
+) -> list[QualityIssue]:
     """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to
     blame."""
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
@@ -174,7 +181,7 @@ def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[QualityI
         issue
         for s in measured
         if s.span > 0.0
-        for issue in level_of(s, moving, usual.get(s.name, 0.0))
+        for issue in level_of(s, moving, usual.get(s.name, 0.0), sent)
     ]
 
 
@@ -213,10 +220,13 @@ def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
     return np.logical_and.reduce([s.values == 0.0 for s in sent]) if sent else np.array(False)
 
 
-def _held_and_clipped(measured: Sequence[CheckedSignal], idle: Mask) -> list[QualityIssue]:
+def _held_and_clipped(
+    measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
+) -> list[QualityIssue]:
     """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then
-    bridges and spikes. idle: where nothing is sent, standing still is no fault."""
+    bridges and spikes. While everything sent is 0, standing still is not a fault."""
     found: list[QualityIssue] = []
+    idle = _nothing_sent(sent)
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
         columns = tuple(name for name, n in slow.items() if n == every)
@@ -240,7 +250,7 @@ def _held_and_clipped(measured: Sequence[CheckedSignal], idle: Mask) -> list[Qua
     free = [s for s in measured if s.name not in slow]
     if not free:
         return found
-    lively = heapq.nsmallest(2, measured, key=lambda s: s.still_share)
+    lively = heapq.nsmallest(2, [*measured, *sent], key=lambda s: s.still_share)
     held = _rows_held(free) & ~idle
     found += _dropped(free, held)
     for s in free:
@@ -253,45 +263,42 @@ def _held_and_clipped(measured: Sequence[CheckedSignal], idle: Mask) -> list[Qua
 
 
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
-    """Rows in which every measured channel repeats the row before, although it should not: one of
-    them moved before and behind by more than its resolution."""
-    held = np.logical_and.reduce([s.still for s in signals])
-    starts, stops = runs_of(held)
-    expected = held.size * math.prod(repeat_chance(s) for s in signals)
-    if (
-        expected < CHANCE
-        or held.sum() > 10.0 * max(expected, 1.0)
-        and any(s.white for s in signals)
-    ):
-        awake = [_moved_around(s, starts, stops, max(s.step, s.grain)) for s in signals]
-        beside = np.logical_or.reduce(awake)
-        return covered(held.size, starts[beside], stops[beside])
-    # Repeats may be natural here. Rows were lost only where a channel moved before and after, by
-    # more than noise does, and the first step behind them, which makes up for those lost, is 1.6
-    # times as large as either.
-    moving = np.zeros(starts.size, dtype=bool)
-    for s in signals:
-        d = np.abs(np.diff(s.values))
-        before, behind, after = (
-            d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1, stops)
-        )
-        least = max(5.0 * s.step, 1e-4 * s.span, MOVES * s.noise if s.white else 0.0)
-        neighbour = np.maximum(before, after)
-        moving |= (
-            (np.minimum(before, after) > least)
-            & (behind > 1.6 * neighbour)
-            & (starts > 1)
-            & (stops < held.size - 1)
-        )
-    return covered(held.size, starts[moving], stops[moving])
+    """Rows in which every measured channel repeats the row before, although it should not: the
+    motion of one of them leaps on by what it misses, or the noise of two stops and returns."""
+    together = np.logical_and.reduce([s.still for s in signals])
+    starts, stops = runs_of(together)
+    lost = np.logical_or.reduce([_motion_lost(s, starts, stops) for s in signals])
+    noisy = [s for s in signals if independent(s, together)]
+    if len(noisy) > 1:
+        chance = math.prod(repeat_chance(s) for s in noisy)
+        for k in np.flatnonzero(~lost & (chance ** (stops - starts) * starts.size < CHANCE)):
+            around = sum(surrounded(s, int(starts[k]), int(stops[k])) for s in noisy)
+            lost[k] = around > 1
+    return covered(signals[0].values.size, starts[lost], stops[lost])
 
 
-def _moved_around(s: CheckedSignal, starts: Places, stops: Places, least: float) -> Mask:
-    """Did the channel change by more than this just before and just behind each stretch?"""
-    d = np.abs(np.diff(s.values))
-    before, behind = (d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1))
-    inside = (starts > 1) & (stops < s.values.size)
-    return np.asarray(inside & (np.minimum(before, behind) > 1.5 * least))
+def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
+    """Does the first move behind each stretch make up for the whole stretch at the pace of the
+    moves around it?
+
+    None does in a channel that mostly goes on otherwise: a gauge that clings, a slow sensor.
+    """
+    d = np.diff(s.values)
+    resolution = max(s.step, s.grain, MOVES * s.noise if s.white else 0.0, 1e-4 * s.span)
+    inside = (starts > PACE) & (stops < s.values.size - PACE)
+    first, behind = np.where(inside, starts, PACE + 1), np.where(inside, stops, PACE + 1)
+    # stretch a..b repeats value a - 1: d[a - 2] is the last move before it, d[b - 1] the first one
+    # behind it
+    before = np.stack([d[first - 2 - k] for k in range(PACE)])
+    after = np.stack([d[behind + k] for k in range(PACE)])
+    around = np.concatenate([before, after])
+    pace, missed = around.mean(axis=0), behind - first + 1
+    onward = before.mean(axis=0) * after.mean(axis=0) > 0.0
+    moving = inside & onward & (np.abs(pace) * missed > LOST_STEPS * resolution)
+    steady = (np.abs(around - pace) <= UNSTEADY * np.abs(pace)).all(axis=0)
+    ratio = d[behind - 1] / np.where(moving, pace * missed, 1.0)
+    makes_up = moving & steady & (ratio > MADE_UP[0]) & (ratio < MADE_UP[1])
+    return makes_up & (2 * makes_up.sum() > moving.sum())
 
 
 def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
-from pamid.base.units import quantity_of, split_column, suffixes_for, unit, with_unit
+from pamid.base.units import duration_text, quantity_of, split_column, suffixes_for, unit, with_unit
 from pamid.checks.channel_quality import QualityIssue
 from pamid.checks.likeness import blind_sides, correlation, shapes
 from pamid.model.assembly import Assembly
@@ -398,7 +398,10 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Quality
 
 
 def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Channels that answer earlier or later than the data sheet's model."""
+    """Channels that answer earlier or later than the data sheet's model; none where no input moves:
+    a machine that is let go answers to nothing, and a period that is off looks like a delay."""
+    if not np.ptp(e.u, axis=0).any():
+        return []
     period = recording.sampling_period_s
     timescale_s = rig.timescale_s or timescale_of([(e.y, noise_level(e.y), period)])
     most = max(LATE_SAMPLES, round(LONGEST_LAG * timescale_s / period))
@@ -429,7 +432,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
                 "delay",
                 columns,
                 "advice",
-                f"{listed(columns)} {many} {abs(1e3 * delay):.3g} ms "
+                f"{listed(columns)} {many} {duration_text(abs(delay))} "
                 f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}",
                 hint,
                 (),

@@ -9,17 +9,25 @@ order). Their median absolute value over 0.6745 is the robust estimate of their 
 1974, JASA 69). Rounding to steps adds the deviation of a
 uniform variable, step/sqrt(12). Both results are in the channel's unit: the same samples in another
 unit give the same answer, scaled.
+
+A reading that repeats to the last digit is not a new reading: the sensor rests, clings, is at its
+limit, or was filled in. Differences over such repeats measure no noise and are left out. A reading
+that clings while the machine moves lags behind by up to the leap h that follows. The error grows
+from 0 to h during the hold, which is h/sqrt(3) root mean square (`hold_error`). It is correlated
+over the hold, so that averaging does not reduce it. A converter with regular steps does not cling:
+its error is centred, step/sqrt(12).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import SAME_DIGITS, motion, runs_of
+from pamid.base.metrics import SAME_DIGITS, motion
 
 Array = NDArray[np.float64]
 
@@ -36,13 +44,19 @@ MANY_GAPS, FINEST = 30, 16
 STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
 BLOCK = 40  # samples over which differences are squared
 FEW_MOVING = 80  # samples: fewer show no noise by their differences
-LONG_REST = 0.1  # of a channel: so many exact repeats of one value are no noise
+# share of a channel's readings that repeat: beyond it, the error of a reading is not independent
+REPEATING = 0.1
+# leaps after a hold from which a lag is measured, and share of the samples that they have to span
+FEW_LEAPS, LAGGING = 20, 0.1
+DRIVEN = 0.5  # of a hold: the inputs have to move for so long before a rest counts as clinging
+CONTRADICTED = 2.0  # ratio of observed and stated noise beyond which they contradict each other
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
 # of the noise: a model that is off by less is not told from one that is exact. Noise that is read
 # from a recording may be several times too large, but not a hundred times.
 NEGLIGIBLE_ERROR = 0.01
 MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
+LAG = 1.0 / np.sqrt(3.0)  # root mean square of an error that grows from 0 to 1
 # plateaus further apart than the recorder's own steps: cycles of their spacing in the span of a
 # channel, and the share of its samples that must lie on them for it to be believed
 HISTOGRAM_BINS, PADDED, LEAST_PLATEAUS, ON_PLATEAUS = 1 << 15, 8, 5, 0.8
@@ -171,13 +185,47 @@ def noise_level(y: Array) -> Array:
     return _noise_and_steps(y)[0]
 
 
-def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
-    """Noise per channel of recordings made with the same sensors (each samples x channels); stated:
-    what the rig says of them (0: nothing), the least where the samples say nothing.
+@dataclass(frozen=True, eq=False)
+class SensorNoise:
+    """Noise of the channels of recordings made with the same sensors, in the channels' unit.
 
-    Where white noise or steps are seen they are believed, even below the data sheet's figure: a
-    sensor may be better than that. Where neither is seen, the noise was filtered away or never
-    there, and differences from sample to sample do not measure the error of a reading.
+    used    standard deviation that fits and floors use
+    white   standard deviation of white noise and steps
+    lag     error of readings that stand still and leap while the machine moves (`hold_error`)
+    stated  standard deviation from the rig, 0 where it states none
+    """
+
+    used: Array
+    white: Array
+    lag: Array
+    stated: Array
+
+    @property
+    def contradicts(self) -> NDArray[np.bool_]:
+        """Where the noise used is far from the stated one, because the samples show another."""
+        ratio = self.used / np.where(self.stated > 0.0, self.stated, self.used)
+        return np.asarray((ratio > CONTRADICTED) | (ratio < 1.0 / CONTRADICTED))
+
+
+def sensor_noise(
+    parts: Sequence[Array], stated: Array, inputs: Sequence[Array] | None = None
+) -> SensorNoise:
+    """Noise per channel of recordings made with the same sensors.
+
+    White noise or steps that the samples show replace the data sheet's figure, even a larger one: a
+    sensor may be better than that. Where neither shows, or where readings repeat, differences from
+    sample to sample do not measure the error of a reading. Then the stated figure is the least.
+    Without a stated figure, the lag of readings that cling counts as noise.
+
+    Parameters
+    ----------
+    parts
+        Each samples x channels.
+    stated
+        Standard deviation per channel from the rig, 0 where it states none.
+    inputs
+        The inputs of each part, samples x inputs. While all inputs rest, the machine may rest, too,
+        and a channel that stands still does not cling.
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)
@@ -186,10 +234,51 @@ def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
             np.mean([[quantisation_step(c) ** 2 for c in part.T] for part in parts], axis=0)
         )
         noise = np.maximum(noise, UNIFORM * steps)
+    given = [None] * len(parts) if inputs is None else inputs
+    holds = [[hold_error(c, u) for c in part.T] for part, u in zip(parts, given, strict=True)]
+    # a converter's steps explain repeats by themselves
+    lag = np.where(steps > 0.0, 0.0, np.sqrt(np.mean(np.square(holds), axis=0)))
     least = MAY_BE_NOISE * y.std(axis=0)
     white = [n > shown and is_white(c) for c, n, shown in zip(y.T, noise, least, strict=True)]
-    seen = (UNIFORM * steps > least) | white
-    return np.where(seen, noise, np.maximum(noise, stated))
+    repeats = (steps == 0.0) & ([_repeating(c) > REPEATING for c in y.T])
+    shows = ((UNIFORM * steps > least) | white) & ~repeats
+    # whoever states a noise knows the sensor; what a reading clings by is an estimate
+    used = np.where(stated > 0.0, np.maximum(noise, stated), np.hypot(noise, lag))
+    return SensorNoise(np.where(shows, noise, used), noise, lag, stated)
+
+
+def hold_error(values: Array, inputs: Array | None = None) -> float:
+    """Root mean square error of the readings of a channel, shape (n,), that clings: stands still
+    while the machine moves, and leaps on; 0 where it does not.
+
+    inputs: samples x inputs; a hold counts while one of them moves, each hold if none ever does.
+    """
+    start, length = _readings(values)
+    held = length > 1
+    if held.sum() <= FEW_LEAPS:
+        return 0.0
+    start, length = start[held], length[held]
+    leap, way = np.abs(np.diff(values[start])), np.diff(start)
+    # a leap takes less time than the hold before it; otherwise the channel moved on
+    counts = way < 2 * length[:-1]
+    if inputs is not None and inputs.size and np.ptp(inputs, axis=0).any():
+        moves = np.concatenate([[0], np.cumsum((np.diff(inputs, axis=0) != 0.0).any(axis=1))])
+        during = moves[start + length - 1] - moves[start]
+        counts &= (during >= DRIVEN * (length - 1))[:-1]
+    if counts.sum() < FEW_LEAPS or way[counts].sum() < LAGGING * values.size:
+        return 0.0
+    return float(LAG * np.sqrt(way[counts] @ leap[counts] ** 2 / way[counts].sum()))
+
+
+def _readings(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First sample and number of samples of every reading; repeats are one reading."""
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
+    return edges[:-1], np.diff(edges)
+
+
+def _repeating(values: Array) -> float:
+    """Share of the readings that repeat."""
+    return float(np.mean(_readings(values)[1] > 1))
 
 
 def is_white(values: Array) -> bool:
@@ -238,23 +327,27 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     for c in np.flatnonzero(sigma < steps):
         noise[c] = max(min(_square_noise(d[:, c]) for d in every), UNIFORM * steps[c])
     for c in np.flatnonzero(steps == 0.0):
-        moving = _without_rests(y[:, c])
-        if moving.size < len(y):
-            noise[c] = _noise_and_steps(moving[:, None])[0][0]
+        noise[c] = _noise_without_repeats(y[:, c], noise[c])
     return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
 
 
-def _without_rests(values: Array) -> Array:
-    """A channel without steps, less its long standstills: a sensor that is off, or whose lost
-    samples were filled with zeros. All of it where hardly anything else is left, as of a command
-    that steps once. With half of the samples repeated the median of differences would be next to
-    zero, and every error of a model large against such noise."""
-    starts, stops = runs_of(np.concatenate([[False], values[1:] == values[:-1]]))
-    long = stops - starts >= LONG_REST * values.size
-    kept = np.ones(values.size, bool)
-    for start, stop in zip(starts[long], stops[long], strict=True):
-        kept[start:stop] = False
-    return values[kept] if kept.sum() >= max(LONG_REST * values.size, FEW_MOVING) else values
+def _noise_without_repeats(values: Array, otherwise: float) -> float:
+    """White noise of a channel without steps, from differences that span no exact repeat:
+    a sensor that is off or at its limit repeats its value, and so do filled gaps. `otherwise` where
+    nothing repeats or where too few differences are left.
+
+    With half of the samples repeated the median of differences would be next to zero, and every
+    error of a model large against such noise.
+    """
+    moved = values[1:] != values[:-1]
+    if moved.all():
+        return otherwise
+    sums, levels = np.concatenate([[0], np.cumsum(moved)]), []
+    for order, gain in ORDERS.items():
+        d = np.abs(np.diff(values, n=order)[sums[order:] - sums[:-order] == order])
+        if d.size >= FEW_MOVING:
+            levels.append(float(np.median(d)) / (gain * MEDIAN))
+    return min(levels, default=otherwise)
 
 
 def _square_noise(d: Array) -> float:

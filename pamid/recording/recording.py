@@ -28,6 +28,7 @@ from pamid.base.units import (
     NONE,
     compatible,
     divided_name,
+    duration_text,
     from_si,
     split_column,
     suffixes_for,
@@ -195,7 +196,7 @@ class Recording:
         span = len(self) * self.sampling_period_s
         return (
             f"{self.name}: {len(self)} samples over {span:.4g} s, one every "
-            f"{1e3 * self.sampling_period_s:.4g} ms{loop}"
+            f"{duration_text(self.sampling_period_s, 4)}{loop}"
         )
 
     def _ranges(self) -> Cells:

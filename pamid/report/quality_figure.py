@@ -78,7 +78,7 @@ def card_figure(
             f"{CLOSE} quiet samples", loc="left", fontsize=8.0, pad=3.0, color=colour("muted")
         )
         axes[-1, 0].set_xlabel("time [s]")
-        axes[-1, 1].set_xlabel("time [ms]")
+        axes[-1, 1].set_xlabel(f"time [{_close_unit(recording)[1]}]")
         figure.align_ylabels(axes[:, 0])
         figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
     return figure
@@ -157,13 +157,18 @@ def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[Qua
     grid(axes, "y")
 
 
+def _close_unit(recording: Recording) -> tuple[float, str]:
+    """Unit of time of the close-up, with the factor from seconds."""
+    return (1.0, "s") if CLOSE * recording.sampling_period_s > 10.0 else (1e3, "ms")
+
+
 def _close_up(axes: Axes, recording: Recording, name: str, channel: Mapping[str, float]) -> None:
     """The stretch in which the channel moves least without standing still, sample by sample."""
     values = _drawable(recording, name)
     start = quietest(values)
     part = values[start : start + CLOSE]
     axes.plot(
-        1e3 * recording.sampling_period_s * np.arange(part.size),
+        _close_unit(recording)[0] * recording.sampling_period_s * np.arange(part.size),
         part - np.median(part),
         color=colour("muted"),
         linewidth=0.5,

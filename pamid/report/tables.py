@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
-from pamid.base.units import split_column
+from pamid.base.units import duration_text, split_column
 from pamid.report import formatting
 from pamid.report.captions import sensor_label, split_labels
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors
@@ -228,13 +228,13 @@ def _remark(one: FitParameter, strained: bool) -> str:
 
 def recordings_table(fit: FitFile) -> Table:
     """What was recorded and which part it played."""
-    heads = ["recording", "role", "samples", "period [ms]", "loop"]
+    heads = ["recording", "role", "samples", "period", "loop"]
     body = [
         [
             formatting.clean(one.name),
             formatting.clean(one.role),
             count(one.samples),
-            formatting.DASH if one.period_s is None else number(1e3 * one.period_s),
+            formatting.DASH if one.period_s is None else duration_text(one.period_s, 4),
             formatting.clean(one.loop or "") or formatting.DASH,
         ]
         for one in fit.recordings

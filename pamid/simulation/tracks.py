@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import size_to_si, split_column
+from pamid.base.units import NONE, column_size, size_to_si, split_column
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level, sensor_noise
@@ -116,9 +116,69 @@ def noise_of(tracks: Sequence[Track], stated: Array) -> Array:
     """Noise level per channel over all tracks that have it; NaN where none has. stated: see
     `sensor_noise`."""
     if all(t.seen.all() for t in tracks):
-        return sensor_noise([t.y for t in tracks], stated)
+        return sensor_noise([t.y for t in tracks], stated, [t.u for t in tracks]).used
     noise = np.full(tracks[0].y.shape[1], np.nan)
     for c in range(noise.size):
-        own = [t.y[:, [c]] for t in tracks if t.seen[c]]
-        noise[c] = sensor_noise(own, stated[[c]])[0] if own else np.nan
+        own = [t for t in tracks if t.seen[c]]
+        if own:
+            parts, inputs = [t.y[:, [c]] for t in own], [t.u for t in own]
+            noise[c] = sensor_noise(parts, stated[[c]], inputs).used[0]
     return noise
+
+
+@dataclass(frozen=True)
+class NoiseRemark:
+    """A channel whose noise in fits and floors differs from what its rig or its samples suggest.
+
+    kind      "noise": the recordings contradict the stated noise; "clinging": readings stand still
+              and leap
+    channel   name of the output
+    text      what was observed and which noise is used
+    used      the noise used, in the unit of the channel
+    """
+
+    kind: str
+    channel: str
+    text: str
+    used: float
+
+
+def noise_remarks(
+    rig: Rig, recordings: Sequence[Recording], channels: Sequence[str]
+) -> list[NoiseRemark]:
+    """Remarks on the noise of these channels, each over the recordings that have it."""
+    remarks = []
+    for channel in channels:
+        seen = [r for r in recordings if r.has(channel)]
+        inputs = [
+            np.stack([r.si(n) for n in names], axis=1) if names else np.empty((len(r), 0))
+            for r in seen
+            for names in [[n for n in rig.inputs if r.has(n)]]
+        ]
+        parts = [output_table((channel,), r) for r in seen]
+        noise = sensor_noise(parts, stated_noise(rig, (channel,)), inputs)
+        unit = split_column(channel)[1]
+        symbol = "" if unit == NONE else f" {unit}"
+        used, white, lag, stated = (
+            column_size(channel, float(x[0]))
+            for x in (noise.used, noise.white, noise.lag, noise.stated)
+        )
+        if noise.contradicts[0]:
+            text = (
+                f"{channel}: the rig states a noise of {stated:.2g}{symbol}, but the samples show "
+                f"{white:.2g}{symbol}. The observed noise is used; correct the stated one"
+            )
+            remarks.append(NoiseRemark("noise", channel, text, used))
+        elif lag > 0.0:
+            taken = (
+                f"The stated noise of {used:.2g}{symbol} is used"
+                if stated > 0.0
+                else f"A noise of {used:.2g}{symbol} is used; state the error of the sensor as "
+                "`noise` in the rig if it is known better"
+            )
+            text = (
+                f"{channel} stands still and leaps on while the machine moves, as a coarse gauge "
+                f"or a slow sensor: its readings lag by {lag:.2g}{symbol} (rms). {taken}"
+            )
+            remarks.append(NoiseRemark("clinging", channel, text, used))
+    return remarks

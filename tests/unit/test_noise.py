@@ -103,7 +103,7 @@ def test_a_tone_is_no_noise(pace: float, share: float, samples: int) -> None:
         y = np.round(y / (share * noise)) * share * noise
         off = noise * np.hypot(1.0, share * ROUNDING)
     assert noise_level(y[:, None])[0] == pytest.approx(off, rel=0.2)
-    assert sensor_noise([y[:, None]], np.array([1.0]))[0] == pytest.approx(off, rel=0.2)
+    assert sensor_noise([y[:, None]], np.array([1.0])).used[0] == pytest.approx(off, rel=0.2)
 
 
 def test_smooth_motion_has_no_steps() -> None:
@@ -127,7 +127,7 @@ def test_few_levels_far_apart() -> None:
 def test_recordings_with_steps_of_their_own() -> None:
     """Two converters of one sensor: together they have no common step, and each still rounds."""
     coarse, fine = (np.round(MOTIONS["slow"][:, None] / step) * step for step in (0.5, 0.0371))
-    both = sensor_noise([coarse, fine], np.zeros(1))
+    both = sensor_noise([coarse, fine], np.zeros(1)).used
     assert both[0] == pytest.approx(ROUNDING * np.sqrt((0.5**2 + 0.0371**2) / 2.0), rel=0.02)
 
 
@@ -142,12 +142,16 @@ def test_what_the_rig_states_is_the_least_where_neither_noise_nor_steps_show() -
     )
     better = smooth + 0.01 * random.standard_normal(SAMPLES)[:, None]
     stated = np.array([0.05])
-    assert sensor_noise([smooth], stated)[0] == sensor_noise([filtered], stated)[0] == 0.05
     assert (
-        sensor_noise([better], stated)[0] == noise_level(better)[0] == pytest.approx(0.01, rel=0.1)
+        sensor_noise([smooth], stated).used[0] == sensor_noise([filtered], stated).used[0] == 0.05
+    )
+    assert (
+        sensor_noise([better], stated).used[0]
+        == noise_level(better)[0]
+        == pytest.approx(0.01, rel=0.1)
     )
     for step in (0.5, 0.01):
-        assert sensor_noise([np.round(smooth / step) * step], stated)[0] == pytest.approx(
+        assert sensor_noise([np.round(smooth / step) * step], stated).used[0] == pytest.approx(
             step * ROUNDING, rel=0.05
         )
     rig = rig_named("one-dof")
