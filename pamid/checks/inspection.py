@@ -13,6 +13,7 @@ import numpy as np
 
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
+from pamid.base.metrics import motion
 from pamid.base.progress import tell
 from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
@@ -51,6 +52,7 @@ from pamid.recording.recording import (
 )
 from pamid.schemas import check_file as result
 from pamid.simulation.data_split import require_informative
+from pamid.simulation.tracks import noise_remarks
 
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
 
@@ -167,6 +169,7 @@ def _recording(
         CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
         for one in between
     ]
+    found += [] if rig is None else _noise_findings(recording, rig)
     found += against + [
         CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
@@ -246,6 +249,15 @@ def _against_rig(
         except DataError as error:
             found.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
     return rig, found or [CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")]
+
+
+def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
+    """Outputs whose noise in fits is not what the rig or the samples suggest."""
+    channels = [c for c in rig.outputs if recording.has(c) and motion(recording.signal(c)) > 0.0]
+    return [
+        CheckOutcome(remark.kind, False, remark.text, advice=True)
+        for remark in noise_remarks(rig, [recording], channels)
+    ]
 
 
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
