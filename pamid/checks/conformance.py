@@ -345,6 +345,18 @@ def _scale(outputs: Array) -> Array:
 # ---- findings ----------------------------------------------------------------------------------
 
 
+def background_findings(rig: Rig) -> list[CheckOutcome]:
+    """The fault of a background that does not build, such as a map of a signal that its port does
+    not offer: every fit would refuse it."""
+    if isinstance(rig, StepRig) or not rig.background:
+        return []
+    try:
+        _ = Assembly(rig, background=True).traced
+    except PamidError as error:
+        return [CheckOutcome("background", False, str(error))]
+    return []
+
+
 def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOutcome]:
     """Everything that can be said about a rig without a recording."""
     try:
@@ -354,7 +366,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [CheckOutcome("equations", False, str(error))]
-    found = [
+    found = background_findings(rig) + [
         CheckOutcome(
             "equations",
             True,

@@ -17,7 +17,12 @@ from pamid.base.metrics import motion
 from pamid.base.progress import tell
 from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
-from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
+from pamid.checks.conformance import (
+    CheckOutcome,
+    background_findings,
+    effect_findings,
+    rig_findings,
+)
 from pamid.checks.hold_or_line import figures as between_json
 from pamid.checks.hold_or_line import tried_both_ways
 from pamid.checks.recording_quality import (
@@ -52,6 +57,7 @@ from pamid.recording.recording import (
 )
 from pamid.schemas import check_file as result
 from pamid.simulation.data_split import require_informative
+from pamid.simulation.idle_background import without_idle_terms
 from pamid.simulation.tracks import noise_remarks
 
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
@@ -239,10 +245,15 @@ def _against_rig(
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
-    found = _column_findings(recording, rig, wanted) + _known_findings(recording, rig)
+    found = background_findings(rig) + _column_findings(recording, rig, wanted)
+    found += _known_findings(recording, rig)
     runs = not any(f.wrong for f in found)
     if runs:
         found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
+        found += [
+            CheckOutcome("background", False, term.text, advice=True)
+            for term in without_idle_terms(rig, [recording])[1]
+        ]
     if runs:
         try:
             require_informative(rig, recording)

@@ -104,6 +104,14 @@ IMPOSED = (
 #: kinds of port that a formula of the machine gives its value, and signals over which that is off
 MAPPED = ("actuator-force", "flow", "motion", "rate")
 ALONG = ("position", "stored", "level")
+#: what a map along such a signal ("": what passes) can take up besides roughness
+TAKEN_UP = {
+    "": "a bend, a dead zone or a saturation of what passes",
+    "position": "a stiffness, a cogging, and dry friction of a motion whose direction follows its "
+    "position, such as a swing that dies away",
+    "stored": "a loss or a leak that follows what is stored",
+    "level": "a loss or a leak that follows the level",
+}
 #: kinds of port that as a rule pass a balance, and the names under which parts of it are offered
 BALANCED, PARTS = ("motion", "rate"), ("load", "loss", "inflow")
 RESISTING = ("position", "velocity", "stored")
@@ -111,18 +119,25 @@ TOLERANCES = "tolerances"  # the finding of a rig that states none
 
 
 def stated_roughness(rig: Rig, *names: str) -> str:
-    """The line of a rig file that states an ordinary roughness of what passes these ports, and what
-    has to be offered there first."""
+    """What has to be offered first at ports that pass a balance, with their maps; then the line of
+    a rig file that states an ordinary roughness of what passes the other ports."""
     of = {name: _of(rig, name) for name in names}
-    maps = ", ".join(_rough_map(rig.ports[name], name, signal) for name, signal in of.items())
-    lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
+    maps = {name: _rough_map(rig.ports[name], name, signal) for name, signal in of.items()}
     # a balance is next to nothing where the parts of it that are rough are large
-    first = [
+    lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
+    ready = ", ".join(maps[name] for name in names if name not in lacking)
+    parts = [
         f"offer at port {name}, which passes a balance, the part of it that is rough (the force of "
-        f"the motor, the loss of a store) as load= [{rig.ports[name].unit}]; "
+        f"the motor, the loss of a store) as load= [{rig.ports[name].unit}], and state {maps[name]}"
         for name in lacking
     ]
-    return f"{''.join(first)}background = {{{maps}}}"
+    return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
+
+
+def taken_up(rig: Rig, *names: str) -> str:
+    """What maps at these ports can take up besides roughness."""
+    along = {_along(rig.ports[name]) for name in names}
+    return "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
 
 
 def _of(rig: Rig, name: str) -> str:
@@ -158,9 +173,14 @@ def _is_whole(rig: Rig, name: str) -> bool:
 
 
 def _rough_map(port: Port, name: str, of: str) -> str:
-    over = next((f', "{s}"' for s in ALONG if s in port.signals), "")
+    over = f', "{_along(port)}"' if _along(port) else ""
     share = f', of="{of}"' if of else ""
     return f'"{name}": RoughMap("{name}_map"{over}{share}, tolerance={ORDINARY_ROUGHNESS})'
+
+
+def _along(port: Port) -> str:
+    """The signal that a map at this port runs along, "" for what passes."""
+    return next((s for s in ALONG if s in port.signals), "")
 
 
 def mapped_ports(rig: Rig) -> list[str]:
@@ -182,7 +202,8 @@ def tolerance_words(rig: Rig) -> list[str]:
         ]
     return [
         "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
-        "passes for a missing effect, or hides one; if yours may be: "
+        "passes for a missing effect, or hides one. A map allows for it, but within its tolerance "
+        f"it can take up {taken_up(rig, *mapped)}. If yours may be off: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 

@@ -29,6 +29,7 @@ from pamid.simulation.free_runs import (
     output_table,
     state_spread,
 )
+from pamid.simulation.idle_background import IdleTerm, without_idle_terms
 from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
@@ -85,6 +86,7 @@ class DataSplit:
     correlation_s: float
     lead_most: float = np.inf  # correlation times before a held-out part, for what keeps memories
     per_run: int = 1  # held-out windows that a model predicts from one estimated state
+    left_out: tuple[IdleTerm, ...] = ()  # background terms that the fitted recordings leave open
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each. Models with
@@ -232,6 +234,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
     tables = [(t.y, noise, t.period_s) for t in whole]
     timescale_s = rig.timescale_s or _timescale_s(tables, (fit, held))
+    rig, left_out = without_idle_terms(rig, [s.recording.slice(s.start, s.stop) for s in fit])
     return DataSplit(
         rig,
         in_order(fit),
@@ -241,6 +244,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         jump,
         timescale_s,
         rig.timescale_s or max(timescale_s, timescale_of(tables, most_ringing_s=0.0)),
+        left_out=left_out,
     )
 
 

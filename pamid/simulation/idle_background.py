@@ -1,0 +1,157 @@
+"""Background terms that recordings cannot determine: curves over a quantity that hardly moves.
+
+A rough map over a pressure that is held constant, or over a speed of three values, bends freely
+between these few points. It then takes up what no other term explains and ruins the refit. Such a
+term is left out.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import PamidError
+from pamid.model.assembly import Assembly
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
+from pamid.recording.recording import Recording
+from pamid.simulation.free_runs import choose_stepping, input_table, known_values
+from pamid.symbolic.expression import symbols
+from pamid.symbolic.vocabulary import Expr
+
+Array = NDArray[np.float64]
+
+FEW_VALUES = 3
+BINS = 20  # of the range, as fine as a rough map of ten waves
+RESTING = 0.02  # of the size of a quantity: a smaller range is one value
+RARE = 0.005  # of the samples: values on the way from one level to the next
+
+
+@dataclass(frozen=True)
+class IdleTerm:
+    """A background term that is left out: its port, its name, the signal that it is a curve over,
+    and how many values (at most FEW_VALUES) the signal takes."""
+
+    port: str
+    name: str
+    signal: str
+    values: int
+
+    @property
+    def text(self) -> str:
+        """Why the term is left out, and what would determine it."""
+        count = "is constant" if self.values <= 1 else f"takes only {self.values} values"
+        what = "the value" if self.signal == "value" else self.signal
+        return (
+            f"The background term {self.name} at port {self.port} is left out: {what} there "
+            f"{count} in the fitted recordings, so that the curve would bend freely between them. "
+            f"Record with {what} moving over its range to keep the term"
+        )
+
+
+def without_idle_terms(
+    rig: Rig, recordings: Sequence[Recording]
+) -> tuple[Rig, tuple[IdleTerm, ...]]:
+    """The rig without the background terms that these recordings cannot determine, and these terms.
+
+    Only quantities that follow from inputs are judged: what depends on a state moves between its
+    levels.
+    """
+    idle = _idle_terms(rig, recordings)
+    if not idle:
+        return rig, ()
+    names = {(term.port, term.name) for term in idle}
+    kept = {
+        port: tuple(term for term in terms if (port, term.name) not in names)
+        for port, terms in _listed(rig).items()
+    }
+    changed = copy.copy(rig)
+    vars(changed)["background"] = {port: terms for port, terms in kept.items() if terms}
+    return changed, tuple(idle)
+
+
+def _listed(rig: Rig) -> dict[str, tuple[Effect, ...]]:
+    return {k: v if isinstance(v, tuple | list) else (v,) for k, v in rig.background.items()}
+
+
+def _over(term: Effect) -> str:
+    """The signal that a term is a curve over, "" where it is none."""
+    over = getattr(term, "over", "")
+    return over if isinstance(over, str) else str(over[0])
+
+
+def _idle_terms(rig: Rig, recordings: Sequence[Recording]) -> list[IdleTerm]:
+    curves = [
+        (port, term.name, over)
+        for port, terms in _listed(rig).items()
+        for term in terms
+        if (over := _over(term))
+    ]
+    if not curves or isinstance(rig, StepRig):
+        return []
+    assembly = Assembly(rig)
+    probes: dict[str, Expr] = {}
+    wanted: dict[tuple[str, str], list[str]] = {}
+    for port, signal in {(port, over) for port, _, over in curves}:
+        for passage in (q for q in assembly.traced.passages if q.port == port):
+            value = {"value": passage.value, **dict(passage.signals)}.get(signal)
+            if isinstance(value, Expr):
+                probes[f"{passage.where}.{signal}"] = value
+                wanted.setdefault((port, signal), []).append(f"{passage.where}.{signal}")
+    given = {
+        key
+        for key, value in probes.items()
+        if not any(space in ("state", "cell") for space, _ in symbols([value]))
+    }
+    judged = {pair: keys for pair, keys in wanted.items() if given.issuperset(keys)}
+    if not judged:
+        return []
+    names = sorted({key for keys in judged.values() for key in keys})
+    try:
+        table = _values(assembly, {key: probes[key] for key in names}, recordings)
+    except PamidError:  # said where the recordings are read
+        return []
+    counts = {
+        pair: max(_value_count(table[:, names.index(key)]) for key in keys)
+        for pair, keys in judged.items()
+    }
+    return [
+        IdleTerm(port, name, over, counts[port, over])
+        for port, name, over in curves
+        if counts.get((port, over), FEW_VALUES + 1) <= FEW_VALUES
+    ]
+
+
+def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Recording]) -> Array:
+    """The probes over the recordings' inputs, samples x probes."""
+    program, tables = assembly.program_with(probes), []
+    for recording in recordings:
+        p, _ = known_values(assembly, recording.known)
+        u, period = input_table(assembly, recording), recording.sampling_period_s
+        start = assembly.start(p)
+        stepping = choose_stepping(assembly, u, p, period, start)
+        memory = program.memory(start, stepping=stepping, period_s=period)
+        outputs, _, _ = program.run(memory, u, p, period_s=period, stepping=stepping)
+        tables.append(outputs[:, outputs.shape[1] - len(probes) :])
+    return np.concatenate(tables)
+
+
+def _value_count(values: Array) -> int:
+    """How many values a quantity takes, at the resolution of a rough curve; more than FEW_VALUES
+    where it is not finite."""
+    if not np.isfinite(values).all():
+        return FEW_VALUES + 1
+    low, high, size = values.min(), values.max(), np.abs(values).max()
+    width = max((high - low) / BINS, RESTING * size)
+    if width <= 0.0:
+        return 1
+    counts = []
+    for shift in (0.0, 0.5):  # a level must not lie on an edge both times
+        _, often = np.unique(np.floor((values - low) / width + shift), return_counts=True)
+        counts.append(int((often > RARE * values.size).sum()))
+    return min(counts)
