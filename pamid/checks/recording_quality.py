@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.metrics import runs_of
-from pamid.base.units import quantity_of, size_to_si, split_column, to_si
+from pamid.base.units import duration_text, quantity_of, size_to_si, split_column, to_si
 from pamid.checks.channel_quality import (
     CHANCE,
     PLUGGED,
@@ -59,7 +59,7 @@ MOVES = 4.2  # times the noise: three of what two readings of a value at rest di
 # lost rows: moves looked at on either side, by what share of their mean each may differ from it,
 # resolutions of the channel that are missed at least, and what the first move behind makes up for
 PACE, UNSTEADY, LOST_STEPS, MADE_UP = 2, 0.7, 1.5, (0.6, 1.6)
-FEW_STEPS, FEW_LEVELS, FEW_SAMPLES = 10, 2, 500
+FEW_STEPS, FEW_LEVELS = 10, 2
 TIMID = 0.1  # of the usual amplitude
 IDLE = 0.5  # of the time without any change of what is sent
 AT_LIMITS = 0.6  # of the time
@@ -400,16 +400,19 @@ def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     """Is enough asked of the rig, for long enough?"""
+    from pamid.simulation.data_split import FEWEST_SAMPLES  # the engine is needed only here
+
     found = []
-    if len(recording) < FEW_SAMPLES:
-        length = len(recording) * recording.sampling_period_s
+    if len(recording) < FEWEST_SAMPLES:
+        length = duration_text(len(recording) * recording.sampling_period_s)
         found.append(
             QualityIssue(
                 "short",
                 (),
                 "advice",
-                f"{len(recording)} samples ({length:.3g} s) leave little to be held out",
-                "Record for longer.",
+                f"{len(recording)} samples ({length}) are too few to fit and judge a model, which "
+                f"takes at least {FEWEST_SAMPLES}",
+                "Record for longer, or fit several recordings together.",
                 (),
                 {"samples": float(len(recording))},
             )

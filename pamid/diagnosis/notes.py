@@ -13,6 +13,7 @@ from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.schemas.diagnosis_file import Remainder
+from pamid.simulation.tracks import noise_remarks
 
 
 def notes(d: Diagnosis) -> list[str]:
@@ -29,6 +30,8 @@ def notes(d: Diagnosis) -> list[str]:
         _background,
         _strained,
         _sizes,
+        _noise,
+        _idle_background,
     )
     return [note for of_kind in kinds for note in of_kind(d)]
 
@@ -217,3 +220,13 @@ def _sizes(d: Diagnosis) -> list[str]:
         f"Nothing passes {which} in these recordings: effects there are sized by 1 SI unit. State "
         'Port(size={"value": ...}).'
     ]
+
+
+def _noise(d: Diagnosis) -> list[str]:
+    """Channels whose noise in fits and floors is not what the rig or the samples suggest."""
+    e = d.evidence
+    return [f"{r.text}." for r in noise_remarks(e.rig, e.recordings, e.channels)]
+
+
+def _idle_background(d: Diagnosis) -> list[str]:
+    return [f"{term.text}." for term in d.evidence.left_out]

@@ -13,11 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.frame import run
+from pamid.base.errors import DataError
 from pamid.checks.channel_quality import quantisation_step
 from pamid.checks.recording_quality import QualityIssue, channel_figures, examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import FEWEST_SAMPLES, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
@@ -265,8 +267,17 @@ def test_a_poor_excitation_is_told(joint: Recording, sent: Array, kind: str, wor
     assert word in only(issues, kind).message
 
 
-def test_a_short_recording_is_told(joint: Recording) -> None:
-    assert "short" in [i.kind for i in examine(joint.slice(1000, 1300))]
+def test_a_recording_is_short_if_a_fit_would_refuse_it(joint: Recording) -> None:
+    for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
+        part = joint.slice(1000, 1000 + samples)
+        short = samples < FEWEST_SAMPLES
+        assert ("short" in [i.kind for i in examine(part)]) == short
+        try:
+            split_recordings(library.rig_named("one-dof"), [part], [])
+        except DataError as error:
+            assert short and "too few" in str(error)
+        else:
+            assert not short
 
 
 @pytest.mark.parametrize(
