@@ -281,7 +281,8 @@ def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
     """Does the first move behind each stretch make up for the whole stretch at the pace of the
     moves around it?
 
-    None does in a channel that mostly goes on otherwise: a gauge that clings, a slow sensor.
+    None does in a channel that mostly goes on otherwise, by the travel that it repeats through: a
+    gauge that clings, a slow sensor.
     """
     d = np.diff(s.values)
     resolution = max(s.step, s.grain, MOVES * s.noise if s.white else 0.0, 1e-4 * s.span)
@@ -298,7 +299,8 @@ def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
     steady = (np.abs(around - pace) <= UNSTEADY * np.abs(pace)).all(axis=0)
     ratio = d[behind - 1] / np.where(moving, pace * missed, 1.0)
     makes_up = moving & steady & (ratio > MADE_UP[0]) & (ratio < MADE_UP[1])
-    return makes_up & (2 * makes_up.sum() > moving.sum())
+    travel = np.where(moving, np.abs(pace * missed), 0.0)
+    return makes_up & (2.0 * travel[makes_up].sum() > travel.sum())
 
 
 def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
