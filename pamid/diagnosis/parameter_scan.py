@@ -202,6 +202,6 @@ def _asked(where: Scanned, track: Track) -> list[Window]:
 
 
 def scan_grid(bound: Bound) -> Array:
-    """Values from the upper end of a parameter's range down, evenly spaced in 1/value."""
-    step, count = bound.scan
-    return np.asarray(bound.high / (1.0 + step * np.arange(count)))
+    """Values from the upper end of a parameter's range down; see `Parameter.scan`."""
+    step, count, power = (*bound.scan, -1.0)[:3]
+    return np.asarray(bound.high * (1.0 + step * np.arange(count)) ** power)

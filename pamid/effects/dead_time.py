@@ -3,7 +3,8 @@
 What it is
     Computing, bus and driver take a fixed time before the actuator sees the command (or the logger
     the reading). One sample is the least a sampled loop can have; slow buses and valve drivers add
-    tens of milliseconds.
+    tens of milliseconds. In a pipe, a belt or a heated block the way to the sensor takes seconds to
+    minutes: up to a tenth of the longest recording is tried.
 What it looks like
     Pressure and angle both come late by the same time at every frequency: pure phase, no loss of
     amplitude. The residual is proportional to the rate of the signal. A loop with little damping
@@ -26,10 +27,14 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay
 
-# sampling periods: of computing and buses, which keep pace with the log; a fit that ends there is
-# widened, so that how fast a log is sampled does not decide how long a delay may be
-LONGEST_DELAY = 20.0
-WIDENED = 16.0  # times that: the past is kept as far as a fit that ends there may widen its range
+# sampling periods: computing and buses keep pace with the log
+LONGEST_BUS_DELAY = 20.0
+# of the longest recording: transport takes its own time, however fast the log is sampled. A longer
+# delay leaves too little of the recording that has been through it
+LONGEST_DELAY_SHARE = 0.1
+# the squares of evenly spaced numbers: the misfit is narrow where a delay is short against the
+# motion, and a long one is still met to within a fiftieth
+SCANNED_DELAYS = (-0.01, 100, 2.0)
 
 
 class DeadTime(Effect):
@@ -44,15 +49,19 @@ class DeadTime(Effect):
             "delay",
             4.0,
             low=0.0,
-            high=LONGEST_DELAY,
+            high=LONGEST_BUS_DELAY,
             spread=6.7,
             size="period",
+            at_least=("time", LONGEST_DELAY_SHARE),
             null=0.0,
             tries=(1.0, 7.3, 11.7),
-            source="estimate: one sample to the 15 of slow buses and drivers",
+            scan=SCANNED_DELAYS,
+            source="estimate: one sample to the 15 of slow buses and drivers; transport through "
+            "pipes and blocks up to a tenth of a recording",
         ),
     )
     look_alikes = ("tube-lag", "angle-sensor-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return delay(value, p.delay, WIDENED * LONGEST_DELAY * at.rig_period_s)
+        # the range ends at 0 where the opposite sign is tried
+        return delay(value, p.delay, max(at.upper_bounds["delay"], at.rig_period_s))

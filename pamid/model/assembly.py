@@ -197,7 +197,8 @@ class Assembly:
 
     @cached_property
     def traced(self) -> Traced:
-        return trace(self.rig, self._effects_at, dict(self.controller))
+        upper_bounds = {b.key: b.high for b in self.parameters if b.owner}
+        return trace(self.rig, self._effects_at, dict(self.controller), upper_bounds)
 
     def _effects_at(self, port: str, place: str) -> list[tuple[str, Effect]]:
         nuisance = [

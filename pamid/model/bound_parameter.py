@@ -41,7 +41,7 @@ class Bound:
         False  # value and bounds are multiples of a typical magnitude: guesses, no physics
     )
     softens: bool = False  # as in `Parameter`
-    scan: tuple[float, int] = (0.0, 0)  # as in `Parameter`
+    scan: tuple[float, int] | tuple[float, int, float] = (0.0, 0)  # as in `Parameter`
 
     @property
     def full_name(self) -> str:
@@ -104,7 +104,11 @@ def bind(
         )
     factor = 1.0 if parameter.size else parameter.factor
     si = factor * scale
-    spread = parameter.prior_spread * (1.0 if parameter.log else si)
+    high, spread = parameter.high * si, parameter.prior_spread * (1.0 if parameter.log else si)
+    if parameter.at_least is not None and port is not None:
+        other, multiple = parameter.at_least
+        high = max(high, multiple * _size(port, port_name, other, sizes))
+        spread = max(spread, 0.5 * high)
     return Bound(
         f"{owner}:{parameter.name}" if owner else parameter.name,
         owner,
@@ -113,7 +117,7 @@ def bind(
         to_si(1.0, unit) if unit else 1.0,
         parameter.value * si,
         parameter.low * si,
-        parameter.high * si,
+        high,
         spread,
         parameter.log,
         None if parameter.null is None else parameter.null * si,

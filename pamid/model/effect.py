@@ -58,10 +58,18 @@ class State:
 class Signals:
     """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time, in
     s; at.step and at.period, of the integrator and of the recording, in s; at.kind, the kind of the
-    port; rig_period_s: the rig's usual sampling period, a number."""
+    port; rig_period_s: the rig's usual sampling period, a number; upper_bounds: by parameter of the
+    effect, where its range ends (SI), numbers."""
 
-    def __init__(self, values: dict[str, Any], where: str, rig_period_s: float) -> None:
+    def __init__(
+        self,
+        values: dict[str, Any],
+        where: str,
+        rig_period_s: float,
+        upper_bounds: Mapping[str, float],
+    ) -> None:
         self._values, self._where, self.rig_period_s = values, where, rig_period_s
+        self.upper_bounds = upper_bounds
 
     def offers(self, name: str) -> bool:
         return name in self._values

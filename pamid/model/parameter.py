@@ -35,8 +35,12 @@ class Parameter:
                wherever that is counted from; "timescale", "1/timescale", "period": of the
                correlation time of the recordings, of its inverse, of the rig's sampling period
     tries      further starting values for the fit, where one basin is not enough
-    scan       effects only: (step, count): the values high / (1 + step k), k below the count, are
-               tried by one run each, where the misfit has many narrow minima; there a fit begins
+    scan       effects only: (step, count) or (step, count, power): the values
+               high (1 + step k)^power, k below the count, are tried by one run each, where the
+               misfit has many narrow minima; there a fit begins. The power is -1 unless stated
+    at_least   effects only: (size, multiple): the range ends at this multiple of another size or
+               later ("time" is the duration of the longest recording), and the prior is half as
+               wide
     hard       effects only: the bounds are physics, or tell the effect from another; where a fit
                ends at one it is not widened
     softens    effects only, with log=True: the equation grows softer as the value falls (a spring's
@@ -55,7 +59,8 @@ class Parameter:
     null: float | None = None
     size: str = ""
     tries: tuple[float, ...] = ()
-    scan: tuple[float, int] = (0.0, 0)
+    scan: tuple[float, int] | tuple[float, int, float] = (0.0, 0)
+    at_least: tuple[str, float] | None = None
     fitted: bool = True
     hard: bool = False
     softens: bool = False

@@ -3,8 +3,9 @@ checked here."""
 
 from __future__ import annotations
 
+import math
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,8 +68,15 @@ class Traced:
 
 
 class _Tracer:
-    def __init__(self, rig: Rig, effects_at: EffectsAt, controller: dict[str, float]) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        effects_at: EffectsAt,
+        controller: dict[str, float],
+        upper_bounds: Mapping[str, float],
+    ) -> None:
         self.rig, self.effects_at, self.controller = rig, effects_at, controller
+        self.upper_bounds = upper_bounds
         self.passages: dict[tuple[str, str], Passage] = {}
         self.own_rates: dict[str, Expr] = {}
         self.inputs = list(self.rig.inputs)
@@ -191,7 +199,10 @@ class _Tracer:
         }
         kind = self.rig.ports[name].kind
         values = {**offered, **aliases, "place": place, "kind": kind}
-        at = Signals(values, where_, self.rig.period_s)
+        ends = {
+            q.name: self.upper_bounds.get(f"{owner}:{q.name}", math.inf) for q in effect.parameters
+        }
+        at = Signals(values, where_, self.rig.period_s, ends)
         p = Names(
             {q.name: symbol("parameter", f"{owner}:{q.name}") for q in effect.parameters},
             "parameter",
@@ -259,10 +270,15 @@ class _Tracer:
                     )
 
 
-def trace(rig: Rig, effects_at: EffectsAt, controller: dict[str, float]) -> Traced:
-    """The rig's equations with the effects in place. FileError, naming rig, port or effect, for
-    whatever is wrong."""
-    return _Tracer(rig, effects_at, controller).run()
+def trace(
+    rig: Rig,
+    effects_at: EffectsAt,
+    controller: dict[str, float],
+    upper_bounds: Mapping[str, float] | None = None,
+) -> Traced:
+    """The rig's equations with the effects in place; upper_bounds (SI): of the effects'
+    parameters, by key. FileError, naming rig, port or effect, for whatever is wrong."""
+    return _Tracer(rig, effects_at, controller, upper_bounds or {}).run()
 
 
 # ---- several models as one ---------------------------------------------------------------------

@@ -54,8 +54,15 @@ _LONGEST_PLAIN = 700
 class _NamedSignals:
     """Signals as names; what a rig offers as a function becomes a call of that name."""
 
-    def __init__(self, offered: frozenset[str], kind: str, rig_period_s: float) -> None:
+    def __init__(
+        self,
+        offered: frozenset[str],
+        kind: str,
+        rig_period_s: float,
+        upper_bounds: dict[str, float],
+    ) -> None:
         self._offered, self._kind, self.rig_period_s = offered, kind, rig_period_s
+        self.upper_bounds = upper_bounds
 
     def offers(self, signal: str) -> bool:
         return signal in self._offered
@@ -110,11 +117,13 @@ def acting(rig: str, label: str) -> Acting | None:
 
 
 def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> Acting:
-    at = _NamedSignals(frozenset(port.signals) | {"time", "period"}, port.kind, rig_period_s)
+    offered = frozenset(port.signals) | {"time", "period"}
+    bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
+    at = _NamedSignals(offered, port.kind, rig_period_s, {k: b.high for k, b in bounds.items()})
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
     found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = found if isinstance(found, tuple) else (found, {})
-    names = {p.name: bind(p, "", port, port_name, {}).name for p in parameters_of(effect, port)}
+    names = {name: b.name for name, b in bounds.items()}
     return Acting(
         effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
     )

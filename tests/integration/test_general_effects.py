@@ -4,6 +4,7 @@ planted ones come back with their parameters."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -300,6 +301,7 @@ def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:
     widest = DEFAULT.wider**DEFAULT.widenings * assembly.parameters[place].high
     late, there = assembly.values(), assembly.values()
     late[place], there[place] = widest, 0.0
+    assembly = replace(assembly, ranges={"dead-time@amplifier:delay": (0.0, widest)})
     samples = round(widest / assembly.rig.period_s)
     shifted = u.copy()
     shifted[samples:, 0] = u[:-samples, 0]

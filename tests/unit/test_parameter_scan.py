@@ -202,3 +202,38 @@ def test_where_no_value_helps_on_a_part_none_is_tried_on_the_whole(
     where, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
     monkeypatch.setattr(parameter_scan, "scan_grid", lambda _: np.zeros(0))
     assert scanned_values(where, where, place, DEFAULT) == []
+
+
+def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path: Path) -> None:
+    """Transport takes 80 samples here, of which no slope at a delay of a few samples knows."""
+    delay_s, random = 800.0, np.random.default_rng(3)
+    power = np.repeat(random.uniform(5.0, 95.0, 12), 100)
+    time = 10.0 * np.arange(len(power))
+    write_recording(tmp_path / "power.csv", time, {"power_w": power})
+    made = simulate_virtual_rig(
+        "thermal-block",
+        read_recording(tmp_path / "power.csv"),
+        (f"dead-time@heater:delay_s={delay_s}",),
+        {},
+        {"capacity_j_per_k": 420.0},
+        1.0,
+        1,
+    )
+    write_recording(tmp_path / "rec.csv", time, made.columns, made.meta)
+    evidence = split_recordings(
+        rig_named("thermal-block"), [read_recording(tmp_path / "rec.csv")], []
+    )
+    model = fit_model(evidence)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    effect = attach(evidence.rig, "dead-time@heater", effects())
+    whole, place = scanned(evidence, base, effect)
+    bound = whole.problem.assembly.parameters[place]
+    longest_s = max(len(t) * t.period_s for t in whole.problem.tracks)
+    assert bound.high == pytest.approx(0.1 * longest_s) and bound.spread == 0.5 * bound.high
+    grid = scan_grid(bound)
+    assert grid.max() == bound.high and grid.min() < 10.0
+    reference = ScreeningBaseline.of(base, 5)
+    told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    assert told.p is not None
+    # a part of the recording shows, of which the first 800 s were not led in
+    assert told.p[place] == pytest.approx(delay_s, rel=0.05)
