@@ -26,6 +26,7 @@ from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.problem import Fit
 from pamid.model.attachment import Attachment, attachments
+from pamid.model.determined_signals import determined
 from pamid.model.free_form import FreeFormEffect
 from pamid.model.registry import free_form_effects
 from pamid.model.rig import Port, Rig
@@ -92,9 +93,13 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
     """`best` with each free form that fits one of the ports and has something to be drawn over
     there, refitted and replayed."""
     rig, reached = search.evidence.rig, reached_at(best, ports, search.settings)
+    forms = attachments(rig, free_form_effects().values())
+    determined_forms, _ = determined(
+        rig, search.evidence.channels, search.evidence.still_inputs, forms
+    )
     starts = [
         _start(search, best, a, span)
-        for a in attachments(rig, free_form_effects().values())
+        for a in determined_forms
         if len(a.ports) == 1 and a.ports[0] in ports
         if (span := _span(a, rig, reached)) is not None
     ]

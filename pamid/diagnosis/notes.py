@@ -32,6 +32,7 @@ def notes(d: Diagnosis) -> list[str]:
         _sizes,
         _noise,
         _idle_background,
+        _left_out,
     )
     return [note for of_kind in kinds for note in of_kind(d)]
 
@@ -208,6 +209,17 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
         f"What is missing at port {rest.port} is {percent_text(share)} of what passes there, and a "
         f"map that is rough by as much would look alike. If yours may be, state it in the rig, "
         f"{stated_roughness(rig, *ports)}, and diagnose again."
+    ]
+
+
+def _left_out(d: Diagnosis) -> list[str]:
+    """Candidates without a signal, by the reason."""
+    by_reason: dict[str, list[str]] = {}
+    for label, reason in d.left_out:
+        by_reason.setdefault(reason, []).append(label)
+    return [
+        f"Not considered, because {reason}: {', '.join(labels)}."
+        for reason, labels in by_reason.items()
     ]
 
 

@@ -24,6 +24,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
 from pamid.model.attachment import Attachment, attachments
+from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.schemas.diagnosis_file import CAUSED
@@ -52,6 +53,8 @@ class Diagnosis:
     screened: str = ""  # family that the screen alone would have named
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
+    # candidates that act on a signal that the recordings do not determine, and the reason
+    left_out: tuple[tuple[str, str], ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -148,10 +151,16 @@ def diagnose(
     hopeless = response is not None and (response.absent.all() or explained.any())
     if comparison.at_floor(base) or (silent and hopeless):
         return Diagnosis(evidence, budget, seed, silent, response)
+    candidates, left_out = determined(
+        evidence.rig,
+        evidence.channels,
+        evidence.still_inputs,
+        attachments(evidence.rig, catalogue.values()),
+    )
     search = Search(
         evidence,
         budget,
-        attachments(evidence.rig, catalogue.values()),
+        candidates,
         gather_hints(evidence, base, settings),
         seed,
         pool,
@@ -188,6 +197,7 @@ def diagnose(
         tuple(first.failed),
         first.first_family,
         tuple(opposite),
+        tuple(left_out.items()),
     )
 
 

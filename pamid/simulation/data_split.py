@@ -150,6 +150,18 @@ class DataSplit:
             return int(min(span.start, self.lead_most * samples))
         return round(LEAD * samples)
 
+    @cached_property
+    def still_inputs(self) -> frozenset[str]:
+        """Inputs of the rig that are 0 in all recordings; an optional one that is missing counts
+        with its default."""
+        plain = Assembly(self.rig)
+        moved = np.zeros(len(plain.traced.inputs), bool)
+        for recording in self.recordings:
+            moved |= (input_table(plain, recording) != 0.0).any(axis=0)
+        return frozenset(
+            name for name, moves in zip(plain.traced.inputs, moved, strict=True) if not moves
+        )
+
     def lacking(self, recording: Recording) -> list[str]:
         """Channels that other recordings have and this one has not."""
         return [c for c in self.channels if not recording.has(c)]
