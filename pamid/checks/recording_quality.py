@@ -402,23 +402,14 @@ def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     """Is enough asked of the rig, for long enough?"""
-    from pamid.simulation.data_split import FEWEST_SAMPLES  # the engine is needed only here
+    from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
     found = []
-    if len(recording) < FEWEST_SAMPLES:
-        length = duration_text(len(recording) * recording.sampling_period_s)
-        found.append(
-            QualityIssue(
-                "short",
-                (),
-                "advice",
-                f"{len(recording)} samples ({length}) are too few to fit and judge a model, which "
-                f"takes at least {FEWEST_SAMPLES}",
-                "Record for longer, or fit several recordings together.",
-                (),
-                {"samples": float(len(recording))},
-            )
-        )
+    few = shortfall_alone(recording)
+    if few:
+        hint = "Record for longer, or give several such episodes together: they are pooled."
+        figures = {"samples": float(len(recording))}
+        found.append(QualityIssue("short", (), "advice", few, hint, (), figures))
     for name in _asked(recording, rig):
         found += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]

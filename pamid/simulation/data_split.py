@@ -34,7 +34,11 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-FEWEST_SAMPLES = 200  # samples of a recording
+# samples of an independent stretch: of a window on which a model is judged
+STRETCH_SAMPLES = 20
+FEWEST_FITTED, FEWEST_HELD_OUT = 7, 3  # stretches, over all recordings together
+# samples of a recording that alone gives both; a shorter one is fitted or held out as a whole
+FEWEST_SAMPLES = STRETCH_SAMPLES * (FEWEST_FITTED + FEWEST_HELD_OUT)
 # tenths of a recording that are held out: its last three, or, where a part of it rests, three that
 # have what was fitted before and after them, the first where a motion that dies away is still large
 LAST_TENTHS, SPREAD_TENTHS = (7, 8, 9), (1, 4, 7)
@@ -92,8 +96,11 @@ class DataSplit:
         """Tracks for this assembly; parameters the recordings know are held in each. Models with
         the same inputs share the samples, which are most of what many models would hold."""
         tracks, inputs = list[Track](), (assembly.traced.inputs, *assembly.rig.optional.items())
-        for place, span in enumerate(self.held_out if held_out else self.fit):
+        role = self.held_out if held_out else self.fit
+        samples = sum(s.stop - s.start for s in role)
+        for place, span in enumerate(role):
             track = self._track(assembly, span, self._lead(assembly, span) if held_out else 0)
+            track = replace(track, share=(span.stop - span.start) / samples)
             key = held_out, place, track.lead, inputs
             u, y = self._samples.setdefault(key, (track.u, track.y))
             tracks.append(replace(track, u=u, y=y))
@@ -185,10 +192,11 @@ class DataSplit:
 
 def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> DataSplit:
     """Divide the recordings; without `held_out` the last 30 % of every recording is held out, or
-    three tenths spread over it where that part, or all but that part, hardly moves.
+    three tenths spread over it where that part, or all but that part, hardly moves. Of episodes
+    shorter than `FEWEST_SAMPLES` three of ten are held out as a whole.
 
-    DataError where the recordings cannot answer: too short, nothing moves, or two hold the same
-    samples. An input or a channel may rest, as long as another one moves.
+    DataError where the recordings cannot answer: too short in all, nothing moves, or two hold the
+    same samples. An input or a channel may rest, as long as another one moves.
     """
     everything = [*recordings, *held_out]
     rig = as_sampled(as_recorded(rig, everything), [r.sampling_period_s for r in everything])
@@ -216,24 +224,21 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     moving: set[str] = set()
     for r in everything:
         moving |= require_informative(rig, r)
-        seconds = len(r) * r.sampling_period_s
-        if len(r) < FEWEST_SAMPLES:
-            raise DataError(
-                f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a "
-                "model",
-                f"at least {FEWEST_SAMPLES} samples are needed; 20 s and more are sensible on a "
-                "3 ms rig",
-            )
     channels = tuple(c for c in channels if c in moving)
+    # names and order must not matter, a sum depends on its order in the last digit
+    place = {id(r): _place(rig, r) for r in everything}
     if held_out:
         fit = [Span(r, 0, len(r)) for r in recordings]
         held = [Span(r, 0, len(r)) for r in held_out]
     else:
-        parts = [_parts(rig, r) for r in recordings]
-        fit = [span for own, _ in parts for span in own]
-        held = [span for _, own in parts for span in own]
-    # names and order must not matter, a sum depends on its order in the last digit
-    place = {id(r): _place(rig, r) for r in everything}
+        fit, held = _divided(rig, sorted(recordings, key=lambda r: place[id(r)]))
+    few = shortfall(fit, held)
+    if few:
+        raise DataError(
+            f"{', '.join(str(r.path) for r in everything)}: {few}",
+            "record for longer, or add episodes, which are pooled; 20 s and more are sensible on a "
+            "3 ms rig",
+        )
     by_content = sorted(everything, key=lambda r: place[id(r)])
 
     def in_order(spans: list[Span]) -> tuple[Span, ...]:
@@ -258,6 +263,46 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         rig.timescale_s or max(timescale_s, timescale_of(tables, most_ringing_s=0.0)),
         left_out=left_out,
     )
+
+
+def shortfall(fit: Sequence[Span], held_out: Sequence[Span]) -> str:
+    """Return why these are too few samples to fit a model and to judge it; empty where they are
+    enough. What counts is the number of independent stretches over all recordings."""
+    roles = (fit, FEWEST_FITTED), (held_out, FEWEST_HELD_OUT)
+    if all(
+        sum((s.stop - s.start) // STRETCH_SAMPLES for s in spans) >= fewest
+        for spans, fewest in roles
+    ):
+        return ""
+    fitted, judged = (sum(s.stop - s.start for s in spans) for spans, _ in roles)
+    return (
+        f"{fitted} samples to fit and {judged} held out are too few to fit and judge a model; at "
+        f"least {FEWEST_FITTED * STRETCH_SAMPLES} and {FEWEST_HELD_OUT * STRETCH_SAMPLES} are "
+        f"needed, in stretches of {STRETCH_SAMPLES} or more"
+    )
+
+
+def shortfall_alone(recording: Recording) -> str:
+    """Return why a recording is too short to be fitted and judged without another one; empty where
+    it is not."""
+    edge = round(LAST_TENTHS[0] / 10 * len(recording))
+    few = shortfall([Span(recording, 0, edge)], [Span(recording, edge, len(recording))])
+    return few and f"by itself, {few}"
+
+
+def _divided(rig: Rig, recordings: Sequence[Recording]) -> tuple[list[Span], list[Span]]:
+    """What is fitted and what is held out of recordings in a given order."""
+    fit, held = list[Span](), list[Span]()
+    for recording in recordings:
+        if len(recording) >= FEWEST_SAMPLES:
+            fitted, kept = _parts(rig, recording)
+            fit += fitted
+            held += kept
+    # a third of a short episode would be no window
+    episodes = [Span(r, 0, len(r)) for r in recordings if len(r) < FEWEST_SAMPLES]
+    for number, episode in enumerate(episodes):
+        (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
+    return fit, held
 
 
 def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:

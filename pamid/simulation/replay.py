@@ -29,18 +29,24 @@ LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recording
 USUAL_WINDOW_SAMPLES = 40  # of a window at least
 FEWEST_WINDOW_SAMPLES = 20  # where a record would not give 3 such; 3 of them find its start
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
+FEWEST_WINDOWS, FEWEST_USUAL_WINDOWS = 6, 3  # over all records together; of the usual length
 WARM_UP = 0.15  # share of a run's first window that only serves to find its start
 WHOLE = 2**31 - 1  # windows per run: one run over the whole recording
 
 
 def replay_windows(track: Track) -> list[Window]:
-    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
-    least 6 of them, as long as they have 40 samples, or 3 of them that have 20."""
+    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16. All
+    records together give at least 6 of them, as long as they have 40 samples, or 3 that have 20; an
+    episode among many may be one window."""
     own = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
     length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
-    fewest = max(FEWEST_WINDOW_SAMPLES, min(USUAL_WINDOW_SAMPLES, len(track) // 3))
-    return cut(len(track), max(fewest, min(length, len(track) // 6)))
+    third, sixth = (
+        len(track) // max(1, round(track.share * count))
+        for count in (FEWEST_USUAL_WINDOWS, FEWEST_WINDOWS)
+    )
+    fewest = max(FEWEST_WINDOW_SAMPLES, min(USUAL_WINDOW_SAMPLES, third))
+    return cut(len(track), max(fewest, min(length, sixth)))
 
 
 @dataclass(frozen=True, eq=False)

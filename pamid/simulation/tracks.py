@@ -30,7 +30,8 @@ class Track:
     what each of the rig's states may depart, where a window begins, from what the window before has
     led to; timescale_s: correlation time of the recordings, of which windows are multiples; first:
     index in the recording file of the first sample (for time and reports); lead: samples at the
-    beginning that only serve to find the state, and are never scored.
+    beginning that only serve to find the state, and are never scored; share: of all samples in its
+    role, fitted or held out.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Track:
     timescale_s: float
     first: int = 0
     lead: int = 0
+    share: float = 1.0
 
     def __len__(self) -> int:
         return len(self.u)

@@ -1,0 +1,98 @@
+"""Short recordings count together: as episodes with a start each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cart import FEW, PERIOD_S, RIG
+
+from pamid.base.errors import DataError
+from pamid.checks.recording_quality import examine
+from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.verdict import diagnosis_file
+from pamid.model.assembly import Assembly
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import FEWEST_SAMPLES, shortfall_alone, split_recordings
+from pamid.simulation.replay import replay_windows
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+
+def episodes(folder: Path, count: int, samples: int) -> list[Recording]:
+    """Recordings of a cart with friction, each pushed from rest elsewhere along the rail."""
+    found, random = [], np.random.default_rng(2)
+    for k in range(count):
+        time = PERIOD_S * np.arange(samples)
+        push = np.repeat(random.uniform(2.0, 6.0, 10) * random.choice([-1, 1], 10), 30)[:samples]
+        write_recording(folder / f"push-{k}.csv", time, {"force_n": push})
+        made = simulate_virtual_rig(
+            RIG,
+            read_recording(folder / f"push-{k}.csv"),
+            ("coulomb-friction",),
+            {},
+            {"mass_kg": 1.2},
+            1.0,
+            k,
+        )
+        columns = dict(made.columns)
+        columns["position_m"] = columns["position_m"] + random.uniform(-0.5, 0.5)
+        write_recording(folder / f"rec-{k}.csv", time, columns, made.meta)
+        found.append(read_recording(folder / f"rec-{k}.csv"))
+    return found
+
+
+def test_nine_episodes_of_100_samples_are_900_samples(tmp_path: Path) -> None:
+    evidence = split_recordings(rig_named(RIG), episodes(tmp_path, 9, 100), [])
+    assert {(s.start, s.stop) for s in (*evidence.fit, *evidence.held_out)} == {(0, 100)}
+    assert (len(evidence.fit), len(evidence.held_out)) == (6, 3)
+    found = diagnose(evidence, {name: effects()[name] for name in FEW})
+    windows = [len(replay_windows(r.track)) for r in found.budget.baseline.replays]
+    assert sum(windows) >= 6 and max(windows) <= 4
+    assert [c.effect for c in diagnosis_file(found, None, 0).causes] == ["coulomb-friction"]
+
+
+def test_the_same_episodes_are_held_out_in_any_order(tmp_path: Path) -> None:
+    given = episodes(tmp_path, 9, 100)
+    rig = rig_named(RIG)
+    one, other = (split_recordings(rig, list(r), []) for r in (given, given[::-1]))
+    assert [s.recording.sha256 for s in one.held_out] == [
+        s.recording.sha256 for s in other.held_out
+    ]
+
+
+def test_one_short_file_may_be_held_out(tmp_path: Path) -> None:
+    (long,), short = episodes(tmp_path, 1, 300), episodes(tmp_path, 2, 151)[1:]
+    evidence = split_recordings(rig_named(RIG), [long], short)
+    assert [s.stop - s.start for s in evidence.held_out] == [151]
+    assert (
+        evidence.tracks(Assembly(evidence.rig, outputs=evidence.channels), held_out=True)[0].share
+        == 1.0
+    )
+
+
+def test_check_and_diagnose_draw_the_same_line(tmp_path: Path) -> None:
+    rig = rig_named(RIG)
+    for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
+        (recording,) = episodes(tmp_path, 1, samples)
+        short = samples < FEWEST_SAMPLES
+        assert bool(shortfall_alone(recording)) == short
+        assert ("short" in {issue.kind for issue in examine(recording, rig)}) == short
+        if short:
+            with pytest.raises(DataError, match="too few to fit and judge"):
+                split_recordings(rig, [recording], [])
+        else:
+            split_recordings(rig, [recording], [])
+
+
+def test_an_episode_among_many_may_be_one_window(tmp_path: Path) -> None:
+    """Alone it is cut into three, which may be shorter than the recordings remember."""
+    evidence = split_recordings(rig_named(RIG), episodes(tmp_path, 9, 100), [])
+    track = evidence.tracks(Assembly(evidence.rig, outputs=evidence.channels), held_out=True)[0]
+    slow = track.timescale_s * 10.0
+    assert track.share == pytest.approx(1.0 / 3.0)
+    many = replace(track, share=0.1, timescale_s=slow)
+    alone = replace(track, share=1.0, timescale_s=slow)
+    assert (len(replay_windows(many)), len(replay_windows(alone))) == (1, 3)
