@@ -214,8 +214,8 @@ def _ranking(found: dict[str, Any]) -> list[str]:
     return [
         "",
         "Share of the gap that each candidate removes by itself (95 % interval, paired), standard",
-        "errors behind the first, and P: how often, among virtual machines with figures like these,",
-        "an effect of that family acted.",
+        "errors behind the first, and P: how often an effect of that family acted, among virtual",
+        "machines with figures like these.",
         f"{'effect':36s} {'family':20s} {'share':>6s} {'95 %':>12s} {'behind':>7s} {'P':>6s}",
         *(
             f"{r['effect']:36s} {r['family']:20s} {percent_text(r['removes']['share']):>6s} "

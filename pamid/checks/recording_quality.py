@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.metrics import runs_of
-from pamid.base.units import duration_text, quantity_of, size_to_si, split_column, to_si
+from pamid.base.units import quantity_of, size_to_si, split_column, to_si
 from pamid.checks.channel_quality import (
     CHANCE,
     PLUGGED,
