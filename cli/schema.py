@@ -22,7 +22,7 @@ def command(name: str | None) -> frame.Result:
     one of them.
 
     They are JSON Schema, draft 2020-12, for editors and for programs that read the results; keys
-    may be added in later versions, none changes its meaning within one number (pamid.diagnosis/2).
+    may be added in later versions, none changes its meaning within one number (pamid.diagnosis/3).
     """
     found = schemas()
     if name is None:

@@ -25,5 +25,5 @@ def all_schemas() -> dict[str, dict[str, Any]]:
 
 
 def stem_of(name: str) -> str:
-    """ "pamid.diagnosis/2" -> "diagnosis"."""
+    """ "pamid.diagnosis/3" -> "diagnosis"."""
     return name.removeprefix("pamid.").partition("/")[0]

@@ -64,7 +64,7 @@ class TrialCaseFile(Model):
     case: Count = Field(description="its number")
     sha256: Text = Field(description="of the case and its label, hexadecimal")
     failed: ErrorFile | None = Field(description="the error, where there is no result")
-    diagnosis: Sometimes[dict[Text, Any]] = Field(default=None, description="see pamid.diagnosis/2")
+    diagnosis: Sometimes[dict[Text, Any]] = Field(default=None, description="see pamid.diagnosis/3")
     screened_family: Sometimes[Text] = Field(default=None, description="first of the cheap screen")
     seconds: Sometimes[Number] = Field(default=None, description="CPU time of the diagnosis, s")
     visibility: Annotated[Number | None, MAY_LACK] = Field(

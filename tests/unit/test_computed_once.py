@@ -5,19 +5,15 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import pamid
-from pamid.base.metrics import few_entries_factor
-from pamid.diagnosis.candidate_model import CandidateModel, bootstrap_losses, resamples
 from pamid.engine import jit_cache
 from pamid.engine.program import Program, Stepping, build_program
-from pamid.estimation.problem import Fit
-from pamid.model.assembly import Assembly
 from pamid.model.isolability import isolability
 from pamid.model.registry import rig_named
 from pamid.symbolic.expression import symbol
@@ -131,38 +127,3 @@ def test_implicit_steps_compile_their_partials() -> None:
     memory = program.memory(np.array([0.1, 0.0]))
     explicit = program.run(memory, u, p, period_s=0.01)[0]
     assert bad == -1 and np.allclose(Y, explicit, atol=1e-4)
-
-
-# ---- comparison of models -----------------------------------------------------------------------
-
-
-def candidate(seed: int) -> CandidateModel:
-    """A model of which only the losses are known: 12 held-out windows, 20 of the fit."""
-    random = np.random.default_rng(seed)
-    model = CandidateModel(
-        Assembly(rig_named("one-dof")),
-        cast(Fit, None),
-        (),
-        random.uniform(1.0, 2.0, (12, 3)),
-        np.empty((12, 3)),
-    )
-    model.__dict__["fitted_squares"] = random.uniform(1.0, 2.0, (20, 3))
-    return model
-
-
-def test_models_are_resampled_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    models, asked = [candidate(k) for k in range(3)], np.arange(12) % 4 > 0
-    first = bootstrap_losses(models, asked, 0)
-    rows = resamples(9, 1000, 0, 2), resamples(20, 1000, 1, 2)
-    for losses, model in zip(first, models, strict=True):
-        held = np.log(model.squares[asked][rows[0]].mean(axis=1)).sum(axis=1)
-        held = held.mean() + few_entries_factor(9) * (held - held.mean())
-        trained = np.log(model.fitted_squares[rows[1]].mean(axis=1)).sum(axis=1)
-        assert np.allclose(losses, 0.5 * (held + trained), rtol=1e-12)
-    other = bootstrap_losses(models[:1], ~asked, 0)
-    monkeypatch.setattr(
-        "pamid.diagnosis.candidate_model._drawn_means", lambda *_: pytest.fail("drawn again")
-    )
-    assert (bootstrap_losses(models[::-1], asked, 0) == first[::-1]).all()
-    assert (bootstrap_losses(models[:1], ~asked, 0) == other).all()
-    assert (other != first[:1]).any()
