@@ -1,0 +1,241 @@
+"""Paired comparison of models on the same held-out windows, with made-up losses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_models import comparison, effect, model
+from numpy.typing import NDArray
+
+from pamid.diagnosis.comparison import LEAST_ERROR, NOTHING, Share, paired_ratio
+from pamid.diagnosis.settings import Settings
+
+Array = NDArray[np.float64]
+
+WINDOWS = 24
+FRICTION = effect("coulomb-friction", "friction")
+LUGRE = effect("lugre-friction", "friction")
+LEAK = effect("leak", port="chamber")
+DELAY = effect("dead-time", port="command")
+
+
+def uneven(windows: int = WINDOWS, seed: int = 0) -> Array:
+    """Losses of a baseline, from 3 to 30 noise floors."""
+    return np.random.default_rng(seed).uniform(3.0, 30.0, windows)
+
+
+def noisy(losses: Array, spread: float, seed: int = 1) -> Array:
+    """The losses, each changed by some share at random; the sum is the same."""
+    changed = losses * (1.0 + spread * np.random.default_rng(seed).standard_normal(len(losses)))
+    return changed * losses.sum() / changed.sum()
+
+
+# ---- share removed ------------------------------------------------------------------------------
+
+
+def test_the_same_share_of_every_window_is_certain_however_windows_differ() -> None:
+    before = uneven()
+    assert paired_ratio(before - 0.4 * before, before, 0) == pytest.approx((0.6, LEAST_ERROR))
+    evenly = comparison(before).removed(model(0.4 * before, FRICTION))
+    unevenly = comparison(before).removed(model(noisy(0.4 * before, 0.5), FRICTION))
+    assert evenly.z > 100.0 * unevenly.z
+    assert evenly.high - evenly.low < 0.01 * (unevenly.high - unevenly.low)
+    assert evenly.share == pytest.approx(unevenly.share)
+    assert unevenly.low < evenly.low < evenly.high < unevenly.high
+
+
+def test_share_is_one_of_the_gap_above_the_noise_floor() -> None:
+    before = np.full(WINDOWS, 5.0)
+    found = comparison(before)
+    assert found.gap == pytest.approx(4.0 * WINDOWS)
+    half = found.removed(model(np.full(WINDOWS, 3.0), FRICTION))
+    assert half.share == pytest.approx(0.5) and half.rest.share == pytest.approx(0.5)
+    whole = found.removed(model(np.full(WINDOWS, 0.9), FRICTION))
+    assert whole.share == whole.high == 1.0, "no more than the gap can be removed"
+    assert found.removed(model(np.full(WINDOWS, 7.0), FRICTION)).share == pytest.approx(-0.5)
+
+
+def test_the_standard_error_is_that_of_repeated_recordings() -> None:
+    """The bootstrap error of independent windows is the spread of the share over fresh ones."""
+    shares, errors = [], []
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        before = random.uniform(3.0, 30.0, WINDOWS)
+        after = 0.4 * before * random.lognormal(0.0, 0.4, WINDOWS)
+        share, error = paired_ratio(before - after, before, seed)
+        shares.append(share)
+        errors.append(error)
+    assert np.median(errors) == pytest.approx(np.std(shares), rel=0.25)
+
+
+def test_an_interval_holds_the_share_and_its_rest_mirrors_it() -> None:
+    before = uneven()
+    removed = comparison(before).removed(model(noisy(0.4 * before, 0.5), FRICTION))
+    assert removed.low < removed.share < removed.high
+    rest = removed.rest
+    assert (rest.share, rest.low, rest.high) == pytest.approx(
+        (1.0 - removed.share, 1.0 - removed.high, 1.0 - removed.low)
+    )
+
+
+def test_of_another_reference_the_share_is_still_one_of_the_gap() -> None:
+    before = np.full(WINDOWS, 11.0)
+    found = comparison(before)
+    first = model(np.full(WINDOWS, 6.0), FRICTION)
+    both = model(np.full(WINDOWS, 2.0), FRICTION, LEAK)
+    assert found.removed(first).share == pytest.approx(0.5)
+    assert found.removed(both, first).share == pytest.approx(0.4)
+    assert found.of_rest(both, first) == pytest.approx(0.8)
+
+
+def test_losses_given_in_place_of_the_models_are_scored() -> None:
+    before = np.full(WINDOWS, 5.0)
+    c = model(np.full(WINDOWS, 2.0), FRICTION)
+    assert comparison(before).removed(c, losses=np.full(WINDOWS, 4.0)).share == pytest.approx(0.25)
+
+
+def test_a_single_window_compares_nothing() -> None:
+    c = model([1.0], FRICTION)
+    found = comparison([9.0])
+    assert found.removed(c) == NOTHING
+    assert not found.is_material(c, found.budget.baseline)
+
+
+def test_two_windows_are_compared_with_a_wide_interval() -> None:
+    few, many = np.array([9.0, 11.0]), np.tile([9.0, 11.0], 12)
+    after_few, after_many = np.array([4.0, 7.0]), np.tile([4.0, 7.0], 12)
+    wide = comparison(few).removed(model(after_few, FRICTION))
+    narrow = comparison(many).removed(model(after_many, FRICTION))
+    assert wide.share == pytest.approx(narrow.share)
+    assert 0.0 < wide.z < 0.2 * narrow.z
+
+
+def test_without_a_gap_nothing_is_removed() -> None:
+    found = comparison(np.full(WINDOWS, 0.99))
+    assert found.removed(model(np.full(WINDOWS, 0.5), FRICTION)) == Share(0.0, 0.0, 0.0, 0.0)
+
+
+# ---- invariance ---------------------------------------------------------------------------------
+
+
+def test_order_of_windows_changes_no_share_and_hardly_its_certainty() -> None:
+    before = uneven()
+    after = noisy(0.4 * before, 0.5)
+    rows = np.random.default_rng(7).permutation(WINDOWS)
+    one = comparison(before).removed(model(after, FRICTION))
+    other = comparison(before[rows]).removed(model(after[rows], FRICTION))
+    assert other.share == pytest.approx(one.share)
+    assert other.z == pytest.approx(one.z, rel=0.5)
+
+
+def test_the_unit_of_a_channel_changes_nothing() -> None:
+    random = np.random.default_rng(3)
+    before = random.uniform(3.0, 30.0, (WINDOWS, 2))
+    after = before * random.uniform(0.2, 0.6, (WINDOWS, 2))
+    unit, floor = np.array([1.0, 1000.0]), np.array([1.0, 2.0])
+    one = comparison(before, floor=floor).removed(model(after, FRICTION))
+    scaled = comparison(before * unit, floor=floor * unit).removed(model(after * unit, FRICTION))
+    assert (scaled.share, scaled.z) == pytest.approx((one.share, one.z))
+
+
+def test_a_recording_that_lacks_a_channel_counts_with_the_others() -> None:
+    before = np.full((WINDOWS, 2), 5.0)
+    before[:6, 1] = np.nan
+    after = np.where(np.isnan(before), np.nan, 3.0)
+    floor = np.where(np.isnan(before), np.nan, 1.0)
+    found = comparison(before, floor=floor)
+    assert found.removed(model(after, FRICTION)).share == pytest.approx(0.5)
+
+
+# ---- material, tied, at the floor ---------------------------------------------------------------
+
+
+def test_material_needs_size_and_certainty() -> None:
+    before = uneven()
+    found = comparison(before)
+    base = found.budget.baseline
+    assert found.is_material(model(0.6 * before, FRICTION), base)
+    assert not found.is_material(model(0.99 * before, FRICTION), base), "certain, but small"
+    assert not found.is_material(model(noisy(0.6 * before, 3.0), FRICTION), base), "large by luck"
+
+
+def test_material_is_a_share_of_what_the_reference_leaves() -> None:
+    before = np.full(WINDOWS, 101.0)
+    found = comparison(before)
+    first = model(np.full(WINDOWS, 11.0), FRICTION)  # 10 % of the gap remains
+    both = model(np.full(WINDOWS, 6.0), FRICTION, LEAK)  # half of this
+    assert found.removed(both, first).share == pytest.approx(0.05)
+    assert found.is_material(both, first)
+
+
+def test_ties_by_standard_errors_and_by_margin() -> None:
+    before = uneven()
+    settings = Settings(tie_errors=2.0, tie_margin=0.03)
+    found = comparison(before, settings=settings)
+    best = model(0.40 * before, FRICTION)
+    assert found.is_tied(model(0.41 * before, LEAK), best), "certain, but less than the margin"
+    assert found.is_tied(model(noisy(0.45 * before, 0.5), LEAK), best), "more, but by luck"
+    assert not found.is_tied(model(0.50 * before, LEAK), best)
+    assert not found.is_tied(model(noisy(0.60 * before, 0.1), LEAK), best)
+
+
+def test_at_the_floor_means_every_channel() -> None:
+    found = comparison(np.full((WINDOWS, 2), 8.0), floor=[1.0, 2.0])
+    near = model(np.tile([1.05, 2.1], (WINDOWS, 1)), FRICTION)
+    one_left = model(np.tile([1.05, 2.4], (WINDOWS, 1)), FRICTION)
+    assert found.floors(near) == pytest.approx(1.05) and found.at_floor(near)
+    assert found.floors(one_left) == pytest.approx(1.2) and not found.at_floor(one_left)
+
+
+# ---- confidence set -----------------------------------------------------------------------------
+
+
+def test_confidence_set_holds_one_model_per_family_best_first() -> None:
+    before = uneven()
+    found = comparison(before)
+    best = model(0.400 * before, LUGRE, parameters=7)
+    models = [
+        model(0.405 * before, LEAK),
+        model(0.402 * before, FRICTION, parameters=4),
+        best,
+        model(0.700 * before, DELAY),
+    ]
+    chosen = found.confidence_set(models, found.budget.baseline)
+    assert [c.label for c in chosen] == ["coulomb-friction@joint", "leak@chamber"]
+    assert found.confidence_set(models[::-1], found.budget.baseline) == chosen
+
+
+def test_confidence_set_is_empty_where_nothing_is_material() -> None:
+    before = uneven()
+    found = comparison(before)
+    models = [model(0.97 * before, FRICTION), model(0.98 * before, LEAK)]
+    assert found.confidence_set(models, found.budget.baseline) == []
+
+
+def test_what_is_not_material_is_no_member_though_it_ties() -> None:
+    before = uneven()
+    found = comparison(before)
+    certain = model(0.8 * before, FRICTION)
+    by_luck = model(noisy(0.8 * before, 2.0), LEAK)
+    assert found.is_tied(by_luck, certain)
+    assert found.confidence_set([certain, by_luck], found.budget.baseline) == [certain]
+
+
+def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse() -> None:
+    before = uneven()
+    found = comparison(before)
+    fuller = model(0.400 * before, LUGRE, parameters=7)
+    equal = model(0.405 * before, FRICTION, parameters=4)
+    worse = model(0.500 * before, FRICTION, parameters=4)
+    other = model(0.400 * before, LEAK, parameters=1)
+    assert found.simplest(fuller, [fuller, equal, other]) is equal
+    assert found.simplest(fuller, [fuller, worse, other]) is fuller
+    assert found.simplest(equal, [fuller, equal]) is equal
+
+
+def test_pairs_of_the_same_families_are_one_entry_whatever_their_order() -> None:
+    before = uneven()
+    found = comparison(before)
+    one = model(0.30 * before, FRICTION, LEAK)
+    turned = model(0.31 * before, LEAK, LUGRE, parameters=9)
+    assert found.confidence_set([one, turned], found.budget.baseline) == [one]
