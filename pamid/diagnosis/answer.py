@@ -97,7 +97,8 @@ def answer(
     others = [c for c in single if not _same_effect(c, best)]
     if others:
         tied = [best, *others]
-        alike = all_alike(comparison.budget.model.evidence, comparison.budget.baseline, tied)
+        evidence, base = comparison.budget.model.evidence, comparison.budget.baseline
+        alike = all_alike(evidence, base, tied, settings)
         if len(tied) > settings.tied_most and not alike:
             verdict, why, causes = "cannot-tell", "many", ()
         else:

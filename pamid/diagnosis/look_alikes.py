@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.settings import Settings
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def all_alike(
     evidence: DataSplit,
     baseline: CandidateModel,
     models: Sequence[CandidateModel],
-    settings: Settings = DEFAULT,
+    settings: Settings,
 ) -> bool:
     """Do all these models predict the same as the first of them?"""
     return all(alike(evidence, baseline, models[0], c, settings) for c in models[1:])

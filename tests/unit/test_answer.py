@@ -1,0 +1,240 @@
+"""From a selection of effects to a verdict, with made-up losses."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from made_models import comparison, effect, model
+from numpy.typing import NDArray
+
+import pamid.diagnosis.answer as answers
+from pamid.diagnosis.answer import (
+    Answer,
+    answer,
+    features,
+    forecast_interval,
+    logistic,
+    probability,
+    signed_decades,
+)
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.comparison import NOTHING, Comparison
+from pamid.diagnosis.family_forms import FreeForm
+from pamid.diagnosis.port_evidence import PortEvidence
+from pamid.diagnosis.selection import Selection
+
+Array = NDArray[np.float64]
+
+WINDOWS = 24
+BEFORE = np.random.default_rng(0).uniform(9.0, 30.0, WINDOWS)
+FRICTION = effect("coulomb-friction", "friction")
+ELSEWHERE = effect("coulomb-friction", "friction", "motor")
+LUGRE = effect("lugre-friction", "friction")
+LEAK = effect("leak", port="chamber")
+DELAY = effect("dead-time", port="command")
+AFTER = PortEvidence({}, (), {}, {})
+FORM = cast(FreeForm, object())
+
+
+@pytest.fixture(autouse=True)
+def _models_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made-up models have no predictions to compare."""
+    monkeypatch.setattr(answers, "all_alike", lambda *_: False)
+
+
+def leaving(share: float, *effects: Any, spread: float = 0.0, parameters: int = 0) -> Any:
+    """A model that leaves this share of the gap in every window, or about it."""
+    random = np.random.default_rng(1)
+    left = share * (1.0 + spread * random.standard_normal(WINDOWS))
+    return model(1.0 + left * (BEFORE - 1.0), *effects, parameters=parameters)
+
+
+def answered(
+    best: CandidateModel | None = None,
+    *others: CandidateModel,
+    ranking: list[CandidateModel] | None = None,
+    forms: tuple[FreeForm, ...] = (),
+    without: dict[str, CandidateModel] | None = None,
+) -> tuple[Comparison, Answer]:
+    """The answer where `best` was selected; others: that do as well in the place of its first
+    effect."""
+    found = comparison(BEFORE)
+    base = found.budget.baseline
+    chosen = best or base
+    models = [c for c in (best, *others) if c is not None] if ranking is None else ranking
+    instead = {a.label: () for a in chosen.attached}
+    if chosen.attached:
+        instead[chosen.attached[0].label] = others
+    selection = Selection(
+        chosen, (), AFTER, without or {a.label: base for a in chosen.attached}, instead
+    )
+    return found, answer(found, selection, found.ordered(models), forms)
+
+
+def labels(a: Answer) -> list[str]:
+    return [c.effect.label for c in a.causes]
+
+
+def test_one_cause_explains_the_gap() -> None:
+    _, a = answered(leaving(0.1, FRICTION), ranking=[leaving(0.1, FRICTION), leaving(0.6, LEAK)])
+    assert a.verdict == "explained" and labels(a) == ["coulomb-friction@joint"]
+    assert a.causes[0].removes.share == pytest.approx(0.9) == a.removed.share
+    assert not a.material_rest and not a.left_over
+    assert a.causes[0].or_at == a.causes[0].instead == ()
+
+
+def test_a_material_remainder_is_never_called_explained() -> None:
+    _, a = answered(leaving(0.4, FRICTION))
+    assert a.verdict == "partly-explained" and a.material_rest and a.left_over
+    assert a.removed.rest.share == pytest.approx(0.4) and a.floors > 1.1
+
+
+def test_a_remainder_at_the_noise_floor_is_not_material() -> None:
+    near = 1.0 + np.full(WINDOWS, 0.02)
+    found = comparison(np.full(WINDOWS, 1.08))  # a gap of 8 % of the floor
+    best = model(near, FRICTION)
+    selection = Selection(best, (), AFTER, {FRICTION.label: found.budget.baseline}, {})
+    a = answer(found, selection, [best], ())
+    assert a.removed.rest.share == pytest.approx(0.25) and a.verdict == "explained"
+
+
+def test_two_families_that_tie_are_both_named() -> None:
+    best, rival = leaving(0.10, FRICTION), leaving(0.11, LEAK)
+    _, a = answered(best, rival)
+    assert a.verdict == "ambiguous" and labels(a) == ["coulomb-friction@joint", "leak@chamber"]
+    assert [c.model for c in a.causes] == [best, rival] and a.model is best
+    assert [c.removes.share for c in a.causes] == pytest.approx([0.9, 0.89])
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_many_that_tie_are_one_group_only_if_they_predict_the_same(
+    same: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(answers, "all_alike", lambda *_: same)
+    best, *others = leaving(0.1, FRICTION), leaving(0.1, LEAK), leaving(0.1, DELAY)
+    _, a = answered(best, *others)
+    if same:
+        assert a.verdict == "ambiguous" and a.alike and len(a.causes) == 3
+    else:
+        assert (a.verdict, a.why, a.causes) == ("cannot-tell", "many", ())
+        assert a.removed == NOTHING and a.model is not best and a.leader is best
+
+
+def test_the_same_effect_at_another_port_is_a_decision() -> None:
+    best, elsewhere = leaving(0.10, FRICTION), leaving(0.11, ELSEWHERE)
+    _, a = answered(best, elsewhere, ranking=[best, elsewhere, leaving(0.6, LEAK)])
+    assert a.verdict == "explained" and labels(a) == ["coulomb-friction@joint"]
+    assert a.causes[0].or_at == ("motor",) and a.causes[0].instead == ()
+
+
+def test_a_law_of_the_same_family_is_no_alternative() -> None:
+    _, a = answered(leaving(0.10, FRICTION), leaving(0.10, LUGRE, parameters=9))
+    assert a.verdict == "explained" and a.causes[0].or_at == ()
+
+
+def test_two_causes_each_next_to_the_other() -> None:
+    both = leaving(0.1, FRICTION, LEAK)
+    friction, leak = leaving(0.4, FRICTION), leaving(0.7, LEAK)
+    without = {FRICTION.label: leak, LEAK.label: friction}
+    _, a = answered(both, ranking=[friction, leak], without=without)
+    assert a.verdict == "explained" and labels(a) == [FRICTION.label, LEAK.label]
+    assert [c.removes.share for c in a.causes] == pytest.approx([0.6, 0.3])
+    assert a.removed.share == pytest.approx(0.9)
+
+
+def test_what_would_do_in_the_place_of_one_of_two_causes_stands_with_it() -> None:
+    both, other = leaving(0.1, FRICTION, LEAK), leaving(0.11, LEAK, DELAY)
+    _, a = answered(both, other, ranking=[leaving(0.4, FRICTION)])
+    assert a.verdict == "explained" and a.causes[0].instead == ("dead-time",)
+    assert a.causes[1].instead == ()
+
+
+def test_few_windows_leave_a_large_share_open() -> None:
+    leader = leaving(0.6, FRICTION, spread=1.5)
+    found, a = answered(ranking=[leader, leaving(0.95, LEAK)])
+    removed = found.removed(leader)
+    assert removed.low > 0.0 and removed.z < 3.0
+    assert (a.verdict, a.why, a.causes) == ("cannot-tell", "few", ())
+    assert a.leader is leader and a.model is found.budget.baseline
+
+
+def test_a_small_share_is_no_cause_however_certain() -> None:
+    _, a = answered(ranking=[leaving(0.9, FRICTION)])
+    assert (a.verdict, a.material_rest, a.left_over) == ("no-structural-gap", False, False)
+    assert a.removed == NOTHING
+
+
+def test_a_curve_at_a_port_is_an_unknown_effect() -> None:
+    _, a = answered(ranking=[leaving(0.95, FRICTION)], forms=(FORM,))
+    assert a.verdict == "unknown-effect" and a.free_forms == (FORM,)
+    assert a.material_rest and a.left_over
+
+
+def test_without_any_candidate_there_is_no_structural_gap() -> None:
+    _, a = answered(ranking=[])
+    assert a.verdict == "no-structural-gap" and a.leader is None
+
+
+# ---- probability --------------------------------------------------------------------------------
+
+
+def figures(share_left: float, rival_left: float, spread: float = 0.3) -> dict[str, float]:
+    c = leaving(share_left, FRICTION, spread=spread)
+    found = comparison(BEFORE)
+    return features(found, c, found.budget.baseline, [c, leaving(rival_left, LEAK)])
+
+
+def test_figures_of_a_cause() -> None:
+    found = comparison(BEFORE)
+    c = leaving(0.2, FRICTION)
+    made = features(found, c, found.budget.baseline, [c, leaving(0.6, LUGRE), leaving(0.7, LEAK)])
+    assert made["removed"] == pytest.approx(0.8) and made["rest"] == pytest.approx(0.2)
+    assert made["floors"] == pytest.approx(np.log10(1.0 + 0.2 * (BEFORE.mean() - 1.0)))
+    assert made["sure"] == pytest.approx(signed_decades(found.removed(c).z))
+    lead = found.removed(c, leaving(0.7, LEAK))
+    assert made["lead"] == pytest.approx(signed_decades(lead.z)), "over the next family"
+    assert made["windows"] == pytest.approx(np.log10(WINDOWS))
+
+
+def test_a_cause_behind_another_family_has_a_negative_lead() -> None:
+    assert figures(0.2, 0.6)["lead"] > 0.0 > figures(0.6, 0.2)["lead"]
+
+
+def test_probability_grows_with_what_is_removed_and_with_the_lead() -> None:
+    high, behind, small = figures(0.1, 0.8), figures(0.3, 0.2), figures(0.9, 0.95)
+    assert 1.0 > probability(high) > max(probability(behind), probability(small)) > 0.0
+
+
+def test_weights_are_those_of_the_figures() -> None:
+    weights = answers._learnt()["weights"]
+    assert set(weights) == {"constant", *figures(0.2, 0.6)}
+    assert logistic({"constant": 0.5, "a": 2.0}, {"a": -0.25}) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("value", "decades"), [(0.0, 0.0), (9.0, 1.0), (-99.0, -2.0)])
+def test_signed_decades(value: float, decades: float) -> None:
+    assert signed_decades(value) == pytest.approx(decades)
+
+
+# ---- forecast -----------------------------------------------------------------------------------
+
+
+def test_a_forecast_is_wider_than_the_interval_of_these_windows() -> None:
+    after = 0.4 * BEFORE
+    low, high = forecast_interval(BEFORE, after, 0)
+    assert low < 0.6 < high < 1.0
+    assert high - low > 0.1, "a further recording differs, though these windows agree"
+
+
+def test_a_forecast_is_surer_where_hardly_anything_remains() -> None:
+    def width(left: float) -> float:
+        low, high = forecast_interval(BEFORE, left * BEFORE, 0)
+        return high - low
+
+    assert width(0.05) < width(0.5)
+
+
+def test_a_forecast_of_no_change_is_none() -> None:
+    assert forecast_interval(BEFORE, BEFORE, 0) == pytest.approx((0.0, 0.0))
