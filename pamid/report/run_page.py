@@ -129,7 +129,10 @@ def answer_sections(
             "Which",
             which_answer(run),
             drawn(*above),
-            (*drawn(*(n for n in order if n not in above)), *cause_equations(run)),
+            (
+                *drawn(*(n for n in order if n not in above), "comparison"),
+                *cause_equations(run),
+            ),
         ),
         _answer(
             "How far",

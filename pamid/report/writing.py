@@ -14,6 +14,7 @@ from pamid.base.progress import tell
 from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.model.rig import Rig
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
+from pamid.report.comparison_figure import comparison_drawing
 from pamid.report.comparison_page import ComparedRun, comparison_document
 from pamid.report.correlation_figure import correlation_drawing
 from pamid.report.document import Document
@@ -58,6 +59,7 @@ FIGURE_NAMES = (
     "free-form",
     "missing",
     "ranking",
+    "comparison",
     "budget",
     "window",
     "window-network",
@@ -200,7 +202,8 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
         found += [rig_drawing(diagnosis)]
-        found += [ranking_drawing(diagnosis), free_form_drawing(diagnosis), missing_drawing(run)]
+        found += [ranking_drawing(diagnosis), comparison_drawing(diagnosis)]
+        found += [free_form_drawing(diagnosis), missing_drawing(run)]
         found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
     found.append(correlation_drawing(run.fit))

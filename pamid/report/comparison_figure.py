@@ -1,0 +1,68 @@
+"""The comparison behind a verdict: losses of the best models, window by window."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from pamid.report import formatting
+from pamid.report.formatting import effect_label, percent
+from pamid.report.style import Drawing, colour, grid, legend_above
+from pamid.schemas.diagnosis_file import ComparisonStep, DiagnosisFile
+
+MOST_MODELS = 4  # that can be told apart by their lines
+_DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (4, 1.5, 1, 1.5)))
+
+
+def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
+    """Lines over the held-out windows: the loss of the reference and of the confidence set [noise
+    floors] of the first step that has one."""
+    step = next((one for one in diagnosis.comparison if one.tied), None)
+    if step is None or len(step.reference_losses) < 2:
+        return None
+    shown = step.tied[:MOST_MODELS]
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        windows = range(1, len(step.reference_losses) + 1)
+        axes.semilogy(
+            windows,
+            step.reference_losses,
+            color=colour("refitted"),
+            marker="o",
+            markersize=3.5,
+            linewidth=1.6,
+            label="refitted model" if step.reference == "baseline" else step.reference,
+        )
+        for one, dashes in zip(shown, _DASHES, strict=False):
+            axes.semilogy(
+                windows,
+                one.losses,
+                color=colour("with_cause"),
+                linestyle=dashes,
+                marker="o",
+                markersize=3.0,
+                linewidth=1.4,
+                label=effect_label(one.effect),
+            )
+        axes.xaxis.set_major_locator(MaxNLocator(6 if narrow else 12, integer=True))
+        axes.set_xlabel("held-out window [-]")
+        axes.set_ylabel("error [noise floors]")
+        legend_above(axes, 2 if narrow else 3)
+        grid(axes, "y")
+
+    return Drawing("comparison", _title(step), draw, 2.6, 2.9)
+
+
+def _title(step: ComparisonStep) -> str:
+    """The finding: in how many windows the first of the set has the smaller error, and with what
+    it ties."""
+    first = step.tied[0]
+    fewer = sum(a < b for a, b in zip(first.losses, step.reference_losses, strict=True))
+    text = (
+        f"{effect_label(first.effect)} lowers the error in {fewer} of {len(first.losses)} held-out "
+        f"windows, by {percent(first.removes.share)} of the gap"
+    )
+    others = [effect_label(one.effect) for one in step.tied[1:]]
+    tied = f"; {formatting.join(others)} cannot be separated from it" if others else ""
+    return formatting.sentence(f"{text}{tied}").removesuffix(".")
