@@ -28,7 +28,7 @@ def distance(one: CandidateModel, other: CandidateModel, noise: Array) -> float:
     channel)."""
     gaps = [
         ((a.model - b.model) / noise)[a.scored]
-        for a, b in zip(one.replays, other.replays, strict=True)
+        for a, b in zip(one.runs, other.runs, strict=True)
     ]
     return float(np.sqrt((np.concatenate(gaps) ** 2).mean(axis=0)).max())
 

@@ -32,6 +32,7 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
+MOST_TERMS = 4  # of a formula that is given
 PASSING = "passing"  # beside the signals at a port: what passes there
 
 
@@ -133,11 +134,13 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
         }
     terms = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
     size, unit = best.values.std(), best.units["value"]
+    few = len(terms) <= MOST_TERMS
     formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in terms)
     speed = best.signals.get("velocity")
     return {
         "port": rig.group_of(best.port),
-        "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
+        # a longer one describes the points, and nothing that a reader would recognise
+        "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}" if few else "",
         "variables": list(
             dict.fromkeys(w for i in terms for w in best.signals if w in best.names[i])
         ),

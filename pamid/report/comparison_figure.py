@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from pamid.report import formatting
 from pamid.report.formatting import effect_label, percent
@@ -46,6 +46,9 @@ def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
                 label=effect_label(one.effect),
             )
         axes.xaxis.set_major_locator(MaxNLocator(6 if narrow else 12, integer=True))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: formatting.short(value, 1)))
         axes.set_xlabel("held-out window [-]")
         axes.set_ylabel("error [noise floors]")
         legend_above(axes, 2 if narrow else 3)
