@@ -78,7 +78,9 @@ def select_effects(
         if steps[-1].tied:
             extended = with_finer_steps(search, steps[-1].tied[0])
             shorter = _needed_effects(search, comparison, extended)
-            if len(shorter.attached) <= len(best.attached):
+            # no larger than before: an effect was replaced, or its gain led out of a local minimum
+            grown = len(shorter.attached) > len(best.attached)
+            if not grown and not comparison.is_material(shorter, best):
                 break
             best = shorter
             after = _located_after(search, best, located)
@@ -86,14 +88,11 @@ def select_effects(
         full = len(best.attached) >= settings.effects_most
         if full or rest < settings.material_rest or comparison.at_floor(best):
             break
-        if best.attached or not steps[-1].tied:
-            if responses is None:
-                responses = responses_of(
-                    search.evidence, first.reference, first.screened, search.pool
-                )
-            search.progress(f"looking for a further effect next to {best.label}")
-            larger = _larger(search, best, first.models, located, after, responses)
-            steps.append(compared(comparison, guards, best, larger))
+        if responses is None:
+            responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
+        search.progress(f"looking for a further effect next to {best.label}")
+        larger = _larger(search, best, first.models, located, after, responses)
+        steps.append(compared(comparison, guards, best, larger))
         if not steps[-1].tied:
             break
     return _with_rivals(search, comparison, guards, Selection(best, tuple(steps), after))
@@ -256,7 +255,10 @@ def _with_rivals(
             and any(search.family(a) in families_of(m) for m in step.tied)
         }
         models = [
-            refitted_with(search, (*others, k), best, c) if others else c for k, c in rivals.items()
+            c
+            if {m.label for m in c.attached} == {m.label for m in (*others, k)}
+            else refitted_with(search, (*others, k), best, c)
+            for k, c in rivals.items()
         ]
         instead[a.label] = tuple(
             c

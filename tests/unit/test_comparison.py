@@ -85,7 +85,6 @@ def test_of_another_reference_the_share_is_still_one_of_the_gap() -> None:
     both = model(np.full(WINDOWS, 2.0), FRICTION, LEAK)
     assert found.removed(first).share == pytest.approx(0.5)
     assert found.removed(both, first).share == pytest.approx(0.4)
-    assert found.of_rest(both, first) == pytest.approx(0.8)
 
 
 def test_losses_given_in_place_of_the_models_are_scored() -> None:
@@ -159,13 +158,14 @@ def test_material_needs_size_and_certainty() -> None:
     assert not found.is_material(model(noisy(0.6 * before, 3.0), FRICTION), base), "large by luck"
 
 
-def test_material_is_a_share_of_what_the_reference_leaves() -> None:
+def test_material_is_a_share_of_the_whole_gap_next_to_any_other_effect() -> None:
     before = np.full(WINDOWS, 101.0)
     found = comparison(before)
-    first = model(np.full(WINDOWS, 11.0), FRICTION)  # 10 % of the gap remains
-    both = model(np.full(WINDOWS, 6.0), FRICTION, LEAK)  # half of this
-    assert found.removed(both, first).share == pytest.approx(0.05)
-    assert found.is_material(both, first)
+    first = model(np.full(WINDOWS, 41.0), FRICTION)  # 40 % of the gap remains
+    for left, material in ((24.0, True), (30.0, False)):
+        both = model(np.full(WINDOWS, left), FRICTION, LEAK)
+        assert found.is_material(both, first) == material
+        assert found.removed(both, first).share == pytest.approx((41.0 - left) / 100.0)
 
 
 def test_ties_by_standard_errors_and_by_margin() -> None:
