@@ -148,8 +148,9 @@ def _budget_of(model: GreyBox, per_run: int, seed: int, settings: Settings) -> B
         a, p, stepping = model.assembly, model.fit.p, model.fit.stepping
         noise = evidence.noise
         alone = replace(a, attachments=())
-        runs = runs_of(evidence, a, p, stepping)
-        sheet = runs_of(evidence, alone, alone.data_sheet(), stepping)
+        runs = runs_of(evidence, a, p, stepping, [r.full_track for r in model.held_out])
+        sheet_tracks = [r.full_track for r in model.data_sheet]
+        sheet = runs_of(evidence, alone, alone.data_sheet(), stepping, sheet_tracks)
         if not all(r.finite for r in runs):
             return None
         floor = tuple(noise_floor(a, p, r, stepping, noise, seed + i) for i, r in enumerate(runs))

@@ -3,6 +3,7 @@ the same weights, and compared on windows that no fit has seen."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track, run_windows
+from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
 from pamid.symbolic.vocabulary import Expr
 
@@ -118,17 +120,17 @@ def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> CandidateM
     )
     runs = replays
     if evidence.per_run > 1:
-        runs = runs_of(evidence, assembly, fitted.p, fitted.stepping)
+        runs = runs_of(evidence, assembly, fitted.p, fitted.stepping, tracks)
     return candidate_from(assembly, fitted, replays, runs)
 
 
 def runs_of(
-    evidence: DataSplit, assembly: Assembly, p: Array, stepping: Stepping
+    evidence: DataSplit, assembly: Assembly, p: Array, stepping: Stepping, tracks: Sequence[Track]
 ) -> tuple[Replay, ...]:
-    """Held-out replays over the horizon of the comparison."""
+    """Replays of held-out tracks over the horizon of the comparison."""
     return tuple(
         replay_track(assembly, p, t, stepping, evidence.noise, per_run=evidence.per_run)
-        for t in evidence.tracks(assembly, held_out=True)
+        for t in tracks
     )
 
 

@@ -118,7 +118,9 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     firsts: dict[str, CandidateModel] = {}
     for c in [c.model for c in d.answer.causes] if tied else d.ranking:
         firsts.setdefault(c.family, c)
-    others = [c for family, c in firsts.items() if family not in (best.family, d.ranking[0].family)]
+    # of one cause, rivals of its own family and of the leading one are no alternatives
+    known = {best.family} if tied else {best.family, d.ranking[0].family}
+    others = [c for family, c in firsts.items() if family not in known]
     models = [best, *others][: d.settings.experiment_models]
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 

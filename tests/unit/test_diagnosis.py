@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pamid.diagnosis.consistency import inconsistencies
 from virtual_joint import record
 
 from pamid.base.run_folder import Run
-from pamid.diagnosis.consistency import inconsistencies
 from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.verdict import diagnosis_json

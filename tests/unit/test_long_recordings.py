@@ -87,7 +87,7 @@ def test_a_diagnosis_of_stretches_finds_the_cause_and_says_what_was_used(
     settings = replace(DEFAULT, fitted_most=9.0, held_out_most=6.0)
     catalogue = {name: effects()[name] for name in ("coulomb-friction", "dead-time")}
     found = diagnose(whole, catalogue, settings=settings)
-    assert found.judged is not None and found.judged.ranking[0].label == "coulomb-friction"
+    assert found.ranking[0].label == "coulomb-friction"
     used_s, all_s = found.evidence.used_s
     assert used_s < 0.5 * all_s
     assert sum(len(t) for t in found.budget.model.fit.problem.tracks) < 0.5 * 0.7 * 100.0 * all_s

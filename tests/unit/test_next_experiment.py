@@ -205,16 +205,34 @@ def test_nothing_in_question_nothing_to_do(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
 ) -> None:
     _, _, _, d, _ = rubbing
-    assert d.judged is not None
-    quiet = replace(d.judged.decision, verdict="no-structural-gap", named=())
-    for judged in (
-        None,
-        replace(d.judged, decision=quiet),
-        replace(d.judged, ranking=d.ranking[:1]),
-        replace(d.judged, units={"advice": "Check units and signs."}),
+    assert d.answer is not None
+    quiet = replace(d.answer, verdict="no-structural-gap", causes=())
+    for found in (
+        replace(d, answer=None),
+        replace(d, answer=quiet),
+        replace(d, ranking=d.ranking[:1]),
+        replace(d, silent=("position_m",)),
     ):
-        assert next_experiment(replace(d, judged=judged)) is None
+        assert next_experiment(found) is None
     assert proposal_result(None) is None
+
+
+def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    """A model of the second family may lead the ranking and yet be set aside."""
+    _, _, _, d, _ = rubbing
+    assert d.answer is not None
+    friction, drag = ({c.label: c for c in d.ranking}[name] for name in RIVALS)
+    (cause,) = d.answer.causes
+    tied = replace(
+        d.answer,
+        verdict="ambiguous",
+        causes=(cause, replace(cause, effect=drag.attached[0], model=drag)),
+    )
+    for ranking in ((friction, drag), (drag, friction)):
+        pairs = pairs_to_separate(replace(d, answer=tied, ranking=ranking))
+        assert [(one.label, other.label) for one, other in pairs] == [RIVALS]
 
 
 def test_nothing_is_proposed_that_leads_away(

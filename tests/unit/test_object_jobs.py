@@ -112,7 +112,7 @@ def test_a_diagnosis_converts_recordings_once_per_model(
     models = len(alone["ranking"])
     assert once["track_of"] <= 3 * models + 6
     # of each model, of the free forms at each port, and of a few without effects
-    assert once["trace"] <= models + 2 * len(evidence.rig.ports) + 9
+    assert once["trace"] <= models + 2 * len(evidence.rig.ports) + 10
     for _ in range(2):
         pool = WorkerPool(2, Store(tmp_path))
         assert answer(pool) == alone

@@ -98,7 +98,7 @@ def test_a_step_response_is_judged(tmp_path: Path) -> None:
     assert evidence.spread == [recording]
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
     assert remark(found) == "" and any("three tenths spread" in note for note in notes(found))
-    assert found.judged is not None and found.judged.ranking[0].label == "coulomb-friction"
+    assert found.ranking[0].label == "coulomb-friction"
     header, rows = residual_table(fit_model(evidence))
     columns = dict(zip(header, rows.T, strict=True))
     assert (np.diff(columns["time_s"]) > 0.0).all() and len(rows) == len(time)
