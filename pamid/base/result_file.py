@@ -34,7 +34,7 @@ def need_result(
     earlier = next((one for one in kind.earlier if one == content.get("schema")), None)
     if not any_schema and earlier is not None:
         raise outdated(path, kind, earlier)
-    if not any_schema and content.get("schema") != schema:
+    if not any_schema and content.get("schema") not in (schema, *kind.readable):
         found = repr(content["schema"])[:60] if "schema" in content else "missing"
         raise damaged(path, "schema", repr(schema), found)
     try:

@@ -13,6 +13,7 @@ from pamid.base.units import column_size
 from pamid.diagnosis.answer import Cause, features, forecast_interval, probability
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, paired_ratio
+from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes, roughness
 from pamid.diagnosis.port_evidence import PortEvidence
@@ -191,18 +192,21 @@ def _leading_port(
 
 def family_forms(d: Diagnosis) -> tuple[result.FamilyForm, ...]:
     """The free forms that take up what the catalogue does not explain, best first."""
-    return tuple(
-        result.FamilyForm(
-            effect=f.attachment.label,
-            family=f.family,
-            port=f.port,
-            known_by=f.known_by,
-            shrinkage=f.removes.share,
-            low=f.removes.low,
-            high=f.removes.high,
-            curve=f.curve,
-        )
-        for f in (d.answer.free_forms if d.answer else ())
+    return tuple(_family_form(d, f) for f in (d.answer.free_forms if d.answer else ()))
+
+
+def _family_form(d: Diagnosis, f: FreeForm) -> result.FamilyForm:
+    share, low, high = _shrinkage(d, f.model)
+    return result.FamilyForm(
+        effect=f.attachment.label,
+        family=f.family,
+        port=f.port,
+        known_by=f.known_by,
+        removes=_share(f.removes),
+        shrinkage=share,
+        low=low,
+        high=high,
+        curve=f.curve,
     )
 
 
@@ -353,10 +357,18 @@ def _unfitted(label: str, why: str) -> result.Candidate:
     )
 
 
+def _shrinkage(d: Diagnosis, c: CandidateModel) -> tuple[float, float, float]:
+    """Share of the baseline's held-out error that a model removes, with its 95 % interval."""
+    base = d.comparison.loss(d.budget.baseline)
+    if len(base) < 2:
+        return 0.0, 0.0, 0.0
+    share, error = paired_ratio(base - d.comparison.loss(c), base, d.seed)
+    return share, share - NORMAL_95 * error, min(share + NORMAL_95 * error, 1.0)
+
+
 def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
     before, removed = d.budget.baseline.absolutes, d.comparison.removed(c)
-    base = d.comparison.loss(d.budget.baseline)
-    share, error = paired_ratio(base - d.comparison.loss(c), base, d.seed)
+    share, low, high = _shrinkage(d, c)
     held = {
         channel: result.HeldOut(
             mae_before=column_size(channel, float(seen_mean(before[:, i]))),
@@ -375,8 +387,8 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         removes=_share(removed),
         behind=0.0 if c is first else d.comparison.removed(first, c).z,
         shrinkage=share,
-        low=share - NORMAL_95 * error,
-        high=min(share + NORMAL_95 * error, 1.0),
+        low=low,
+        high=high,
         converged=c.fit.converged,
         why=c.fit.why,
         parameters=_parameters(c, c.attached[-1].label),

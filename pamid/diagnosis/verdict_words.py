@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pamid.diagnosis.tournament import Diagnosis
 
 RECORD_MORE = "Record for longer, or with larger motion."
+NOT_IN_CATALOGUE = "No effect of the catalogue removes a material share of the gap."
 
 #: how the note begins that stands in the place of an experiment
 WITHHELD = "No next experiment is proposed"
@@ -80,30 +81,22 @@ def _moving_inputs(d: Diagnosis) -> str:
 
 
 def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """The verdict in one sentence or two; a remark goes before it."""
+    """The verdict in a few sentences, shares first; a remark takes their place."""
     if found.remark:
         return found.remark
     if found.verdict == "no-structural-gap":
         return _no_gap(found)
     if found.verdict == "unknown-effect":
-        at = _entrance(found.where, spelling) if found.where and found.where.port else ""
-        families = free_families(found, spelling)
-        return (
-            "No effect of the catalogue removes a material share of the gap, but a curve at one of "
-            f"its ports does.{at}{f' It is {families}.' if families else ''}"
-        )
+        return f"{NOT_IN_CATALOGUE} {_curve_text(found, spelling)}"
     if found.verdict == "cannot-tell":
         return _unsure(found, spelling)
     if found.verdict == "ambiguous":
         return f"{_set_text(found, spelling)}{_rest_text(found, spelling)}"
-    removing = [_with_share(c, spelling) for c in found.causes]
-    if len(removing) == 1:
-        return f"{removing[0]}{_next_family(found, spelling)}.{_rest_text(found, spelling)}"
-    rest = found.remainder
-    together = (
-        f", together {percent_text(1.0 - rest.share)}" if rest and rest.share is not None else ""
+    removing = _joined((_with_share(c, spelling) for c in found.causes), "and")
+    further = (
+        _next_family(found, spelling) if len(found.causes) == 1 else _together(found.remainder)
     )
-    return f"{_joined(removing, 'and')}{together}.{_rest_text(found, spelling)}"
+    return f"{removing}.{further}{_rest_text(found, spelling)}"
 
 
 def _no_gap(found: DiagnosisFile) -> str:
@@ -112,23 +105,37 @@ def _no_gap(found: DiagnosisFile) -> str:
     if rest is None or rest.floors is None:
         return "The refitted model is at the noise floor: no structural gap was found."
     return (
-        "No structural gap was found: no effect of the catalogue, and no curve at a port, removes "
-        f"a material share of what the refitted model leaves, {times_text(rest.floors)} times the "
-        "noise floor."
+        "No structural gap was found. The refitted model leaves "
+        f"{times_text(rest.floors)} times the noise floor, of which no effect and no curve at a "
+        "port removes a material share."
+    )
+
+
+def _curve_text(found: DiagnosisFile, spelling: Spelling) -> str:
+    """The curve that takes up what no effect does, with its family, port and share."""
+    forms = found.unknown.free_forms if found.unknown is not None else ()
+    if not forms:
+        at = _entrance(found.where, spelling) if found.where and found.where.port else ""
+        return f"A curve at one of its ports does.{at}"
+    share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
+    return (
+        f"A curve at the {spelling.port(forms[0].port)} port removes {share} of it. The effect is "
+        f"{free_families(found, spelling)}."
     )
 
 
 def _with_share(c: Cause, spelling: Spelling) -> str:
-    """ "Play at the camera port removes 80 % of the gap (P 0.93)"."""
+    """ "play at the camera port removes 80 % of the gap (P 0.93)"."""
     share = percent_text(c.removes.share) if c.removes else "a part"
-    name = f"{spelling.effect(c.effect)}{_place_of(c, spelling)}"
+    return f"{_named(c, spelling)} removes {share} of the gap{_chance_of(c)}"
+
+
+def _named(c: Cause, spelling: Spelling) -> str:
+    """ "play at the camera port", with the ports at which it does as well."""
+    place = f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
     ports = _joined((spelling.port(port) for port in c.or_at), "or")
-    elsewhere = f", or the like at the {ports} port," if ports else ""
-    return f"{name}{elsewhere} removes {share} of the gap{_chance_of(c)}"
-
-
-def _place_of(c: Cause, spelling: Spelling) -> str:
-    return f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
+    elsewhere = f", or equally at the {ports} port," if ports else ""
+    return f"{spelling.effect(c.effect)}{place}{elsewhere}"
 
 
 def _chance_of(c: Cause) -> str:
@@ -136,24 +143,37 @@ def _chance_of(c: Cause) -> str:
 
 
 def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
-    """How far the next family is behind a single cause; empty where there is none."""
-    own = found.causes[0]
-    others = (r for r in found.ranking if r.family not in (own.family, "", *own.instead))
+    """How far the next family is behind a single cause; empty where there is none. Begins with a
+    space, as what follows a sentence does."""
+    cause = found.causes[0]
+    others = (r for r in found.ranking if r.family not in (cause.family, "", *cause.instead))
     rival = next((r for r in others if r.removes is not None and r.removes.share > 0.0), None)
     if rival is None or rival.removes is None:
         return ""
     share = percent_text(rival.removes.share)
-    return f"; of other families {spelling.effect(rival.effect)} removes most, {share}"
+    return f" The best of another family, {spelling.effect(rival.effect)}, removes {share}."
+
+
+def _together(rest: Remainder | None) -> str:
+    """The share that several causes remove together; begins with a space."""
+    if rest is None or rest.share is None:
+        return ""
+    return f" Together they remove {percent_text(1.0 - rest.share)}."
 
 
 def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
-    names = [_with_share(c, spelling) for c in found.causes]
-    if len(names) == 2:
-        return f"These recordings cannot separate two causes: {names[0]}; {names[1]}."
-    same = _joined((spelling.effect(c.effect) for c in found.causes), "and")
+    """The members of a set: two with their shares, more as the group that they are."""
+    if len(found.causes) == 2:
+        first, other = found.causes
+        share = f", {percent_text(other.removes.share)}" if other.removes else ""
+        return (
+            f"{_with_share(first, spelling)}. These recordings cannot separate it from "
+            f"{_named(other, spelling)}{share}{_chance_of(other)}."
+        )
+    names = _joined((spelling.effect(c.effect) for c in found.causes), "and")
     share = found.causes[0].removes
     size = f" Each removes about {percent_text(share.share)} of the gap." if share else ""
-    return f"On these recordings {same} do the same, and no data of them can separate them.{size}"
+    return f"On these recordings {names} predict the same and cannot be separated.{size}"
 
 
 def _rest_text(found: DiagnosisFile, spelling: Spelling) -> str:
@@ -161,10 +181,21 @@ def _rest_text(found: DiagnosisFile, spelling: Spelling) -> str:
     rest = found.remainder
     if rest is None or rest.share is None:
         return ""
-    floors = f", {times_text(rest.floors)} times the noise floor" if rest.floors else ""
+    floors = f", {_floors_text(rest.floors)}" if rest.floors is not None else ""
+    remains = f" {percent_text(max(rest.share, 0.0))} of the gap remains{floors}."
     if not rest.real:
-        return f" {percent_text(max(rest.share, 0.0))} of the gap remains{floors}."
-    return f" {percent_text(rest.share)} of the gap remains{floors}{_entering(rest, spelling)}."
+        return remains
+    at = f" It enters at the {spelling.port(rest.port)} port" if rest.port else ""
+    family = f"a curve of the {spelling.effect(rest.family)} family removes it"
+    if not rest.family:
+        return f"{remains}{at}." if at else remains
+    return f"{remains}{at}, where {family}." if at else f"{remains} There {family}."
+
+
+def _floors_text(floors: float) -> str:
+    """ "3.7 times the noise floor", "at the noise floor"."""
+    times = times_text(max(floors, 1.0))
+    return "at the noise floor" if times == "1" else f"{times} times the noise floor"
 
 
 def withheld(found: DiagnosisFile) -> str:
@@ -174,18 +205,17 @@ def withheld(found: DiagnosisFile) -> str:
 
 
 def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """ "of the friction family, in a form not in the catalogue", with the nearest that is in it;
-    empty where no free form takes it up."""
+    """ "of the friction family, in a form that is not in the catalogue"; empty where no free form
+    takes it up."""
     forms = found.unknown.free_forms if found.unknown is not None else ()
-    families = {one.family for one in forms}
-    if not families:
+    if not forms:
         return ""
     names = _joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
-    return f"of the {names} family, in a form not in the catalogue"
+    return f"of the {names} family, in a form that is not in the catalogue"
 
 
 def size_of(rest: Remainder, *, beside: bool) -> str:
-    """What is left, in figures: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
+    """What remains, in figures: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
     floor in the worst channel"; beside: causes, without which it is the gap itself."""
     texts = []
     if beside and rest.share is not None:
@@ -194,34 +224,32 @@ def size_of(rest: Remainder, *, beside: bool) -> str:
             text += f" (95 % interval {percents_text(rest.low, rest.high)})"
         texts.append(text)
     if rest.floors is not None:
-        times = times_text(rest.floors)
-        floors = "as much as the noise floor" if times == "1" else f"{times} times the noise floor"
-        texts.append(f"{floors} in the worst channel")
+        texts.append(f"{_floors_text(rest.floors)} in the worst channel")
     return ", ".join(texts)
 
 
 def amount_of(rest: Remainder) -> str:
-    """What is missing at its port to the model as fitted, in the port's unit, beside what passes
-    there with all that acts; "" where that is not known."""
+    """What the fitted model lacks at the port, in the port's unit, and what passes there; "" where
+    that is not known."""
     if rest.missing_rms is None or not rest.passing_rms:
         return ""
     share = rest.missing_rms / rest.passing_rms
-    beside = f"{percent_text(share)} of" if share < 1.0 else f"{times_text(share)} times"
+    size = f"{percent_text(share)} of" if share < 1.0 else f"{times_text(share)} times"
     unit = f" {rest.unit}" if rest.unit else ""
     return (
-        f"{rest.missing_rms:.3g}{unit} (root mean square, estimated there) missing to the model as "
-        f"fitted, {beside} the {rest.passing_rms:.3g}{unit} that pass there"
+        f"an estimated {rest.missing_rms:.3g}{unit} rms is missing, {size} the "
+        f"{rest.passing_rms:.3g}{unit} that pass there"
     )
 
 
 def weight_of(rest: Remainder) -> str:
-    """Whether what is left is a material part of the gap."""
+    """Whether what remains is a material part of the gap."""
     return "a material part of the gap" if rest.real else "no material part of the gap"
 
 
 def _entrance(where: Where, spelling: Spelling) -> str:
     """Where the gap enters: the port that the evidence prefers, and those that take as much of it
-    or more where the sensors do not tell one from the other."""
+    or more where the sensors cannot separate them."""
     shares = {one.port: one.share for one in where.ports}
     own = shares.get(where.port, 0.0)
     alike = where.not_told_from(where.port)
@@ -230,34 +258,29 @@ def _entrance(where: Where, spelling: Spelling) -> str:
     if not others:
         return f"{first}."
     rest = _joined([spelling.port(p) for p in others], "or")
-    return f"{first}, or at {rest}: these sensors do not tell them apart."
-
-
-def _entering(rest: Remainder, spelling: Spelling) -> str:
-    at = f", at the {spelling.port(rest.port)} port" if rest.port else ""
-    return at + (f", of the {spelling.effect(rest.family)} family" if rest.family else "")
+    return f"{first}, or at {rest}: these sensors cannot separate them."
 
 
 def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
     """The leader of the ranking, and why it is not named."""
-    steps = [step for step in found.comparison if step.tied]
-    if steps:
-        names = [spelling.effect(m.effect) for m in steps[0].tied]
-        share = percent_text(steps[0].tied[0].removes.share)
+    tied = found.comparison[0].tied if found.comparison else ()
+    if len(tied) > 1:
+        first, *others = (spelling.effect(m.effect) for m in tied)
         return (
-            f"{names[0]} removes most of the gap, {share}, but {_joined(names[1:], 'and')} do next "
-            "to as well: these recordings cannot separate them."
+            f"{first} removes {percent_text(tied[0].removes.share)} of the gap, but "
+            f"{_joined(others, 'and')} remove as much. These recordings cannot separate them."
         )
     leader = next((r for r in found.ranking if r.removes is not None), None)
     if leader is None or leader.removes is None:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
     removes = leader.removes
-    windows = len(found.comparison[0].reference_losses) if found.comparison else 0
     interval = percents_text(removes.low, removes.high)
+    windows = len(found.comparison[0].reference_losses) if found.comparison else 0
+    rests_on = f", from {windows} held-out windows" if windows else ""
     return (
-        f"{spelling.effect(leader.effect)} may be missing: it removes "
-        f"{percent_text(removes.share)} of the gap (95 % interval {interval}), which "
-        f"{windows} held-out windows do not make certain. {RECORD_MORE}"
+        f"{spelling.effect(leader.effect)} may be missing. It removes "
+        f"{percent_text(removes.share)} of the gap (95 % interval {interval}{rests_on}), which is "
+        f"not certain enough. {RECORD_MORE}"
     )
 
 

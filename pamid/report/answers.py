@@ -248,20 +248,18 @@ def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _free_forms(one: Unknown) -> list[str]:
-    """What each family's free form takes up, and what its curve stands beside."""
-    texts = [
-        sentence(
-            f"{taken_up(form)}{formatting.interval_tail(percent_span(form.low, form.high))}, "
-            "whatever its curve"
-        )
-        for form in one.free_forms
-    ]
+    """What each family's free form removes, and what its curve is fitted together with."""
+    texts = []
+    for form in one.free_forms:
+        share = form.removes or form
+        interval = formatting.interval_tail(percent_span(share.low, share.high))
+        texts.append(sentence(f"{taken_up(form)}{interval}"))
     if len(texts) > 1:
-        texts.append("These recordings do not tell these apart.")
+        texts.append("These recordings cannot separate these curves.")
     if texts:
         texts.append(
-            "The curve stands beside the refitted parameters of the rig: what these can take up "
-            "as well, such as a part in proportion, may be shared out otherwise."
+            "The curve is fitted together with the parameters of the rig. A part that both can "
+            "take up, such as one in proportion, may be divided differently."
         )
     return texts
 

@@ -106,17 +106,20 @@ def set_figures(text: str) -> str:
 
 
 def free_form_title(diagnosis: DiagnosisFile, one: FamilyForm) -> str:
-    """ "A function of the velocity at the guide port removes 87 % of the held-out error: of the
-    friction family, in a form not in the catalogue"."""
+    """ "A function of the velocity at the guide port removes 87 % of the gap: of the friction
+    family, in a form that is not in the catalogue"."""
     text = f"{taken_up(one)}: {free_families(diagnosis, SPELLING)}"
     return formatting.sentence(text).removesuffix(".")
 
 
 def taken_up(one: FamilyForm) -> str:
-    """ "a function of the velocity at the guide port removes 87 % of the held-out error"."""
+    """ "a function of the velocity at the guide port removes 87 % of the gap"; of the held-out
+    error where the file is of an older version."""
     at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
     what = formatting.clean(one.known_by) or effect_label(one.effect)
-    return f"{what}{at} removes {percent(one.shrinkage)} of the held-out error"
+    if one.removes is None:
+        return f"{what}{at} removes {percent(one.shrinkage)} of the held-out error"
+    return f"{what}{at} removes {percent(one.removes.share)} of the gap"
 
 
 def _fit_sentence(row: ChannelErrors | None) -> str:

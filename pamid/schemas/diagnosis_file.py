@@ -343,6 +343,7 @@ class FamilyForm(Model):
     family: Text
     port: Text = Field("", description="group of ports that it acts on")
     known_by: Text = Field("", description="what the family has in common, in words")
+    removes: GapShare | None = Field(None, description="share of the gap")
     shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
     low: Written[Number] = Field(None, description=LOW)
     high: Written[Number] = Field(None, description=HIGH)
@@ -384,6 +385,7 @@ class DiagnosisFile(Model):
         "gap that it removes, `remainder` tells what is left, and the verdicts partly-explained "
         "and cannot-tell are new"
     }
+    readable: ClassVar = ("pamid.diagnosis/2",)
     written_by: ClassVar = "pamid diagnose"
 
     schema_: Literal["pamid.diagnosis/3"] = Field(default="pamid.diagnosis/3", alias="schema")

@@ -191,6 +191,8 @@ class Model(BaseModel):
     not_read: ClassVar[tuple[str, ...]] = ()
     #: earlier schemas of the same file -> what has changed since, as the end of a sentence
     earlier: ClassVar[dict[str, str]] = {}
+    #: earlier schemas whose files still read: keys came and went, none has another meaning
+    readable: ClassVar[tuple[str, ...]] = ()
     #: the command that writes it
     written_by: ClassVar[str] = ""
 

@@ -194,6 +194,7 @@ def free_form_json() -> dict[str, Any]:
         "family": "friction",
         "port": "muscle",
         "known_by": "a function of the velocity",
+        "removes": gap_share(0.77),
         "shrinkage": 0.71,
         "low": 0.62,
         "high": 0.78,
