@@ -59,7 +59,7 @@ FACTORS = (*(1.0 / f for f in reversed(LARGE_FACTORS)), *LARGE_FACTORS)
 # and how much nearer than another
 FAR_SIZE, NEAR_SIZE, AS_NEAR = 3.0, 2.0, 1.1
 LIKE_SHEET = 0.5  # correlation with the data sheet's run from which sizes are compared
-LEAST_ERROR, MOST_ERROR = (
+SMALLEST_ERROR, LARGEST_ERROR = (
     1e-3,
     1e12,
 )  # errors, as shares of the signal's motion, are held within these
@@ -103,17 +103,17 @@ def errors(y: Array, model: Array | None) -> Array:
     """Per channel: how far the model is off, over how much the signal moves (both without level and
     trend)."""
     if model is None or not np.isfinite(model).all():
-        return np.full(y.shape[1], MOST_ERROR)
+        return np.full(y.shape[1], LARGEST_ERROR)
     ours, theirs = shapes(y), shapes(model)
     with np.errstate(over="ignore"):  # of a model that runs away: the most, all the same
         size, off = (np.sqrt((z * z).sum(axis=(1, 2))) for z in (ours, ours - theirs))
-    return np.clip(_share(off, size), LEAST_ERROR, MOST_ERROR)
+    return np.clip(_share(off, size), SMALLEST_ERROR, LARGEST_ERROR)
 
 
 def _share(error: Array, size: Array) -> Array:
-    """Errors over the sizes of what they are of, at most MOST_ERROR: something that stands still
+    """Errors over the sizes of what they are of, at most LARGEST_ERROR: something that stands still
     has no size."""
-    return np.asarray(error / np.maximum(np.maximum(size, error / MOST_ERROR), 1e-300))
+    return np.asarray(error / np.maximum(np.maximum(size, error / LARGEST_ERROR), 1e-300))
 
 
 def size_of(error: Array) -> float:
@@ -237,7 +237,7 @@ def refitted_slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
         after = short_fit_errors(replace(recording, columns=scaled), e.assembly.rig)
         if after is None or not np.isfinite(after).all():
             continue
-        left = size_of(after) / size_of(np.minimum(before, MOST_ERROR))
+        left = size_of(after) / size_of(np.minimum(before, LARGEST_ERROR))
         if left ** len(after) < MENDED_OF_BEFORE:  # of one channel, if the others stay as they are
             found.append(ScaleSlip("column", column, factor, left))
     return _best(found)
@@ -313,11 +313,11 @@ def _misses(y: Array, model: Array | None) -> Array:
     """Errors of every channel (measures x channels), over how much it moves: of the shapes, and of
     the values."""
     if model is None or not np.isfinite(model).all():
-        return np.full((2, y.shape[1]), MOST_ERROR)
+        return np.full((2, y.shape[1]), LARGEST_ERROR)
     with np.errstate(over="ignore"):
         error = np.sqrt(((y - model) ** 2).mean(axis=0))
     plain = _share(error, y.std(axis=0))
-    return np.stack([errors(y, model), np.clip(plain, LEAST_ERROR, MOST_ERROR)])
+    return np.stack([errors(y, model), np.clip(plain, SMALLEST_ERROR, LARGEST_ERROR)])
 
 
 def _tries(
@@ -361,7 +361,7 @@ def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityI
     most = float(error[bad[0]])
     miss = (
         "runs away"
-        if most == MOST_ERROR
+        if most == LARGEST_ERROR
         else f"misses by {most:.2g} times what the signal moves"
         if missed[bad[0]]
         else f"is {np.std(e.model[:, bad[0]]) / np.std(e.y[:, bad[0]]):.2g} times as large"

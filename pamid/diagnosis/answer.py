@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class NamedCause:
     """An effect of the answer.
 
     model    that it is part of
@@ -62,7 +62,7 @@ class Answer:
 
     verdict: str
     model: CandidateModel
-    causes: tuple[Cause, ...]
+    causes: tuple[NamedCause, ...]
     removed: Share
     material_rest: bool
     floors: float
@@ -150,7 +150,7 @@ def _cause(
     a: Attachment,
     ranking: Sequence[CandidateModel],
     model: CandidateModel | None = None,
-) -> Cause:
+) -> NamedCause:
     """The effect with its figures next to the others of the model (default: the selected one)."""
     model = model or selection.best
     below = selection.without.get(a.label, comparison.budget.baseline)
@@ -172,7 +172,7 @@ def _cause(
         for k in c.attached
         if k not in model.attached
     ]
-    return Cause(
+    return NamedCause(
         a,
         model,
         comparison.removed(model, below),

@@ -154,7 +154,7 @@ def paired_ratio(numerator: Array, denominator: Array, seed: int) -> tuple[float
     return float(numerator.sum() / denominator.sum()), max(error, LEAST_ERROR)
 
 
-DRAWS, BLOCK = 1000, 2  # resamples, and neighbouring windows that are drawn together
+DRAWS, BLOCK_WINDOWS = 1000, 2  # resamples, and neighbouring windows that are drawn together
 
 
 @lru_cache(maxsize=16)  # the same for every model that is compared
@@ -162,7 +162,7 @@ def resamples(count: int, seed: int) -> NDArray[np.intp]:
     """Bootstrap rows (draws x count) in blocks of neighbouring windows, the last one a neighbour of
     the first: the circular block bootstrap of Politis and Romano (1992). Of few windows each is
     drawn by itself: of two, blocks of two are always both."""
-    block = min(BLOCK, max(1, count // 3))
+    block = min(BLOCK_WINDOWS, max(1, count // 3))
     random = np.random.default_rng(seed)
     starts = random.integers(0, count, size=(DRAWS, -(-count // block)))
     rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(DRAWS, -1)[:, :count]

@@ -35,7 +35,7 @@ from pamid.parallel.jobs import Failed
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class SelectionStep:
     """One comparison. reference: the model that the candidates extend; candidates: the material
     ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the
     best first."""
@@ -52,7 +52,7 @@ class Selection:
     that is left at the ports."""
 
     best: CandidateModel
-    steps: tuple[Step, ...]
+    steps: tuple[SelectionStep, ...]
     after: PortEvidence
     without: dict[str, CandidateModel] = field(default_factory=dict)
     instead: dict[str, tuple[CandidateModel, ...]] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def compared(
     guards: Guards,
     reference: CandidateModel,
     models: Sequence[CandidateModel],
-) -> Step:
+) -> SelectionStep:
     """Compare models that extend a reference, those set aside that physics objects to."""
     candidates = [
         c
@@ -116,7 +116,7 @@ def compared(
         families = {families_of(c) for c in idle}
         kept = [c for c in candidates if families_of(c) not in families]
         tied = comparison.confidence_set(kept, reference)
-    return Step(reference, tuple(candidates), tuple(tied))
+    return SelectionStep(reference, tuple(candidates), tuple(tied))
 
 
 def _located_after(search: Search, best: CandidateModel, located: PortEvidence) -> PortEvidence:

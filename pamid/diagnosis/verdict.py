@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
-from pamid.diagnosis.answer import Cause, features, forecast_interval, probability
+from pamid.diagnosis.answer import NamedCause, features, forecast_interval, probability
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, paired_ratio
 from pamid.diagnosis.family_forms import FreeForm
@@ -260,7 +260,7 @@ def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
     return tuple(_cause(c, part) for c, part in zip(causes, parts, strict=True))
 
 
-def _cause(c: Cause, share: float) -> result.Cause:
+def _cause(c: NamedCause, share: float) -> result.Cause:
     rig = c.model.assembly.rig
     return result.Cause(
         effect=c.effect.label,

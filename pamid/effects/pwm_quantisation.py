@@ -47,7 +47,7 @@ EIGHTHS = tuple(k / 8.0 for k in range(8))
 # steps tried: a twentieth of a step more per pulse each time, down to 2 %
 SCANNED_TICKS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
-WHOLE = 1e-6  # of a step: a pulse that begins with one is not taken for one of the step before
+WHOLE_STEP = 1e-6  # of a step: a pulse that begins with one is not taken for one of the step before
 
 
 def rounding_error(x: Expr) -> Expr:
@@ -160,7 +160,7 @@ class PwmQuantisation(Effect):
         turns = expression(at.time) / p.pulse_period + p.phase
         begun = (turns - floor(turns)) * p.pulse_period
         # the duty as it was held when the pulse began: whole steps ago
-        held_for = -floor(WHOLE - begun / at.step) * at.step
+        held_for = -floor(WHOLE_STEP - begun / at.step) * at.step
         latched = delay(duty, held_for, LONGEST_PULSE * at.rig_period_s)
         step_s, following = expression(at.step), duty / p.full
         late, at_once = (

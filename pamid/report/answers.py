@@ -53,7 +53,7 @@ _SETTLED = 0.95  # share of a port beside which nothing is left to be told apart
 
 
 @dataclass(frozen=True)
-class Answer:
+class AnswerText:
     """`lead` is the answer; `details` are sentences, `points` a list below them."""
 
     lead: str
@@ -61,19 +61,19 @@ class Answer:
     points: tuple[str, ...] = ()
 
 
-def where_answer(run: RunData) -> Answer:
+def where_answer(run: RunData) -> AnswerText:
     """Where the gap lies: port, what cannot be told from it and which sensor would, regimes, band,
     windows."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return Answer("Not asked yet.", (DIAGNOSE_HINT,))
+        return AnswerText("Not asked yet.", (DIAGNOSE_HINT,))
     if diagnosis.verdict == "no-structural-gap":
-        return Answer("Nowhere: no gap is left to place.")
+        return AnswerText("Nowhere: no gap is left to place.")
     if diagnosis.remark:
-        return Answer("These recordings do not tell.")
+        return AnswerText("These recordings do not tell.")
     where = diagnosis.where
     if where is None or not (where.port or where.ports):
-        return Answer("The diagnosis names no port.")
+        return AnswerText("The diagnosis names no port.")
     details = [_alike(where)]
     if where.frequency_hz:
         details.append(
@@ -92,7 +92,9 @@ def where_answer(run: RunData) -> Answer:
         details.append(
             f"It shows most in these windows of the recording: {', '.join(shown)}{more}."
         )
-    return Answer(_where_lead(diagnosis, where), tuple(details), tuple(map(_regime, where.regimes)))
+    return AnswerText(
+        _where_lead(diagnosis, where), tuple(details), tuple(map(_regime, where.regimes))
+    )
 
 
 def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
@@ -155,11 +157,11 @@ def _regime(one: Regime) -> str:
     return sentence(text)
 
 
-def which_answer(run: RunData) -> Answer:
+def which_answer(run: RunData) -> AnswerText:
     """Which effect causes it, what looks like it, and the runner-up."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return Answer("Not asked yet.", (DIAGNOSE_HINT,))
+        return AnswerText("Not asked yet.", (DIAGNOSE_HINT,))
     leads = {
         "explained": _explained,
         "partly-explained": _explained,
@@ -169,7 +171,7 @@ def which_answer(run: RunData) -> Answer:
         "cannot-tell": _cannot_tell,
     }
     lead, details = leads[diagnosis.verdict](diagnosis)
-    return Answer(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
+    return AnswerText(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
 
 
 def _confidence(diagnosis: DiagnosisFile) -> str:
@@ -282,19 +284,19 @@ def _beside(diagnosis: DiagnosisFile) -> list[str]:
     return details if len(diagnosis.ranking) > 1 else [*details, "No other candidate was refitted."]
 
 
-def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
+def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> AnswerText:
     """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of
     every channel."""
     row = headline(rows)
     if row is None:
-        return Answer("No channel was scored.")
+        return AnswerText("No channel was scored.")
     what, unit_text = channel_label(row.channel), channel_unit(row.channel)
     details = _limits(row, unit_text)
     points = (
         [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
     )
     lead = sentence(f"the held-out {what} error is {_steps(run, row, unit_text)}")
-    return Answer(lead, tuple(details), tuple(points))
+    return AnswerText(lead, tuple(details), tuple(points))
 
 
 def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
@@ -341,7 +343,7 @@ def _channel_point(row: ChannelErrors) -> str:
     )
 
 
-def left_answer(run: RunData) -> Answer | None:
+def left_answer(run: RunData) -> AnswerText | None:
     """What is left of the gap with the causes, or the gap where there is none: its size, whether it
     is more than noise and tolerances, where it enters, and what it looks like. None where there is
     nothing to say."""
@@ -370,18 +372,20 @@ def left_answer(run: RunData) -> Answer | None:
         details.append(
             sentence(f"a free form of the {effect_label(rest.family)} family would take it up")
         )
-    return Answer(lead, tuple(filter(None, details)))
+    return AnswerText(lead, tuple(filter(None, details)))
 
 
-def next_answer(run: RunData) -> Answer:
+def next_answer(run: RunData) -> AnswerText:
     """What to measure next, what it is expected to show, how long it takes and where its excitation
     is."""
     if run.diagnosis is None:
-        return Answer("Run the diagnosis on what is already recorded.", (_diagnose_command(run),))
+        return AnswerText(
+            "Run the diagnosis on what is already recorded.", (_diagnose_command(run),)
+        )
     experiment = run.diagnosis.next_experiment
     if experiment is None:
         none = "The diagnosis asks for no further experiment."
-        return Answer(formatting.clean(verdict_words.withheld(run.diagnosis)) or none)
+        return AnswerText(formatting.clean(verdict_words.withheld(run.diagnosis)) or none)
     separated = formatting.join(map(effect_label, experiment.separates))
     details = [
         sentence(reason_text(experiment)),
@@ -407,7 +411,7 @@ def next_answer(run: RunData) -> Answer:
         if len(runs) > 1
         else []
     )
-    return Answer(
+    return AnswerText(
         sentence(effect_label(experiment.name)), tuple(one for one in details if one), tuple(points)
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.answers import (
-    Answer,
+    AnswerText,
     how_far_answer,
     left_answer,
     next_answer,
@@ -159,7 +159,7 @@ def answer_sections(
 
 def _answer(
     question: str,
-    answer: Answer,
+    answer: AnswerText,
     above: Sequence[Block] = (),
     below: Sequence[Block] = (),
     *,

@@ -22,7 +22,7 @@ from pamid.simulators.mechanism import Actuator, Mechanism
 Array = NDArray[np.float64]
 
 SMALLER_BY = 0.8  # an amplitude from one run to the next
-LEAST_SHARE = 0.01  # of what was asked for: less excites nothing
+LEAST_SENT = 0.01  # of what was asked for: less excites nothing
 SMALL_BESIDE = 0.3  # of the largest factor: commands this small are not to blame alone
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
 
@@ -242,10 +242,10 @@ def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Troubl
     for i in guilty:
         courses[i].factor *= SMALLER_BY
         courses[i].note(trouble.text, trouble.at_s)
-    if any(courses[i].factor < LEAST_SHARE for i in guilty):
+    if any(courses[i].factor < LEAST_SENT for i in guilty):
         names = ", ".join(m.actuators[i].column for i in guilty)
         raise DataError(
-            f"{m.path}: nothing is left of {names}: even with {100 * LEAST_SHARE:g} % of the "
+            f"{m.path}: nothing is left of {names}: even with {100 * LEAST_SENT:g} % of the "
             f"signal {trouble.text}, at {trouble.at_s:.4g} s.",
             "Shorter --hold or --duration let a joint drift less; an --offset can hold it against "
             "gravity; a joint that has to be held is better sent positions than torques.",

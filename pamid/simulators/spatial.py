@@ -147,7 +147,7 @@ class Inertia(NamedTuple):
         return Inertia(self.mass, whole, second)
 
 
-NOTHING = Inertia(ZERO, NOUGHT, (ZERO,) * 6)
+MASSLESS = Inertia(ZERO, NOUGHT, (ZERO,) * 6)
 
 
 class Coriolis(NamedTuple):

@@ -18,7 +18,7 @@ from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint
 from pamid.simulators.spatial import (
     AT_REST,
     IDENTITY,
-    NOTHING,
+    MASSLESS,
     NOUGHT,
     UNMOVED,
     Inertia,
@@ -149,7 +149,7 @@ class Tree:
         """Of each link by itself."""
         found = []
         for bodies in self.bodies:
-            total = NOTHING
+            total = MASSLESS
             for one in bodies:
                 total = total + one.each.by(one.mass)
             found.append(total)
