@@ -1,6 +1,7 @@
 """What is a matter of writing changes no diagnosis: units of time, length and force, the unit of a
-column, the sign of a coordinate, the order of columns and recordings, where a recording is cut, how
-fast it is sampled, a column that says nothing, which states the model is written in.
+column, the sign of a coordinate, the order of columns and recordings, where a recording is cut,
+which part of it is held out, how fast it is sampled, a column that says nothing, which states the
+model is written in. The horizon of the comparison and its confidence sets are part of that.
 
 A sprung cart with dry friction of another form than the catalogue's (tests/support/one_cart.py) is
 diagnosed as it is and once more.
@@ -37,9 +38,11 @@ FEWER = 3000  # samples of the other benches
 SPECIMEN = {carts: {"mass": 1.6, "damping": 3.6}, tanks: {"fill": 0.33, "outlet": 0.14}}
 
 
-def diagnosed(recordings: list[Recording], written: Written = PLAIN) -> DiagnosisFile:
+def diagnosed(
+    recordings: list[Recording], written: Written = PLAIN, held_out: tuple[Recording, ...] = ()
+) -> DiagnosisFile:
     """As `pamid.diagnose` does it, checks included, without what to measure next."""
-    given = evidence_of(recordings, cart(written), warn=lambda _: None)
+    given = evidence_of(recordings, cart(written), held_out, warn=lambda _: None)
     catalogue = {name: effects()[name] for name in FEW}
     return diagnosis_file(diagnose(given.evidence, catalogue), None, 0)
 
@@ -71,33 +74,44 @@ def elsewhere(
     return diagnosis_file(diagnose(given.evidence, known), None, 0)
 
 
+def piece(k: int, of: int) -> Recording:
+    length = SAMPLES // of
+    return part(recorded(), k * length, (k + 1) * length, f"part-{k}")
+
+
 def half(k: int) -> Recording:
-    middle = SAMPLES // 2
-    return part(recorded(), k * middle, (k + 1) * middle, f"part-{k}")
+    return piece(k, 2)
 
 
 def require_alike(one: DiagnosisFile, other: DiagnosisFile, force: float = 1.0) -> None:
     """The same family at the same port, a level near what was planted (`force`: of the other's unit
-    in a newton), and a shrinkage that either interval holds: 95 % of what other windows would
-    show."""
+    in a newton), and shares of the error of which either forecast holds the other's."""
     for found, unit in ((one, 1.0), (other, force)):
         assert found.verdict == "explained", found.sentence
         (cause,) = found.causes
         assert (cause.family, cause.port, found.where.port) == ("friction", "guide", "guide")
         level = next(p.value for name, p in cause.parameters.items() if not name.startswith("give"))
         assert level == pytest.approx(unit * FRICTION, rel=NEAR)
-    ((a,), (b,)) = (tuple(found.how_far.values()) for found in (one, other))
-    assert a.low <= b.shrinkage <= a.high and b.low <= a.shrinkage <= b.high
+    a, b = one.forecast, other.forecast
+    assert a is not None and b is not None
+    assert a.low <= b.share <= a.high and b.low <= a.share <= b.high
 
 
-def require_same(one: DiagnosisFile, other: DiagnosisFile, force: float = 1.0) -> None:
+def require_same(one: DiagnosisFile, other: DiagnosisFile, written: Written = PLAIN) -> None:
     """Beyond that: every candidate as good, every port as likely, the same interval: nothing is
     drawn or dealt anew."""
-    require_alike(one, other, force)
-    require_same_figures(one, other)
+    require_alike(one, other, written.force)
+    require_same_figures(one, other, written.time)
 
 
-def require_same_figures(one: DiagnosisFile, other: DiagnosisFile) -> None:
+def require_same_figures(one: DiagnosisFile, other: DiagnosisFile, time: float = 1.0) -> None:
+    """time: of the other's unit in a second."""
+    assert one.horizon_s is not None and other.horizon_s is not None
+    assert other.horizon_s == pytest.approx(time * one.horizon_s)
+    assert [s.reference for s in one.comparison] == [s.reference for s in other.comparison]
+    for step, again in zip(one.comparison, other.comparison, strict=True):
+        assert [m.effect for m in step.tied] == [m.effect for m in again.tied]
+        assert step.reference_losses == pytest.approx(again.reference_losses, rel=SAME)
     a, b = ({c.effect: c.shrinkage for c in found.ranking} for found in (one, other))
     assert a == pytest.approx(b, abs=SAME)
     a, b = ({p.port: p.share for p in found.where.ports} for found in (one, other))
@@ -121,7 +135,7 @@ def require_same_figures(one: DiagnosisFile, other: DiagnosisFile) -> None:
 )
 def test_no_unit_and_no_sign_is_special(written: Written) -> None:
     other = diagnosed([recorded(written)], written)
-    require_same(plain(), other, written.force)
+    require_same(plain(), other, written)
 
 
 def test_a_column_that_says_nothing_changes_nothing() -> None:
@@ -134,6 +148,21 @@ def test_columns_and_recordings_come_in_any_order() -> None:
 
 def test_a_recording_cut_in_two_says_the_same() -> None:
     require_alike(plain(), in_two())
+
+
+def test_recordings_in_several_files_say_the_same() -> None:
+    """Each file begins in a state of its own, and three tenths of each are held out."""
+    require_alike(plain(), diagnosed([piece(k, 3) for k in range(3)]))
+
+
+def test_either_half_may_be_held_out() -> None:
+    one, other = (diagnosed([half(k)], held_out=(half(1 - k),)) for k in range(2))
+    for found in (one, other):
+        (cause,) = found.causes
+        assert (cause.family, cause.port) == ("friction", "guide"), found.sentence
+    assert [m.family for m in one.comparison[0].tied] == [
+        m.family for m in other.comparison[0].tied
+    ]
 
 
 def test_another_sampling_says_the_same() -> None:
@@ -184,7 +213,7 @@ def test_no_pace_is_special(
     one, other = (elsewhere(bench, effect, catalogue, unit) for unit in (1.0, time))
     for found in (one, other):
         assert [c.family for c in found.causes] == [family], found.sentence
-    require_same_figures(one, other)
+    require_same_figures(one, other, time)
 
 
 LATE_S = 0.1  # more than is first looked at where samples are 4 ms apart, less where they are 8
