@@ -42,5 +42,10 @@ class Guards:
 
     def ignores_inputs(self, model: CandidateModel) -> bool:
         """Whether a model explains no channel by its inputs, to which the outputs respond."""
-        search = self.search
-        return not explained_channels(search.budget, model, search.response, search.seed).any()
+        search, reason = self.search, "it predicts no better with the recorded inputs than without"
+        if reason in self.objections(model):
+            return True
+        ignores = not explained_channels(search.budget, model, search.response, search.seed).any()
+        if ignores:
+            self._objections[model] = (*self.objections(model), reason)
+        return ignores

@@ -110,13 +110,13 @@ def compared(
         for c in comparison.ordered(models)
         if comparison.is_material(c, reference) and not guards.objections(c)
     ]
-    tied = comparison.confidence_set(candidates, reference)
-    idle = [c for c in tied if guards.ignores_inputs(c)]
-    if idle:  # costs a few runs, so that only those are tried that would be named
-        families = {families_of(c) for c in idle}
-        kept = [c for c in candidates if families_of(c) not in families]
-        tied = comparison.confidence_set(kept, reference)
-    return SelectionStep(reference, tuple(candidates), tuple(tied))
+    while True:
+        tied = comparison.confidence_set(candidates, reference)
+        # costs a few runs, so that only those are tried that would be named
+        idle = {families_of(c) for c in tied if guards.ignores_inputs(c)}
+        if not idle:
+            return SelectionStep(reference, tuple(candidates), tuple(tied))
+        candidates = [c for c in candidates if families_of(c) not in idle]
 
 
 def _located_after(search: Search, best: CandidateModel, located: PortEvidence) -> PortEvidence:
