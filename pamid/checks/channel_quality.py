@@ -368,15 +368,14 @@ def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
 
 
 def surrounded(s: CheckedSignal, start: int, stop: int) -> bool:
-    """Does the usual noise show right before and right behind a stretch? Where the channel rests or
-    turns, it mostly stops gradually or has none on either side. A side beyond the recording is not
-    looked at."""
+    """Does the usual noise show right before and right behind a stretch within the recording? Where
+    the channel rests or turns, there is less of it on one side at least."""
     before, behind = s.values[max(0, start - AROUND) : start], s.values[stop : stop + AROUND]
-    sides = [side for side in (before, behind) if side.size >= AROUND]
     # second differences: their median in white noise of deviation sigma is 0.6745 sqrt(6) sigma
     usual = 0.6745 * math.sqrt(6.0) * s.noise
-    return bool(sides) and all(
-        float(np.median(np.abs(np.diff(side, n=2)))) > NOISE_AROUND * usual for side in sides
+    return all(
+        side.size == AROUND and float(np.median(np.abs(np.diff(side, n=2)))) > NOISE_AROUND * usual
+        for side in (before, behind)
     )
 
 

@@ -6,16 +6,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+import pamid
+from pamid.checks.conformance import rig_findings
 from pamid.model.assembly import Assembly
-from pamid.model.background import BEYOND_SIZE, HALF_WARM, RoughMap, SmoothGain, pull_of
+from pamid.model.background import (
+    BEYOND_SIZE,
+    HALF_WARM,
+    RoughMap,
+    SmoothGain,
+    SplitGain,
+    pull_of,
+)
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.port_guide import tolerance_words
 from pamid.model.registry import catalogue_rig, rigs
 from pamid.model.rig import Port, Rig, check_rig
+from pamid.recording.recording import Recording, recording_of
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import free_run
-from pamid.symbolic.vocabulary import Number
+from pamid.symbolic.vocabulary import Number, rate_of
+
+Array = NDArray[np.float64]
 
 
 def warming(warming_s: float | None, period_s: float) -> Assembly:
@@ -138,6 +152,7 @@ def test_what_check_proposes_for_a_rig_without_tolerances_can_be_pasted(name: st
     check_rig(Bare(), "bare.py")
     plain, rough = Assembly(Bare()), Assembly(Bare(), background=True)
     assert len(rough.parameters) >= len(plain.parameters) + 10 * len(stated["background"])
+    assert rough.traced.passages  # every signal of the maps is offered
 
 
 class Stage(Rig):
@@ -167,6 +182,8 @@ def test_a_map_of_a_balance_is_proposed_of_what_drives() -> None:
     (said,) = tolerance_words(Stage())
     assert "offer at port carriage, which passes a balance," in said
     assert 'RoughMap("carriage_map", "position", of="load", tolerance=0.02)' in said
+    assert "background =" not in said  # as the rig is, it would be refused
+    assert "dry friction" in said  # what such a map can take up
 
     class Whole(Stage):
         background = {"carriage": RoughMap("map", "position", tolerance=0.02)}
@@ -185,3 +202,81 @@ def test_a_map_of_a_balance_is_proposed_of_what_drives() -> None:
     (said,) = tolerance_words(Pushed())
     assert "balance" not in said and "load" not in said
     assert tolerance_words(PushedAndStated()) == []
+
+
+def test_a_map_of_a_signal_that_is_not_offered_is_found_by_check() -> None:
+    """Every fit would refuse it."""
+
+    class Loaded(Stage):
+        background = {"carriage": RoughMap("map", "position", of="load", tolerance=0.02)}
+
+    wrong = [f for f in rig_findings(Loaded()) if f.wrong]
+    assert [f.check for f in wrong] == ["background"] and "'load'" in wrong[0].detail
+    time = 0.01 * np.arange(400)
+    made = recording_of(time, {"current_a": np.sin(time), "position_m": np.cos(time)})
+    assert "wrong  background" in pamid.check(made, rig=Loaded()).summary()
+    assert not [f for f in rig_findings(Stage()) if f.wrong]
+
+
+class Seal(Rig):
+    """A seal whose rod is moved, with a pressure behind it."""
+
+    inputs = {"position_mm": "m", "pressure_kpa": "Pa"}
+    outputs = {"force_n": "N"}
+    ports = {"rod": Port("motion", "N", {"velocity": "m/s", "load": "N"})}
+    states = ()
+    parameters = (
+        Parameter("damping_n_s_per_m", 900.0, 0.0, 1e4, source="data sheet"),
+        Parameter("area_m2", 1e-5, 0.0, 1e-3, source="data sheet"),
+    )
+    background: Any = {
+        "rod": (
+            RoughMap("over_load", "load", of="load", tolerance=0.02),
+            RoughMap("over_value", tolerance=0.02),
+            SplitGain("ways", tolerance=0.02),
+        )
+    }
+    period_s = 0.01
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        speed, load = rate_of(u.position_mm), p.area_m2 * u.pressure_kpa
+        along = port("rod", -p.damping_n_s_per_m * speed - load, velocity=speed, load=load)
+        return {"force_n": -along}
+
+
+def pressed(pressure: Array) -> Recording:
+    """The seal moved to and fro at this pressure."""
+    time = 0.01 * np.arange(pressure.size)
+    way = 10.0 * np.sin(2.0 * time)
+    force = 18.0 * np.cos(2.0 * time) + 1e-2 * pressure
+    force = force + 0.1 * np.random.default_rng(3).standard_normal(time.size)
+    columns = {"position_mm": way, "pressure_kpa": pressure, "force_n": force}
+    return recording_of(time, columns)
+
+
+LEVELS = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize(
+    ("pressure", "values"),
+    [
+        (np.zeros(900), 1),
+        (np.full(900, 200.0) + 0.5 * LEVELS.standard_normal(900), 1),
+        (np.repeat(LEVELS.choice([0.0, 100.0, 250.0], 30), 30), 3),
+        (np.repeat(LEVELS.choice([0.0, 100.0, 250.0, 300.0, 400.0], 30), 30), None),
+        (200.0 + 100.0 * np.sin(0.05 * np.arange(900)), None),
+        (1000.0 + 100.0 * np.sin(0.05 * np.arange(900)), None),
+    ],
+    ids=["zero", "held, with noise", "three levels", "five levels", "sine", "far from zero"],
+)
+def test_a_curve_over_a_few_values_is_left_out(pressure: Array, values: int | None) -> None:
+    """It would bend freely between them; curves over what moves, and plain gains, stay."""
+    recording = pressed(pressure)
+    split = split_recordings(Seal(), [recording], [])
+    left = [] if values is None else [("rod", "over_load", "load", values)]
+    assert [(t.port, t.name, t.signal, t.values) for t in split.left_out] == left
+    names = [term.name for term in split.rig.background["rod"]]
+    assert names == ["over_load"][len(left) :] + ["over_value", "ways"]
+    assert len(Seal().background["rod"]) == 3  # the rig itself is as it was
+    said = pamid.check(recording, rig=Seal()).summary()
+    assert ("over_load at port rod is left out" in said) == bool(left)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.noise import (
+    hold_error,
     noise_level,
     plateau_spacing,
     plateaus,
@@ -157,6 +158,99 @@ def test_what_the_rig_states_is_the_least_where_neither_noise_nor_steps_show() -
     rig = rig_named("one-dof")
     assert stated_noise(rig, ("angle_deg", "force_1_n")) == pytest.approx([np.radians(0.05), 3.0])
     assert not stated_noise(rig_named(CART), ("position_m",)).any()
+
+
+def clinging(values: Array, step: float, seed: int) -> Array:
+    """A gauge that stands until the quantity is half a step to one and a half steps away."""
+    random, shown, reading = np.random.default_rng(seed), values[0], np.empty_like(values)
+    reach = step
+    for k, value in enumerate(values):
+        if abs(value - shown) > reach:
+            shown, reach = value, step * random.uniform(0.5, 1.5)
+        reading[k] = shown
+    return reading
+
+
+@pytest.mark.parametrize("step", [0.2, 0.3, 0.6])
+@pytest.mark.parametrize("averaged", [1, 6])
+def test_a_gauge_that_clings_lags_by_as_much_as_it_leaps(step: float, averaged: int) -> None:
+    """A tank drains; the logger averages so many readings."""
+    level = 22.5 * (1.0 - 0.9 * np.linspace(0.0, 1.0, 840 * averaged)) ** 2
+    reading, true = (
+        x.reshape(-1, averaged).mean(axis=1) for x in (clinging(level, step, 3), level)
+    )
+    off = float(np.sqrt(np.mean((reading - true) ** 2)))
+    noise = sensor_noise([reading[:, None]], np.zeros(1))
+    assert noise.used[0] == pytest.approx(off, rel=0.25)
+    assert not noise.contradicts[0]
+    # whoever states the error of the gauge is believed
+    assert sensor_noise([reading[:, None]], np.array([2.0 * off])).used[0] == 2.0 * off
+
+
+def test_a_machine_at_rest_does_not_cling() -> None:
+    """Position of a machine that goes from level to level as it is sent, without noise."""
+    sent = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 60), 50)
+    position = np.round(sent + 1e-4 * np.sin(np.arange(sent.size)) * (sent > 0.5), 7)
+    assert hold_error(position) > 0.1
+    assert hold_error(position, sent[:, None]) == 0.0
+    moving = np.sin(0.01 * np.arange(sent.size))
+    assert hold_error(position, np.stack([sent, moving], axis=1)) > 0.1
+    assert hold_error(position, np.zeros((sent.size, 1))) == hold_error(position)
+
+
+def test_repeated_readings_leave_the_stated_noise() -> None:
+    """A camera whose frames come more slowly than the log: differences from sample to sample tell
+    nothing of the error of a reading, and the stated one is used, on every part of the log."""
+    time, random = 0.025 * np.arange(600), np.random.default_rng(2)
+    frames = np.floor(time / 0.033)
+    angle = (
+        20.0 * np.sin(1.1 * 0.033 * frames)
+        + 0.02 * random.standard_normal(frames.size)[frames.astype(int)]
+    )
+    assert 0.1 < np.mean(np.diff(angle) == 0.0) < 0.5
+    for stop in (600, 400, 360, 300):
+        noise = sensor_noise([angle[:stop, None]], np.array([0.5]), [time[:stop, None]])
+        assert noise.used[0] == 0.5 and not noise.contradicts[0]
+
+
+def test_a_stated_noise_that_the_samples_contradict_is_told() -> None:
+    white = MOTIONS["slow"] + 0.2 * np.random.default_rng(8).standard_normal(SAMPLES)
+    for stated, contradicted in ((0.05, True), (0.15, False), (0.3, False), (1.0, True)):
+        noise = sensor_noise([white[:, None]], np.array([stated]))
+        assert noise.used[0] == pytest.approx(0.2, rel=0.1)
+        assert noise.contradicts[0] == contradicted
+
+
+@pytest.mark.parametrize("share", [0.2, 0.45, 0.7])
+def test_a_channel_at_its_limit_shows_the_noise_it_has_elsewhere(share: float) -> None:
+    """Clipped again and again, and at rest where the sensor was switched off."""
+    y = MOTIONS["slow"] + 0.05 * np.random.default_rng(3).standard_normal(SAMPLES)
+    clipped = np.minimum(y, np.quantile(y, 1.0 - share))
+    assert noise_level(clipped[:, None])[0] == pytest.approx(0.05, rel=0.1)
+    off = np.where(np.arange(SAMPLES) < share * SAMPLES, 0.0, y)
+    assert noise_level(off[:, None])[0] == pytest.approx(0.05, rel=0.1)
+
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of real machines are not here")
+@pytest.mark.parametrize(
+    ("folder", "channel", "least", "most"),
+    [
+        # a gauge in steps of 3 mm: 0.9 mm if it rounds, 1.7 mm if it clings
+        ("tank_drain", "level_cm", 0.9e-3, 1.8e-3),
+        # a camera with a stated error of 0.5 deg
+        ("tendon", "angle_deg", np.radians(0.499), np.radians(0.501)),
+    ],
+)
+def test_floors_of_real_gauges(folder: str, channel: str, least: float, most: float) -> None:
+    rig = rig_named(str(REAL / folder / "rig.py"))
+    for path in sorted((REAL / folder).glob("*.csv")):
+        whole = read_recording(path)
+        for stop in (len(whole), round(0.6 * len(whole))):
+            (noise,) = split_recordings(rig, [whole.slice(0, stop)], []).noise
+            assert least < noise < most, channel
 
 
 def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:

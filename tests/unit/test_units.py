@@ -14,6 +14,7 @@ from pamid.base.units import (
     compatible,
     display_unit,
     divided_name,
+    duration_text,
     from_si,
     is_unit,
     quantity_of,
@@ -247,3 +248,20 @@ def test_a_slip_is_answered_with_the_nearest_unit() -> None:
     with pytest.raises(FileError) as caught:
         unit("kpa")
     assert "kPa" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (160.0, "160 s"),
+        (172.4, "172 s"),
+        (1.0, "1 s"),
+        (0.0032, "3.2 ms"),
+        (-0.24, "-240 ms"),
+        (4e-5, "40 us"),
+        (0.0, "0 s"),
+        (86400.0, "24 h"),
+    ],
+)
+def test_a_duration_has_the_unit_that_fits_it(seconds: float, said: str) -> None:
+    assert duration_text(seconds) == said
