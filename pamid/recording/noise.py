@@ -48,8 +48,8 @@ FEW_MOVING = 80  # samples: fewer show no noise by their differences
 REPEATING = 0.1
 # leaps after a hold from which a lag is measured, and share of the samples that they have to span
 FEW_LEAPS, LAGGING = 20, 0.1
-DRIVEN = 0.5  # of a hold: the inputs have to move for so long before a rest counts as clinging
-CONTRADICTED = 2.0  # ratio of observed and stated noise beyond which they contradict each other
+DRIVEN_HOLD = 0.5  # of a hold: the inputs have to move for so long before a rest counts as clinging
+OTHER_NOISE = 2.0  # ratio of observed and stated noise beyond which they contradict each other
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
 # of the noise: a model that is off by less is not told from one that is exact. Noise that is read
 # from a recording may be several times too large, but not a hundred times.
@@ -204,7 +204,7 @@ class SensorNoise:
     def contradicts(self) -> NDArray[np.bool_]:
         """Where the noise used is far from the stated one, because the samples show another."""
         ratio = self.used / np.where(self.stated > 0.0, self.stated, self.used)
-        return np.asarray((ratio > CONTRADICTED) | (ratio < 1.0 / CONTRADICTED))
+        return np.asarray((ratio > OTHER_NOISE) | (ratio < 1.0 / OTHER_NOISE))
 
 
 def sensor_noise(
@@ -264,7 +264,7 @@ def hold_error(values: Array, inputs: Array | None = None) -> float:
     if inputs is not None and inputs.size and np.ptp(inputs, axis=0).any():
         moves = np.concatenate([[0], np.cumsum((np.diff(inputs, axis=0) != 0.0).any(axis=1))])
         during = moves[start + length - 1] - moves[start]
-        counts &= (during >= DRIVEN * (length - 1))[:-1]
+        counts &= (during >= DRIVEN_HOLD * (length - 1))[:-1]
     if counts.sum() < FEW_LEAPS or way[counts].sum() < LAGGING * values.size:
         return 0.0
     return float(LAG * np.sqrt(way[counts] @ leap[counts] ** 2 / way[counts].sum()))

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 FEW_VALUES = 3
 BINS = 20  # of the range, as fine as a rough map of ten waves
 RESTING = 0.02  # of the size of a quantity: a smaller range is one value
-RARE = 0.005  # of the samples: values on the way from one level to the next
+IN_PASSING = 0.005  # of the samples: values on the way from one level to the next
 
 
 @dataclass(frozen=True)
@@ -153,5 +153,5 @@ def _value_count(values: Array) -> int:
     counts = []
     for shift in (0.0, 0.5):  # a level must not lie on an edge both times
         _, often = np.unique(np.floor((values - low) / width + shift), return_counts=True)
-        counts.append(int((often > RARE * values.size).sum()))
+        counts.append(int((often > IN_PASSING * values.size).sum()))
     return min(counts)
