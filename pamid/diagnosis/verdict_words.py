@@ -171,8 +171,8 @@ def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
             f"{_named(other, spelling)}{share}{_chance_of(other)}."
         )
     names = _joined((spelling.effect(c.effect) for c in found.causes), "and")
-    share = found.causes[0].removes
-    size = f" Each removes about {percent_text(share.share)} of the gap." if share else ""
+    removes = found.causes[0].removes
+    size = f" Each removes about {percent_text(removes.share)} of the gap." if removes else ""
     return f"On these recordings {names} predict the same and cannot be separated.{size}"
 
 
