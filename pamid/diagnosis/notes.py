@@ -130,12 +130,8 @@ def _fits(d: Diagnosis) -> list[str]:
             f"The refit of the model itself did not converge ({base.why}): what it leaves may be "
             "less than is said."
         )
-    if d.budget.shrinkage(d.budget.data_sheet) > d.settings.floor_margin:
-        found.append(
-            "Refitted, the model predicts what was held out worse than with its data sheet "
-            f"({d.budget.error_text()}): its parameters were bent to what none of them does, and "
-            "effects were sought beside these."
-        )
+    if d.budget.model.remark:
+        found.append(d.budget.model.remark)
     if d.cause is not None and not d.cause.fit.converged:
         found.append(f"The fit with the cause did not converge ({d.cause.fit.why}).")
     return found

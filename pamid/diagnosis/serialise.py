@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.engine.program import Stepping
+from pamid.estimation.baseline_repair import rig_without
 from pamid.estimation.grey_box import GreyBox, model_with
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import Weights
@@ -56,10 +57,19 @@ def grey_box_plain(g: GreyBox) -> Plain:
         "data_sheet": [_replay_plain(r) for r in g.data_sheet],
         "floor": [{**_replay_plain(r), "measured": r.full_track.y} for r in g.floor],
         "sizes": [[port, signal, size] for (port, signal), size in g.assembly.sizes.items()],
+        "background": list(g.assembly.background_terms),
+        "remark": g.remark,
     }
 
 
 def grey_box_restored(evidence: DataSplit, found: Plain) -> GreyBox:
+    dropped = [
+        term
+        for owner, term in model_with(evidence, (), {}).background_terms.items()
+        if owner not in found["background"]
+    ]
+    for term in dropped:
+        evidence = replace(evidence, rig=rig_without(evidence.rig, term))
     assembly = model_with(
         evidence, (), {(port, signal): size for port, signal, size in found["sizes"]}
     )
@@ -76,6 +86,7 @@ def grey_box_restored(evidence: DataSplit, found: Plain) -> GreyBox:
         replays,
         sheet,
         floor,
+        remark=found["remark"],
     )
 
 

@@ -9,6 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, Settled, silent
+from pamid.estimation.baseline_repair import (
+    WORSE,
+    Refit,
+    fit_held,
+    mended,
+    relative_error,
+    without_harmful_background,
+)
 from pamid.estimation.intervals import bootstrap, estimates
 from pamid.estimation.multiple_shooting import ITERATIONS
 from pamid.estimation.observed_sizes import observed_sizes
@@ -39,7 +47,8 @@ SETTLING = 0.75
 @dataclass(frozen=True, eq=False)
 class GreyBox:
     """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in
-    noise sd."""
+    noise sd; remark: what was done to a refit that predicts held-out data worse than the data
+    sheet, sentences. The evidence holds the rig that was fitted, less what was dropped."""
 
     evidence: DataSplit
     assembly: Assembly
@@ -50,6 +59,7 @@ class GreyBox:
     floor: tuple[Replay, ...]
     draws: Array | None = None
     earlier: EarlierPosterior | None = None
+    remark: str = ""
 
 
 def model_with(evidence: DataSplit, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
@@ -110,16 +120,20 @@ def fit_model(
             evidence.noise,
         )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
-    progress("noise floor")
-    floor = tuple(
-        noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
-        for i, r in enumerate(replays)
-    )
     alone = replace(assembly, attachments=())  # the data sheet knows of no effect
     sheet = tuple(
         replay_track(alone, alone.data_sheet(), t, fitted.stepping, evidence.noise)
         for t in evidence.tracks(alone, held_out=True)
     )
+    refit = Refit(evidence, assembly, fitted, replays)
+    if earlier is None:
+        refit = mended(without_harmful_background(refit), sheet, seed)
+    if refit.fit is not fitted:
+        evidence, assembly, fitted = refit.evidence, refit.assembly, refit.fit
+        held = evidence.tracks(assembly, held_out=True)
+        replays, change = rechecked(assembly, fitted, held, evidence.noise)
+    progress("noise floor")
+    floor = _floor(assembly, fitted, replays, evidence.noise, seed)
     if draws:
         progress(Settled(f"fitted, intervals follow: {_values_text(fitted)}"))
     return GreyBox(
@@ -134,6 +148,34 @@ def fit_model(
         if draws
         else None,
         earlier,
+        refit.remark,
+    )
+
+
+def better_of_sheet(model: GreyBox, seed: int = 0) -> GreyBox:
+    """Return the model, or its data sheet where this predicts what was held out better than the
+    refit and every attempt to mend it. Its parameters stay free for what is fitted after it."""
+    if not model.fit.residuals or relative_error(model.held_out, model.data_sheet) <= WORSE:
+        return model
+    held = Refit.of(model.evidence, model.assembly, fit_held(model.fit, model.fit.problem.free))
+    if not relative_error(held.held_out, model.held_out) < 1.0:
+        return model
+    remark = "The data sheet predicts what was held out better than any refit: it is the baseline."
+    return replace(
+        model,
+        fit=held.fit,
+        held_out=held.held_out,
+        floor=_floor(model.assembly, held.fit, held.held_out, model.evidence.noise, seed),
+        remark=f"{model.remark} {remark}".strip(),
+    )
+
+
+def _floor(
+    assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...], noise: Array, seed: int
+) -> tuple[Replay, ...]:
+    return tuple(
+        noise_floor(assembly, fitted.p, r, fitted.stepping, noise, seed + i)
+        for i, r in enumerate(replays)
     )
 
 

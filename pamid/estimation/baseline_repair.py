@@ -1,0 +1,199 @@
+"""Refits that predict held-out recordings worse than the data sheet, and what mends them.
+
+A model that lacks something bends its parameters, or the tolerance-sized terms of its background,
+to what none of them does. Where the refit predicts unseen recordings worse than the data sheet, it
+is tried anew from starts drawn from the priors, then with those parameters alone that the
+recordings determine, the others at the data sheet. Background terms that stand off and make the
+prediction worse are dropped.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import seen_mean
+from pamid.estimation.intervals import background_pull
+from pamid.estimation.multiple_shooting import ITERATIONS, fit
+from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.restart import fit_from_draws
+from pamid.estimation.robust_fit import fit_robustly
+from pamid.model.assembly import Assembly
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.replay import Replay, replay_track
+
+Array = NDArray[np.float64]
+
+# times the held-out error of the data sheet, or of the model without a background term: below it
+# the two differ by chance
+WORSE = 1.1
+# posterior over prior standard deviation of a parameter that the recordings determine
+DETERMINED = 0.5
+# tolerances: a background term that stands nearer cannot do harm
+LEAST_PULL = 0.3
+TRIAL_STEPS = 3  # of a refit without one term, which begins where that with it has ended
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A fitted model with its held-out replays. remark: what mended it, a sentence."""
+
+    evidence: DataSplit
+    assembly: Assembly
+    fit: Fit
+    held_out: tuple[Replay, ...]
+    remark: str = ""
+
+    @classmethod
+    def of(cls, evidence: DataSplit, assembly: Assembly, fitted: Fit, remark: str = "") -> Refit:
+        """A fit, replayed over what is held out; over nothing where it has failed."""
+        tracks = evidence.tracks(assembly, held_out=True) if fitted.residuals else ()
+        replays = tuple(
+            replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks
+        )
+        return cls(evidence, assembly, fitted, replays, remark)
+
+
+def relative_error(replays: Sequence[Replay], reference: Sequence[Replay]) -> float:
+    """Held-out error over that of another model, mean over the channels; infinite where the first
+    does not stay finite."""
+    if not replays or not all(r.finite for r in replays):
+        return np.inf
+    if not all(r.finite for r in reference):
+        return 0.0
+    own, other = (
+        seen_mean(np.concatenate([r.losses(1) for r in several]))
+        for several in (replays, reference)
+    )
+    return float(np.nanmean(own / other))
+
+
+def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
+    """Return the refit, or the best attempt to mend one that predicts worse than the data sheet.
+
+    Parameters
+    ----------
+    refit
+        The fitted model.
+    sheet
+        Held-out replays of the data sheet.
+    seed
+        Of the starts drawn from the priors.
+    """
+    if not refit.fit.residuals or relative_error(refit.held_out, sheet) <= WORSE:
+        return refit
+    best = refit
+    for attempt in (_from_draws, _with_held):
+        tried = attempt(refit, seed)
+        if tried is not None and relative_error(best.held_out, tried.held_out) > WORSE:
+            best = replace(tried, remark=f"{refit.remark} {tried.remark}".strip())
+        if relative_error(best.held_out, sheet) <= WORSE:
+            break
+    return best
+
+
+def _from_draws(refit: Refit, seed: int) -> Refit | None:
+    drawn = fit_from_draws(refit.fit, refit.evidence.noise, seed)
+    remark = "The refit began at values drawn from the priors."
+    return None if drawn is refit.fit else Refit.of(refit.evidence, refit.assembly, drawn, remark)
+
+
+def _with_held(refit: Refit, _: int) -> Refit | None:
+    loose = undetermined_parameters(refit.fit)
+    names = ", ".join(refit.assembly.parameters[i].full_name for i in loose)
+    remark = f"The recordings do not determine {names}: held at the data sheet."
+    held = fit_held(refit.fit, loose) if loose else refit.fit
+    return Refit.of(refit.evidence, refit.assembly, held, remark) if loose else None
+
+
+def undetermined_parameters(fitted: Fit) -> list[int]:
+    """Places of the rig's fitted parameters of which the recordings say little beyond the prior."""
+    free = fitted.problem.free
+    if not fitted.residuals or not free:
+        return []
+    left = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
+    parameters = fitted.problem.assembly.parameters
+    return [
+        i
+        for i, share in zip(free, left, strict=True)
+        if not parameters[i].owner and not share < DETERMINED
+    ]
+
+
+def fit_held(fitted: Fit, places: Iterable[int]) -> Fit:
+    """The fit of the same problem with these free parameters held at the data sheet."""
+    problem, held = fitted.problem, frozenset(places)
+    few = replace(problem, free=tuple(i for i in problem.free if i not in held))
+    found = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
+    if not found.residuals:
+        return found
+    whole = fit(
+        problem,
+        p=found.p,
+        starts=found.starts,
+        weights=found.weights,
+        stepping=found.stepping,
+        continuity=found.continuity,
+        iterations=0,
+    )
+    return replace(whole, converged=found.converged, why=found.why)
+
+
+# ---- background ----------------------------------------------------------------------------------
+
+
+def without_harmful_background(refit: Refit) -> Refit:
+    """Return the refit without those background terms that make its held-out prediction worse."""
+    best, remark = refit, ""
+    if not refit.fit.residuals:
+        return refit
+    for name, pull in background_pull(refit.fit).items():
+        if not abs(pull) > LEAST_PULL or f"background.{name}" not in best.assembly.background_terms:
+            continue
+        term = best.assembly.background_terms[f"background.{name}"]
+        tried = _without(best, term, TRIAL_STEPS)
+        if relative_error(best.held_out, tried.held_out) > WORSE:
+            best = _without(best, term, ITERATIONS)
+            remark += f"Background {name} made the prediction of held-out data worse: dropped. "
+    return replace(best, remark=remark.rstrip())
+
+
+def _without(refit: Refit, term: Effect, iterations: int) -> Refit:
+    """The model without a background term, at all places of its port, refitted from where it is."""
+    evidence = replace(refit.evidence, rig=rig_without(refit.evidence.rig, term))
+    before = refit.assembly
+    assembly = replace(before, rig=evidence.rig).for_fitting()
+    tracks = evidence.tracks(assembly)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    p = assembly.values()
+    for key, place in assembly.keys.items():
+        p[place] = refit.fit.p[before.keys[key]]
+    fitted = fit(
+        problem,
+        p=p,
+        starts=refit.fit.starts,
+        weights=refit.fit.weights,
+        stepping=refit.fit.stepping,
+        continuity=refit.fit.continuity,
+        iterations=iterations,
+    )
+    return Refit.of(evidence, assembly, fitted)
+
+
+def rig_without(rig: Rig, term: Effect) -> Rig:
+    """A copy of the rig without this background term."""
+    background = {}
+    for port, terms in rig.background.items():
+        several = terms if isinstance(terms, tuple) else (terms,)
+        left = tuple(t for t in several if t is not term)
+        if left:
+            background[port] = left
+    changed = copy.copy(rig)
+    vars(changed)["background"] = background
+    return changed

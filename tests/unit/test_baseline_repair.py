@@ -1,0 +1,149 @@
+"""A refit that predicts worse than the data sheet is mended, or the data sheet is the baseline."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from small_cart import RIG, record_cart
+
+from pamid.diagnosis import misfit_beyond_range
+from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
+from pamid.estimation.baseline_repair import (
+    WORSE,
+    Refit,
+    fit_held,
+    mended,
+    relative_error,
+    undetermined_parameters,
+    without_harmful_background,
+)
+from pamid.estimation.grey_box import GreyBox, better_of_sheet, fit_model
+from pamid.estimation.multiple_shooting import fit
+from pamid.model.background import Gain
+from pamid.model.parameter import Parameter
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording
+from pamid.simulation.data_split import split_recordings
+
+BACKGROUND = "background.push_gain:"
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> GreyBox:
+    """A cart, fitted with a tolerance of its amplifier and a parameter that does nothing."""
+    rig = rig_named(RIG)
+    rig.parameters = (
+        *rig.parameters,
+        Parameter("colour", 2.0, 0.0, 4.0, spread=0.5, source="catalogue"),
+    )
+    port = next(name for name, port in rig.ports.items() if port.kind == "motion")
+    rig.background = {port: Gain("push_gain", tolerance=0.02)}
+    path = record_cart(tmp_path_factory.mktemp("cart"), ())
+    return fit_model(split_recordings(rig, [read_recording(path)], []))
+
+
+def moved(model: GreyBox, **values: float) -> Refit:
+    """The model with other parameters, its windows begun anew."""
+    p = model.fit.p.copy()
+    for key, value in values.items():
+        p[model.assembly.index_of(key.replace("__", BACKGROUND))] = value
+    at = fit(model.fit.problem, p=p, weights=model.fit.weights, iterations=0)
+    return Refit.of(model.evidence, model.assembly, at)
+
+
+def test_a_good_refit_is_left_alone(healthy: GreyBox) -> None:
+    refit = Refit(healthy.evidence, healthy.assembly, healthy.fit, healthy.held_out)
+    assert mended(refit, healthy.data_sheet, 0) is refit
+    assert without_harmful_background(refit).fit is healthy.fit
+    assert better_of_sheet(healthy) is healthy and healthy.remark == ""
+
+
+def test_a_refit_in_a_wrong_place_is_fitted_from_other_starts(healthy: GreyBox) -> None:
+    bad = moved(healthy, mass_kg=4.0)
+    assert relative_error(bad.held_out, healthy.data_sheet) > WORSE
+    good = mended(bad, healthy.data_sheet, 0)
+    place = healthy.assembly.index_of("mass_kg")
+    assert good.fit.p[place] == pytest.approx(1.2, rel=0.05)
+    assert "drawn from the priors" in good.remark
+
+
+def test_what_the_data_do_not_determine_is_held(healthy: GreyBox) -> None:
+    place = healthy.assembly.index_of("colour")
+    assert undetermined_parameters(healthy.fit) == [place]
+    held = fit_held(moved(healthy, colour=3.0).fit, [place])
+    assert held.p[place] == 2.0
+    assert held.p[healthy.assembly.index_of("mass_kg")] == pytest.approx(1.2, rel=0.05)
+    assert held.problem.free == healthy.fit.problem.free
+
+
+def test_the_data_sheet_is_the_baseline_where_nothing_mends_the_refit(healthy: GreyBox) -> None:
+    bad = moved(healthy, mass_kg=4.0)
+    model = better_of_sheet(replace(healthy, fit=bad.fit, held_out=bad.held_out))
+    assert model.fit.p[model.assembly.index_of("mass_kg")] == 1.0
+    assert relative_error(model.held_out, model.data_sheet) == pytest.approx(1.0, abs=0.05)
+    assert model.fit.problem.free == healthy.fit.problem.free
+    assert "data sheet" in model.remark
+
+
+def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
+    key = next(k for k in healthy.assembly.keys if k.startswith("background."))
+    p = healthy.fit.p.copy()
+    p[healthy.assembly.keys[key]] = healthy.assembly.parameters[healthy.assembly.keys[key]].high
+    at = fit(healthy.fit.problem, p=p, weights=healthy.fit.weights, iterations=0)
+    bad = Refit.of(healthy.evidence, healthy.assembly, at)
+    good = without_harmful_background(bad)
+    assert not good.assembly.background_terms and not good.evidence.rig.background
+    assert healthy.evidence.rig.background  # the rig itself keeps it
+    assert relative_error(good.held_out, bad.held_out) < 1.0 / WORSE
+    assert (
+        good.remark == "Background push_gain made the prediction of held-out data worse: dropped."
+    )
+    dropped = replace(
+        healthy,
+        evidence=good.evidence,
+        assembly=good.assembly,
+        fit=good.fit,
+        held_out=good.held_out,
+        remark=good.remark,
+    )
+    restored = grey_box_restored(healthy.evidence, grey_box_plain(dropped))
+    assert restored.assembly.keys == good.assembly.keys and restored.remark == good.remark
+    np.testing.assert_array_equal(restored.fit.p, good.fit.p)
+
+
+def test_a_parameter_that_a_refit_takes_to_nothing_is_no_slip(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slip = SimpleNamespace(kind="parameter", name="drag", factor=10.0, words="")
+    ended: dict[str, float] = {}
+    base: Any = SimpleNamespace(
+        fit=SimpleNamespace(problem=SimpleNamespace(tracks=())),
+        replays=[SimpleNamespace(track=SimpleNamespace(y=np.array([[0.0], [1.0]])))],
+        squares=np.array([[100.0]]),
+    )
+    evidence: Any = SimpleNamespace(
+        channels=("x",), noise=np.array([1e-3]), recordings=[None], rig=None
+    )
+    monkeypatch.setattr(misfit_beyond_range, "compared_with_sheet", lambda *_: 1)
+    monkeypatch.setattr(misfit_beyond_range, "slips", lambda *_: [slip])
+    monkeypatch.setattr(misfit_beyond_range, "advice", lambda found: str(len(found)))
+    monkeypatch.setattr(
+        misfit_beyond_range,
+        "estimates",
+        lambda _: [
+            SimpleNamespace(value=v, bound=SimpleNamespace(full_name=k)) for k, v in ended.items()
+        ],
+    )
+    for value, count in ((0.0, "0"), (0.1, "1")):
+        ended["drag"] = value
+        doubt = misfit_beyond_range.scale_doubt(evidence, base, None)
+        assert doubt is not None and doubt["advice"] == count
+
+
+def test_the_rig_of_a_file_is_not_changed(tmp_path: Path) -> None:
+    assert not rig_named(RIG).background
