@@ -34,8 +34,8 @@ from faulty import complaints, walk  # noqa: E402
 from pamid_cli import frame  # noqa: E402
 from small_cart import RIG, others, record_cart  # noqa: E402
 
+import pamid.api.trial_cases as work  # noqa: E402
 import pamid.networks.network_training as training  # noqa: E402
-import pamid.trial.case_runs as work  # noqa: E402
 
 #: command, folder it works in is a copy of the same start -> (words, does it write all of its files
 #: or none)

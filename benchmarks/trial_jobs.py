@@ -34,7 +34,7 @@ import sys, time
 from pathlib import Path
 from tempfile import mkdtemp
 from pamid.trial.cases import draw_cases
-from pamid.trial.case_runs import examine
+from pamid.api.trial_cases import examine
 case = draw_cases("calibration", int(sys.argv[1]) + 1, int(sys.argv[2]))[-1]
 examine(case, Path(mkdtemp(dir=sys.argv[3])))      # compiles
 print("warm", flush=True)

@@ -152,11 +152,11 @@ def command(
     The folder has to be one that all of them see. A share that failed is sent again, or left to the
     last command, which works through whatever is missing.
     """
+    from pamid.api.trial_cases import CaseSelection, run_trial
     from pamid.api.workers import worker_pool
     from pamid.base.json_file import write_json
     from pamid.model.registry import code_files
     from pamid.trial.calibration import calibration_json, learnt_text, lesson_of
-    from pamid.trial.case_runs import CaseSelection, run_trial
     from pamid.trial.figure_table import trial_text
 
     if calibrate is not None:
@@ -245,8 +245,8 @@ def _share(
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
+    from pamid.api.trial_cases import CaseSelection, run_cases
     from pamid.schemas.trial_case_files import TrialShare
-    from pamid.trial.case_runs import CaseSelection, run_cases
     from pamid.trial.scoring import failed_jobs
 
     _joined(output, fixed, options, inputs)
@@ -332,8 +332,8 @@ def _replaced(
 ) -> Run:
     """The trial's folder, without what an earlier trial has left in it; FileError if it holds
     anything else."""
+    from pamid.api.trial_cases import forget_cases
     from pamid.base.run_folder import Run
-    from pamid.trial.case_runs import forget_cases
 
     if (output / "run.json").is_file():
         earlier = Run.open(output)

@@ -22,16 +22,10 @@ class ChannelForecast(Model):
     achieved: Number | None = Field(description="on a fresh recording")
 
 
-class ShrinkageForecast(Model):
-    """1 - error with the cause / error of the refitted model: predicted, and achieved on a fresh
-    recording."""
+class ShrinkageForecast(ChannelForecast):
+    """1 - error with the cause / error of the refitted model, in the channel with the largest gap:
+    predicted, and achieved on a fresh recording."""
 
-    predicted: Number
-    low: Number = Field(description=LOW)
-    high: Number = Field(description=HIGH)
-    raw_low: Number = Field(description=f"{LOW}, before it is widened")
-    raw_high: Number = Field(description=f"{HIGH}, before it is widened")
-    achieved: Number
     channels: MapOf[ChannelForecast]
 
 
@@ -65,7 +59,6 @@ class TrialCaseFile(Model):
     sha256: Text = Field(description="of the case and its label, hexadecimal")
     failed: ErrorFile | None = Field(description="the error, where there is no result")
     diagnosis: Sometimes[dict[Text, Any]] = Field(default=None, description="see pamid.diagnosis/3")
-    screened_family: Sometimes[Text] = Field(default=None, description="first of the cheap screen")
     seconds: Sometimes[Number] = Field(default=None, description="CPU time of the diagnosis, s")
     visibility: Annotated[Number | None, MAY_LACK] = Field(
         default=None,

@@ -195,7 +195,7 @@ def _spread(cases: Sequence[Marked]) -> float:
         if m.verdict == "ambiguous" or s is None:
             continue
         middle, low, high, got = (
-            np.log(max(1.0 - s[k], 1e-9)) for k in ("predicted", "raw_high", "raw_low", "achieved")
+            np.log(max(1.0 - s[k], 1e-9)) for k in ("predicted", "high", "low", "achieved")
         )
         half = high - middle if got > middle else middle - low
         share = max(s["predicted"], LEAST_SHARE)

@@ -82,7 +82,6 @@ JOINT_ROWS = (
     FigureRow("figures", "seconds", "CPU seconds of a diagnosis (median)", unit="s"),
     FigureRow("figures", "seconds_worst", "... of the slowest", unit="s"),
     FigureRow("baselines", "most_common_family", "always the most common family"),
-    FigureRow("baselines", "screening", "first choice of the screen alone"),
     FigureRow("baselines", "shuffled_labels", "labels dealt out at random"),
 )
 _OPEN_ROWS = (

@@ -201,11 +201,6 @@ class Marked:
         alike = {top, *(m["effect"] for step in self.found["comparison"][:1] for m in step["tied"])}
         return bool(exact & {_bare(name) for name in alike})
 
-    @property
-    def screened_right(self) -> bool:
-        """Is the screen's own first choice of the fault's family?"""
-        return str(self.result["screened_family"]) == self.family
-
     @cached_property
     def port_right(self) -> bool:
         """Is the gap placed at the fault's port, at one indistinguishable from it, or at an exact

@@ -327,14 +327,13 @@ def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
 
 
 def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
-    """What naming a family takes: always the most common one, the screen's first choice, the labels
-    dealt at random."""
+    """Rates of answers without a look at the recordings: always the most common family, and the
+    labels dealt at random."""
     families = [m.family for m in visible]
     common = Counter(families).most_common(1)[0][1] if families else 0
     shuffled = np.random.default_rng(seed).permutation(np.array(families, dtype=object))
     hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
     return {
         "most_common_family": _share(common, len(families)),
-        "screening": _rate(visible, lambda m: m.screened_right),
         "shuffled_labels": _share(hits, len(families)),
     }

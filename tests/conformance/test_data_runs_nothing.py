@@ -108,7 +108,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.api.diagnosing.diagnose_into",
         "pamid.correction.port_network.fit_model",
         "pamid.api.training.train_correction",
-        "pamid.trial.case_runs.examine",
+        "pamid.api.trial_cases.examine",
         "pamid.replications.papers.joint.reproduce",
         "pamid.replications.demonstration.run_demo",
         "pamid.correction.force_map.judge",

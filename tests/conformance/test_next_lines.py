@@ -20,7 +20,7 @@ from pamid_cli import frame
 from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
-import pamid.trial.case_runs as trial_work
+import pamid.api.trial_cases as trial_work
 from pamid.authoring.column_match import examples
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with

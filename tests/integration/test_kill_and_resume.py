@@ -19,8 +19,8 @@ from disturbed import EVERY_STEP, QUICK_CASES, Halted, leftovers, quick_examine
 from pamid_cli import frame
 from small_cart import RIG, others, record_cart
 
+import pamid.api.trial_cases as work
 import pamid.base.run_folder
-import pamid.trial.case_runs as work
 from pamid.base.json_file import read_json
 from pamid.parallel.result_store import Store
 

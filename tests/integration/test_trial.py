@@ -12,18 +12,18 @@ from typing import Any
 import pytest
 from pamid_cli import frame
 
+from pamid.api import trial_cases
+from pamid.api.trial_cases import CaseWork
 from pamid.base.errors import DataError, UsageError
 from pamid.base.json_file import read_json
 from pamid.base.metrics import wilson_interval
 from pamid.base.run_folder import Run
-from pamid.model.effect import Effect
 from pamid.model.registry import effects
+from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
+from pamid.recording.recording import Recording
 from pamid.schemas.diagnosis_file import CAUSED
 from pamid.schemas.trial_file import TrialFile
-from pamid.simulation.data_split import DataSplit
-from pamid.trial import case_runs
-from pamid.trial.case_runs import CaseWork
 from pamid.trial.cases import CLOSED, NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
 from pamid.trial.figure_table import trial_text
@@ -96,7 +96,6 @@ def answer(
         "visibility_each": visibility,
         "seconds": seconds,
         "shrinkage": held,
-        "screened_family": KNOWN[ranking[0]][0] if ranking else "",
         "diagnosis": {
             "verdict": verdict,
             "causes": [row(e, p) for e in named],
@@ -470,10 +469,13 @@ def example(stratum: str, **conditions: Any) -> Case:
 def test_the_label_is_in_nothing_the_tool_is_given(
     stratum: str, loop: str, channels: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown: list[tuple[dict[str, Any], list[str]]] = []
+    shown: list[tuple[dict[str, Any], tuple[str, ...]]] = []
 
-    def diagnosed(evidence: DataSplit, catalogue: dict[str, type[Effect]]) -> None:
-        (recording,) = evidence.recordings
+    def diagnose(
+        recordings: list[Recording], rig: Rig, *, without: tuple[str, ...], **how: Any
+    ) -> None:
+        (recording,) = recordings
+        assert rig.name == "one-dof" and how["held_out"] == []
         told = {
             **vars(recording),
             "path": recording.path.name,
@@ -482,18 +484,16 @@ def test_the_label_is_in_nothing_the_tool_is_given(
             "time": len(recording),
             "sha256": "",
         }
-        shown.append((told, list(catalogue)))
+        shown.append((told, without))
         raise DataError("seen enough")
 
-    monkeypatch.setattr(case_runs, "diagnosed", diagnosed)
+    monkeypatch.setattr(trial_cases, "diagnose", diagnose)
     case = example(stratum, loop=loop, channels=channels)
     assert CaseWork()(case)["failed"]["message"] == "seen enough"
     CaseWork()(replace(case, planted={}, removed=(), stratum="no-gap", number=0))
-    (told, catalogue), (without, whole) = shown
-    assert told == without, "but for what was measured, nothing depends on the label"
-    assert catalogue == [name for name in whole if name not in case.removed] and whole == list(
-        effects()
-    )
+    (told, removed), (unplanted, nothing) = shown
+    assert told == unplanted, "but for what was measured, nothing depends on the label"
+    assert removed == case.removed and nothing == ()
     assert (
         told["columns"]
         == {
@@ -529,7 +529,6 @@ def examined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             k: found[k]
             for k in (
                 "diagnosis",
-                "screened_family",
                 "visibility",
                 "visibility_each",
                 "shrinkage",
@@ -537,7 +536,7 @@ def examined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             )
         }
 
-    monkeypatch.setattr(case_runs, "examine", examine)
+    monkeypatch.setattr(trial_cases, "examine", examine)
     return numbers
 
 
@@ -611,19 +610,19 @@ def test_a_failed_case_costs_only_itself(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    fine = case_runs.examine
+    fine = trial_cases.examine
 
     def examine(case: Case, place: Path) -> dict[str, Any]:
         if case.number == 1:
             raise error
         return fine(case, place)
 
-    monkeypatch.setattr(case_runs, "examine", examine)
+    monkeypatch.setattr(trial_cases, "examine", examine)
     assert trial(tmp_path / "run", 3) == 6
     assert f"{error}" in capsys.readouterr().out and sorted(examined) == [0, 2]
     told = read_json(tmp_path / "run" / "trial.json")["failed_jobs"]
     assert [f["job"] for f in told] == ["case 1"] and f"{error}" in told[0]["why"]
-    monkeypatch.setattr(case_runs, "examine", fine)
+    monkeypatch.setattr(trial_cases, "examine", fine)
     assert trial(tmp_path / "run", 3, "--resume") == 0
     assert examined[2:] == [1], "what failed is tried again"
 
@@ -631,20 +630,20 @@ def test_a_failed_case_costs_only_itself(
 def test_what_was_finished_before_an_interrupt_is_kept(
     tmp_path: Path, examined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fine = case_runs.examine
+    fine = trial_cases.examine
 
     def examine(case: Case, place: Path) -> dict[str, Any]:
         if len(examined) == 2:
             raise KeyboardInterrupt
         return fine(case, place)
 
-    monkeypatch.setattr(case_runs, "examine", examine)
+    monkeypatch.setattr(trial_cases, "examine", examine)
     assert trial(tmp_path / "run", 4) == 130
     assert sorted(p.name for p in (tmp_path / "run" / "cases").iterdir()) == sorted(
         f"{n:04d}.json" for n in examined
     )
     assert read_json(tmp_path / "run" / "run.json")["outcome"] == "interrupted"
-    monkeypatch.setattr(case_runs, "examine", fine)
+    monkeypatch.setattr(trial_cases, "examine", fine)
     assert trial(tmp_path / "run", 4, "--resume") == 0
     assert len(examined) == 4 and sorted(examined) == [0, 1, 2, 3]
 
@@ -692,17 +691,19 @@ def test_a_case_from_end_to_end(tmp_path: Path) -> None:
         planted={"dead-time": {"delay_s": 0.03}},
         removed=tuple(n for n in effects() if n not in few),
     )
-    (found,) = case_runs.run_cases([case], tmp_path, WorkerPool())
-    assert found["failed"] is None and found == case_runs.finished(case, tmp_path)
-    assert case_runs.finished(replace(case, seed=1), tmp_path) is None
+    (found,) = trial_cases.run_cases([case], tmp_path, WorkerPool())
+    assert found["failed"] is None and found == trial_cases.finished(case, tmp_path)
+    assert trial_cases.finished(replace(case, seed=1), tmp_path) is None
     assert found["visibility"] > 1.5 and found["seconds"] > 0.0
     marked = score_cases([case.label()], [found])
     assert both(marked, "exact_first") == both(marked, "port") == (1, 1)
     held = found["shrinkage"]
     assert held["channels"].keys() == {"angle_deg", "pressure_1_kpa", "pressure_2_kpa"}
-    first = found["diagnosis"]["ranking"][0]
+    how_far = found["diagnosis"]["how_far"]
+    largest = max(how_far, key=lambda c: how_far[c]["mae_refitted"] / how_far[c]["noise_floor"])
     assert [held[k] for k in ("predicted", "low", "high")] == [
-        first[k] for k in ("shrinkage", "low", "high")
+        how_far[largest][k] for k in ("shrinkage", "low", "high")
     ]
+    assert held["achieved"] == held["channels"][largest]["achieved"]
     each = [c["achieved"] for c in held["channels"].values()]
     assert 0.5 < min(each) <= held["achieved"] <= max(each) < 1.0

@@ -15,15 +15,16 @@ import pytest
 from pamid_cli import frame
 from scipy.integrate import solve_ivp
 
+from pamid.api import trial_cases
 from pamid.base.errors import DataError, UsageError
 from pamid.base.json_file import read_json
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
-from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import DataSplit
-from pamid.trial import arm_faults, arm_kernel, arm_plant, case_runs
+from pamid.recording.recording import Recording
+from pamid.trial import arm_faults, arm_kernel, arm_plant
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
     JOINTS,
@@ -602,20 +603,20 @@ def example(planted: dict[str, dict[str, float]], **conditions: Any) -> Case:
 def test_the_tool_sees_a_recording_and_a_catalogue(
     channels: str, loop: str, there: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown: list[DataSplit] = []
+    shown: list[tuple[Recording, Rig]] = []
 
-    def diagnosed(evidence: DataSplit, catalogue: dict[str, type[Effect]]) -> None:
-        shown.append(evidence)
+    def diagnose(recordings: list[Recording], rig: Rig, **how: Any) -> None:
+        shown.append((recordings[0], rig))
         raise DataError("seen enough")
 
-    monkeypatch.setattr(case_runs, "diagnosed", diagnosed)
+    monkeypatch.setattr(trial_cases, "diagnose", diagnose)
     case = example({"leak@pressure_21": {"leak": 0.01}}, channels=channels, loop=loop)
-    assert case_runs.CaseWork()(case)["failed"]["message"] == "seen enough"
-    (recording,) = shown[0].recordings
+    assert trial_cases.CaseWork()(case)["failed"]["message"] == "seen enough"
+    ((recording, rig),) = shown
     expected = [c for c in ARM_CHANNELS if c.startswith(("angle_", *there))]
     asked = ["reference_1_deg", "reference_2_deg"] if loop == "closed" else []
     assert list(recording.columns) == [*asked, "command_1", "command_2", *expected]
-    assert shown[0].rig.name == "two-link" and recording.known["payload_kg"] == 0.0
+    assert rig.name == "two-link" and recording.known["payload_kg"] == 0.0
     assert recording.known["plane_deg"] == 90.0
     told = recording.path.with_suffix(".toml").name + repr(vars(recording))
     assert "leak" not in told and "single" not in told
@@ -651,7 +652,6 @@ def test_the_number_of_joint_or_muscle_counts() -> None:
             "visibility_each": 3.0,
             "seconds": 1.0,
             "shrinkage": None,
-            "screened_family": "leak",
             "diagnosis": {
                 "verdict": verdict,
                 "causes": [row],
@@ -688,7 +688,7 @@ def test_the_command(
     def examine(case: Case, place: Path) -> dict[str, Any]:
         raise DataError(f"a case of {case.rig}")
 
-    monkeypatch.setattr(case_runs, "examine", examine)
+    monkeypatch.setattr(trial_cases, "examine", examine)
 
     def trial(*more: str) -> int:
         return frame.run(
@@ -715,7 +715,7 @@ def test_a_case_of_the_arm_from_end_to_end(tmp_path: Path) -> None:
         example({"dead-time@command_2": {"delay_s": 0.03}}),
         removed=tuple(n for n in effects() if n not in few),
     )
-    (found,) = case_runs.run_cases([case], tmp_path, WorkerPool())
+    (found,) = trial_cases.run_cases([case], tmp_path, WorkerPool())
     assert found["failed"] is None and found["visibility"] > 1.5
     marked = score_cases([case.label()], [found])
     assert marked.rates["exact_first"].share == marked.rates["port_exact"].share == 1.0

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pamid_cli import frame
 
-from cli import frame
+from pamid.api import trial_cases
+from pamid.api.trial_cases import CaseWork
 from pamid.base.errors import DataError, UsageError
 from pamid.base.json_file import read_json
-from pamid.model.effect import Effect
-from pamid.simulation.data_split import DataSplit
-from pamid.trial import case_runs
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
 from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine, RecordedCase, study_case
-from pamid.trial.case_runs import CaseWork
 from pamid.trial.cases import (
     BEYOND_TOLERANCE,
     FURTHER_SHARES,
@@ -198,18 +198,19 @@ def test_a_jittering_clock_moves_readings_along_their_slope(rig: str) -> None:
 
 
 def test_the_tool_holds_a_recording_of_its_own_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[DataSplit] = []
+    shown: list[list[Recording]] = []
 
-    def diagnosed(data: DataSplit, catalogue: dict[str, type[Effect]]) -> None:
-        shown.append(data)
+    def diagnose(
+        recordings: list[Recording], rig: Rig, *, held_out: list[Recording], **how: Any
+    ) -> None:
+        assert rig.name == QUICK[0] and how["without"] == ()
+        shown.append([*recordings, *held_out])
         raise DataError("seen enough")
 
-    monkeypatch.setattr(case_runs, "diagnosed", diagnosed)
+    monkeypatch.setattr(trial_cases, "diagnose", diagnose)
     case = draw_case("calibration", 2, SEED, QUICK[0], world=OPEN)
     assert CaseWork()(case)["failed"]["message"] == "seen enough"
-    (data,) = shown
-    fitted, held_out = data.recordings
-    assert [span.recording.path for span in data.held_out] == [held_out.path]
+    ((fitted, held_out),) = shown
     assert (fitted.path.stem, held_out.path.stem) == ("recording", "held-out")
     m = CaseMachine.of(case)
     for number, recording in ((FITTED, fitted), (HELD_OUT, held_out)):
@@ -282,7 +283,6 @@ def marked(
             "visibility": visibility,
             "visibility_each": visibility,
             "seconds": 1.0,
-            "screened_family": "",
             "shrinkage": held,
             "diagnosis": {
                 "verdict": verdict,
@@ -391,9 +391,9 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: An
         assert case.world == OPEN
         m = marked("no-structural-gap", there=tuple(FAMILIES)[: len(case.planted)], forecast=None)
         wanted = ("diagnosis", "visibility", "visibility_each", "seconds", "acting", "shrinkage")
-        return {"screened_family": "", **{k: m.result[k] for k in wanted}}
+        return {k: m.result[k] for k in wanted}
 
-    monkeypatch.setattr(case_runs, "examine", examine)
+    monkeypatch.setattr(trial_cases, "examine", examine)
     words = ["trial", "--output", str(tmp_path / "run"), "--cases", "5", "--jobs", "1"]
     words += ["--rig", QUICK[0], "--resume"]
     assert frame.run([*words, "--world", "open"]) == 0

@@ -53,13 +53,13 @@ EVERY_STEP = (
 #: between them
 QUICK_CASES = f"""
 sys.path.insert(0, {str(Path(__file__).parent)!r})
-import disturbed, pamid.trial.case_runs as work
+import disturbed, pamid.api.trial_cases as work
 work.examine = disturbed.quick_examine
 """
 
 
 def quick_examine(case: Any, place: Path) -> dict[str, Any]:
-    """What `pamid.trial.case_runs.examine` returns, with nothing in it."""
+    """What `pamid.api.trial_cases.examine` returns, with nothing in it."""
     return {
         "diagnosis": {
             "verdict": "no-structural-gap",
@@ -68,7 +68,6 @@ def quick_examine(case: Any, place: Path) -> dict[str, Any]:
             "look_alikes": [],
             "where": {"port": "muscle", "indistinguishable": []},
         },
-        "screened_family": "",
         "seconds": 1.0,
         "shrinkage": None,
         "visibility": 3.0 if case.planted else None,

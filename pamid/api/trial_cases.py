@@ -11,26 +11,22 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.api.diagnosing import diagnose
+from pamid.api.results import DiagnosisResult
+from pamid.api.run_scores import score
 from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
-from pamid.base.metrics import shrinkage_interval
-from pamid.diagnosis.answer import forecast_interval
-from pamid.diagnosis.candidate_model import replayed
-from pamid.diagnosis.diagnosis_run import diagnosed
-from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.grey_box import fit_model
-from pamid.model.effect import Effect
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
-from pamid.recording.recording import Recording
 from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.model import read
 from pamid.schemas.trial_case_files import (
@@ -40,7 +36,7 @@ from pamid.schemas.trial_case_files import (
     TrialCaseFile,
     TrialLabelsFile,
 )
-from pamid.simulation.data_split import DataSplit, Span, split_recordings
+from pamid.simulation.scored_recording import REPLAYED
 from pamid.trial.case_machine import CaseMachine, RecordedCase
 from pamid.trial.cases import CLOSED, OPEN, Case, cases_sha256, draw_cases
 from pamid.trial.machine import ONE_DOF
@@ -197,81 +193,73 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     faults, that of the less visible one beside the other, shrinkage predicted and achieved."""
     bench = CaseMachine.of(case)
     recorded = bench.recorded(place)
-    evidence = recorded.data
     begun = time.process_time()
-    d, verdict = diagnosed_case(evidence, recorded.catalogue)
+    run = diagnosed(recorded, place / "run")
     seconds = time.process_time() - begun
-
-    def visibility(*without: str) -> float:
-        """Of the faults that are taken out."""
-        faults = {k: v for k, v in bench.faults.items() if k not in without}
-        return _visibility(d, bench.recorded(place / "twin", faults, fresh=0))
-
     planted = list(case.planted)
     leading = [recorded.acting[0].fault] if recorded.acting else planted
-    seen = visibility(*leading) if leading else None
-    each = [visibility(*(p for p in planted if p != k)) for k in planted] if planted[1:] else []
-    held = None if d.cause is None else _shrinkage(d, verdict, recorded.fresh[0])
+    # without what is to be named; of two faults, with the other one alone
+    twins = [leading, *([k for k in planted if k != one] for one in planted)]
+    seen: list[float] = []
+    if planted:
+        with_all = _refit_errors(recorded)
+        for without in twins if planted[1:] else twins[:1]:
+            faults = {k: v for k, v in bench.faults.items() if k not in without}
+            twin = bench.recorded(place / "twin", faults, fresh=0)
+            seen.append(float((with_all / _refit_errors(twin)).max()))
     return {
-        "diagnosis": verdict,
-        "visibility_each": min(each, default=seen),
-        "screened_family": d.screened,
+        "diagnosis": run.to_dict(),
         "seconds": seconds,
-        "visibility": seen,
-        "shrinkage": held,
+        "visibility": seen[0] if seen else None,
+        "visibility_each": min(seen[1:] or seen, default=None),
+        "shrinkage": _shrinkage(run, recorded),
         **({"acting": recorded.acting} if case.world == OPEN else {}),
     }
 
 
-def diagnosed_case(
-    evidence: DataSplit, catalogue: dict[str, type[Effect]]
-) -> tuple[Diagnosis, dict[str, Any]]:
-    """The tool under trial: it is given this and nothing else."""
-    pool = WorkerPool()
-    found = diagnosed(evidence, catalogue, pool=pool)
-    return found.diagnosis, found.draft.as_json() | {"failed_jobs": pool.failed_jobs}
-
-
-def _visibility(d: Diagnosis, twin: RecordedCase) -> float:
-    """The refitted model's held-out error over that on a recording without the fault, in the
-    channel of the largest."""
-    healthy = fit_model(twin.data)
-    errors = np.concatenate([r.losses(1) for r in healthy.held_out]).mean(axis=0)
-    own = np.concatenate([r.losses(1) for r in d.budget.baseline.replays]).mean(axis=0)
-    return float((own / errors).max())
-
-
-def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> ShrinkageForecast | None:
-    """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by
-    channel; None where a model became unstable on it."""
-    assert d.cause is not None
-    left = d.reported(d.cause)
-    other = replace(
-        split_recordings(d.evidence.rig, [fresh], []),
-        held_out=(Span(fresh, 0, len(fresh)),),
-        per_run=d.evidence.per_run,
+def diagnosed(recorded: RecordedCase, folder: Path) -> DiagnosisResult:
+    """The tool under trial, as its users run it: it is given this and nothing else."""
+    return diagnose(
+        list(recorded.fitted),
+        recorded.rig,
+        held_out=list(recorded.held_out),
+        without=recorded.case.removed,
+        jobs=1,
+        output=folder,
+        warn=_quiet,
     )
-    before, after = (replayed(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
-    if not (before.finite and after.finite):
+
+
+def _quiet(text: str) -> None:
+    """A remark on a recording, which nobody reads in a trial."""
+
+
+def _refit_errors(recorded: RecordedCase) -> Array:
+    """Held-out error of the refitted model by channel, in standard deviations of its noise."""
+    fitted = fit_model(recorded.data)
+    return np.asarray(np.concatenate([r.losses(1) for r in fitted.held_out]).mean(axis=0))
+
+
+def _shrinkage(run: DiagnosisResult, recorded: RecordedCase) -> ShrinkageForecast | None:
+    """Shrinkage predicted (with its interval) and achieved on a fresh recording, by channel, and in
+    the channel with the largest gap; None without a cause, or where a model became unstable."""
+    scored = score(run, list(recorded.fresh), rig=recorded.rig, warn=_quiet)
+    if "with_cause" not in scored.models:
         return None
-    errors = [m.absolutes.mean(axis=0) for m in (before, after)]
-    floor = d.budget.floor.mean(axis=0)
-    was, now = (d.budget.channel_losses(a) for a in (d.budget.baseline.absolutes, left))
-    raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now, d.seed)
-    return ShrinkageForecast(
-        predicted=d.budget.shrinkage(left),
-        low=low,
-        high=high,
-        raw_low=raw[0],
-        raw_high=raw[1],
-        achieved=1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum(),
-        channels={
-            c: ChannelForecast(
-                low=verdict["how_far"][c]["low"],
-                high=verdict["how_far"][c]["high"],
-                predicted=verdict["how_far"][c]["shrinkage"],
-                achieved=1.0 - errors[1][i] / errors[0][i],
-            )
-            for i, c in enumerate(d.evidence.channels)
-        },
-    )
+    how_far, channels = run.to_dict()["how_far"], {}
+    for row in scored.recordings:
+        before, after = row.mae["refitted"], row.mae["with_cause"]
+        if row.comparison != REPLAYED:
+            continue
+        if before is None or after is None:
+            return None
+        claim = how_far[row.channel]
+        channels[row.channel] = ChannelForecast(
+            predicted=claim["shrinkage"],
+            low=claim["low"],
+            high=claim["high"],
+            achieved=1.0 - after / before,
+        )
+    gap = {c: how_far[c]["mae_refitted"] / how_far[c]["noise_floor"] for c in channels}
+    largest = channels[max(gap, key=lambda c: gap[c])]
+    return ShrinkageForecast(**vars(largest), channels=channels)
