@@ -131,13 +131,7 @@ def truth_of(site: str) -> dict[str, Any]:
     """What counts as the right answer to a fault at its place. The port is the one that is
     reported."""
     name, place = split(site)
-    fault = ARM_FAULTS[name]
-    return {
-        "fault": site,
-        "family": fault.family,
-        "port": reported(place),
-        "exact": sorted(fault.exact),
-    }
+    return {**ARM_FAULTS[name].truth, "fault": site, "port": reported(place)}
 
 
 def reported(place: str) -> str:

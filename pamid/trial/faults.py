@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from math import radians
+from typing import Any
 
 import numpy as np
 
@@ -130,6 +131,16 @@ class Fault:
     amounts: tuple[str, ...]
     exact: frozenset[str] = frozenset()
     needs: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        """What counts as the right answer where it is planted."""
+        return {
+            "fault": self.name,
+            "family": self.family,
+            "port": self.port,
+            "exact": sorted(self.exact),
+        }
 
     def draw(self, random: np.random.Generator) -> dict[str, float]:
         """Sizes of one case, SI."""

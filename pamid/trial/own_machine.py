@@ -127,13 +127,7 @@ class OwnMachine:
         return fault, self.faults[fault].draw(random)
 
     def truth(self, site: str) -> dict[str, Any]:
-        fault = self.faults[site]
-        return {
-            "fault": site,
-            "family": fault.family,
-            "port": fault.port,
-            "exact": sorted(fault.exact),
-        }
+        return self.faults[site].truth
 
     def known(self, c: StarterConditions) -> dict[str, float]:
         return dict(self.sent.known) if self.sent else {}

@@ -148,13 +148,7 @@ class StarterMachine:
         return fault, self.faults[fault].draw(random)
 
     def truth(self, site: str) -> dict[str, Any]:
-        fault = self.faults[site]
-        return {
-            "fault": site,
-            "family": fault.family,
-            "port": fault.port,
-            "exact": sorted(fault.exact),
-        }
+        return self.faults[site].truth
 
     def known(self, c: Any) -> dict[str, float]:
         return {}

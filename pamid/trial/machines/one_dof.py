@@ -47,13 +47,7 @@ class OneDofMachine:
         return fault, FAULTS[fault].draw(random)
 
     def truth(self, site: str) -> dict[str, Any]:
-        fault = FAULTS[site]
-        return {
-            "fault": site,
-            "family": fault.family,
-            "port": fault.port,
-            "exact": sorted(fault.exact),
-        }
+        return FAULTS[site].truth
 
     def known(self, c: Conditions) -> dict[str, float]:
         assert isinstance(c, JointConditions)
