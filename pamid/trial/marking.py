@@ -15,7 +15,7 @@ from pamid.trial.cases import OPEN
 LEAST_VISIBILITY = 1.1  # visibility from which a fault has to be named
 MATERIAL = 0.15  # share of the refitted error from which an effect of an open case has to be named
 MATERIAL_REMAINDER = 0.2  # share of the gap from which the place of what remains has to be reported
-MOST_IN_SET = 2  # families of a set that counts as an answer
+OPEN_ANSWERS = ("leader", "lesser", "wrong", "left-open")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,14 +111,19 @@ class Marked:
         return self.abstains or bool(rest.get("real"))
 
     @cached_property
-    def leader_named(self) -> bool:
-        """Is the effect that removes most named first, or one of a set of at most two families? A
-        larger set counts where all of it is one class of look-alikes: one group, as it is told."""
+    def open_answer(self) -> str:
+        """What became of the effect that removes most, in an open case.
+
+        "leader": named first, or in a set; a set of more than two families is named as one group
+        that predicts the same. "lesser": only effects of other families that act were named.
+        "wrong": none that is named acts. "left-open": nothing is named."""
         if not self.names or not self.causes:
-            return False
-        named = self.causes if self.verdict == "ambiguous" else self.causes[:1]
-        # a larger set is only named where all of it predicts the same
-        return any(_answers(one, self.lead) for one in named)
+            return "left-open"
+        together = self.causes if self.verdict == "ambiguous" else self.causes[:1]
+        if any(_is_of(c, self.lead) for c in together):
+            return "leader"  # a larger set is only named where all of it predicts the same
+        acts = any(_is_of(c, one) for c in self.causes for one in self.present)
+        return "lesser" if acts else "wrong"
 
     @property
     def remainder_reported(self) -> bool:
@@ -137,17 +142,7 @@ class Marked:
     @property
     def open_right(self) -> bool:
         """Leader named, remainder reported, and nothing named that removes less than claimed."""
-        return self.leader_named and self.remainder_reported and self.claims_hold
-
-    @property
-    def open_wrong(self) -> bool:
-        """Are effects named, and none of them acts?"""
-        return self.names and not any(self.is_right(c) for c in self.causes)
-
-    @property
-    def lesser_alone(self) -> bool:
-        """Is a lesser effect named, and the one that removes most not?"""
-        return self.names and not self.leader_named and not self.open_wrong
+        return self.open_answer == "leader" and self.remainder_reported and self.claims_hold
 
     @property
     def causes(self) -> list[dict[str, Any]]:
@@ -159,8 +154,7 @@ class Marked:
         """Does an effect (with its family and port) act, or one of the same family at the same
         port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
         return any(
-            (one["family"] == t["family"] and one["port"] == t["port"])
-            or ("@" not in t["fault"] and _bare(one["effect"]) in t["exact"])
+            (one["family"] == t["family"] and one["port"] == t["port"]) or _is_exact(one, t)
             for t in self.present
         )
 
@@ -192,9 +186,9 @@ class Marked:
 
     @cached_property
     def exact_first(self) -> bool:
-        """Is the first of the ranking a planted fault, or one that these recordings cannot tell
+        """Is the first of the ranking the fault itself, or one that these recordings cannot tell
         from it?"""
-        exact = {name for t in (self.present or self.truth) for name in t["exact"]}
+        exact = set(self.lead["exact"])
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
@@ -213,9 +207,7 @@ class Marked:
             where["port"],
             *(p for group in where["indistinguishable"] if where["port"] in group for p in group),
         }
-        twin = "@" not in truth["fault"] and any(
-            c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"] for c in self.causes
-        )
+        twin = any(c["port"] == where["port"] and _is_exact(c, truth) for c in self.causes)
         return truth["port"] in same or twin
 
     @cached_property
@@ -229,9 +221,15 @@ class Marked:
         return len({t["family"] for t in self.truth} & {c["family"] for c in self.causes})
 
 
-def _answers(named: dict[str, Any], acting: dict[str, Any]) -> bool:
-    """Is a named effect of the family of one that acts, or one that is the very same?"""
-    return named["family"] == acting["family"] or _bare(named["effect"]) in acting["exact"]
+def _is_exact(named: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Is a named effect an exact equivalent, wherever it acts? A fault with a place (fault@place)
+    has none elsewhere."""
+    return "@" not in truth["fault"] and _bare(named["effect"]) in truth["exact"]
+
+
+def _is_of(named: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Is a named effect of the family of one that acts, or its exact equivalent?"""
+    return named["family"] == truth["family"] or _is_exact(named, truth)
 
 
 def _bare(effect: str) -> str:

@@ -23,7 +23,7 @@ from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.cases import CLOSED, OPEN
 from pamid.trial.machine import ONE_DOF
-from pamid.trial.marking import LEAST_VISIBILITY, Marked
+from pamid.trial.marking import LEAST_VISIBILITY, OPEN_ANSWERS, Marked
 
 SLIGHT_VISIBILITY = 1.3  # ... below which it adds 10 to 30 % to the error
 PLAIN_VISIBILITY = 2.0  # visibility from which a fault is plain to see
@@ -172,14 +172,13 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
 def _open(singles: list[Marked]) -> dict[str, Rate]:
     """One planted effect among lesser ones: is what removes most named, and the rest reported?"""
     seen = [m for m in singles if m.material]
+    named = [m for m in seen if m.names]
+    answers = Counter(m.open_answer for m in seen)
     return {
         "open_right": _rate(seen, lambda m: m.open_right),
-        "open_leader": _rate(seen, lambda m: m.leader_named),
-        "open_lesser": _rate(seen, lambda m: m.lesser_alone),
-        "open_wrong": _rate(seen, lambda m: m.open_wrong),
-        "open_left": _rate(seen, lambda m: not m.names),
-        "open_remainder": _rate((m for m in seen if m.names), lambda m: m.remainder_reported),
-        "open_claims": _rate((m for m in seen if m.names), lambda m: m.claims_hold),
+        **{f"open_{k.replace('-', '_')}": _share(answers[k], len(seen)) for k in OPEN_ANSWERS},
+        "open_remainder": _rate(named, lambda m: m.remainder_reported),
+        "open_claims": _rate(named, lambda m: m.claims_hold),
     }
 
 

@@ -33,7 +33,7 @@ from pamid.trial.cases import (
 from pamid.trial.figure_table import trial_text
 from pamid.trial.logger import Logger
 from pamid.trial.machine import machine_names
-from pamid.trial.marking import Marked
+from pamid.trial.marking import OPEN_ANSWERS, Marked
 from pamid.trial.own_machine import machine_of
 from pamid.trial.scoring import score_cases
 
@@ -318,8 +318,19 @@ DRY = ("coulomb-friction", "constant-offset", "offset")
     ],
 )
 def test_the_effect_that_removes_most_is_to_be_named(answer: Marked, right: bool) -> None:
-    assert answer.leader_named == right
+    assert (answer.open_answer == "leader") == right
     assert answer.open_right == right
+
+
+def test_each_answer_has_its_word() -> None:
+    words = {
+        marked("explained", "stribeck-friction").open_answer: "leader",
+        marked("ambiguous", *DRY).open_answer: "larger-set",
+        marked("explained", "leak", "dead-time").open_answer: "lesser",
+        marked("ambiguous", "dead-time", "offset").open_answer: "wrong",
+        marked("unknown-effect").open_answer: "left-open",
+    }
+    assert tuple(words) == tuple(words.values()) == OPEN_ANSWERS
 
 
 @pytest.mark.parametrize(
@@ -335,6 +346,14 @@ def test_the_effect_that_removes_most_is_to_be_named(answer: Marked, right: bool
 def test_the_remainder_has_a_size_and_a_place(remainder: dict[str, Any], reported: bool) -> None:
     answer = marked("partly-explained", "coulomb-friction", remainder=remainder or {"real": True})
     assert answer.remainder_reported == answer.open_right == reported
+
+
+def test_the_same_effect_elsewhere_is_another_answer() -> None:
+    """A lag of the amplifier is not one of the ammeter, unless the fault has no place."""
+    named = marked("explained", "dead-time", there=("coulomb-friction",))
+    for fault, right in (("coulomb-friction@ammeter", False), ("coulomb-friction", True)):
+        named.result["acting"][0].update(fault=fault, exact=["dead-time"], family="sensor-dynamics")
+        assert (replace(named).open_answer == "leader") == right
 
 
 def test_nothing_removes_less_than_claimed() -> None:
@@ -375,9 +394,10 @@ def test_open_cases_are_counted() -> None:
     assert counted == {
         "open_right": (1, 4),
         "open_leader": (1, 4),
+        "open_larger_set": (0, 4),
         "open_lesser": (1, 4),
         "open_wrong": (1, 4),
-        "open_left": (1, 4),
+        "open_left_open": (1, 4),
         "open_remainder": (3, 3),
         "open_claims": (3, 3),
     }
