@@ -87,7 +87,6 @@ JOINT_ROWS = (
 _OPEN_ROWS = (
     FigureRow("rates", "open_right", "leader named, remainder reported, claims hold", 88.0),
     FigureRow("rates", "open_leader", "... leader named first, or in a set of two"),
-    FigureRow("rates", "open_larger_set", "leader in a larger set"),
     FigureRow("rates", "open_lesser", "a lesser effect named instead"),
     FigureRow("rates", "open_wrong", "none of the named effects acts", 5.0, upward=False),
     FigureRow("rates", "open_left_open", "nothing named"),
