@@ -49,7 +49,7 @@ from pamid.correction.output_network import (
 )
 from pamid.correction.residual_data import RESIDUAL_RUNS, ResidualData, derived
 from pamid.diagnosis.candidate_model import candidate_from, transferred
-from pamid.diagnosis.smoother import Latent, Smoother, size_at
+from pamid.diagnosis.smoother import SMOOTHER_STEPS, Latent, Smoother, size_at
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.model.assembly import Assembly
@@ -249,8 +249,7 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
     )
     smoothed = smoother.best
     if np.isfinite(smoothed.log_evidence):
-        steps = smoother.settings.smoother_steps
-        smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, steps)
+        smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, SMOOTHER_STEPS)
     if not np.isfinite(smoothed.log_evidence):
         raise ConvergenceError(
             f"What is missing at {entry.name} cannot be found: the model does not follow its data.",

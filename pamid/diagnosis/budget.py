@@ -24,6 +24,8 @@ from pamid.simulation.replay import WHOLE, Replay, noise_floor
 
 Array = NDArray[np.float64]
 
+HORIZONS = (8, 4, 2)  # windows that one run covers, where it cannot cover a whole recording
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -117,7 +119,8 @@ class _Baseline(ObjectWork[int, GreyBox]):
 
 
 def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
-    """The budget over the longest horizon that the model's start allows.
+    """The budget over the horizon that the settings state, else the longest that the model's start
+    allows.
 
     A run may cover as many windows as the noise of its estimated start is not amplified: its noise
     floor stays within `horizon_floor` of that of single windows. A model that forgets its initial
@@ -127,7 +130,17 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
     short = _budget_of(model, 1, seed, settings)
     if short is None:
         raise AssertionError("replays of single windows are those of the fit")
-    for per_run in (WHOLE, *settings.horizons):
+    if settings.horizon_s > 0.0:
+        windows = settings.horizon_s / short.horizon_s  # that is one window
+        stated = _budget_of(model, round(min(max(windows, 1.0), WHOLE)), seed, settings)
+        if stated is None:
+            raise ConvergenceError(
+                f"The refitted model diverges within {settings.horizon_s:.4g} s of a held-out "
+                "recording.",
+                "State a shorter horizon, or none: pamid then chooses one.",
+            )
+        return stated
+    for per_run in (WHOLE, *HORIZONS):
         longer = _budget_of(model, per_run, seed, settings)
         if longer is None:
             continue

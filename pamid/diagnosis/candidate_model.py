@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
@@ -27,6 +26,10 @@ from pamid.simulation.windows import Runner
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
+
+REFIT_ITERATIONS, REFIT_TOLERANCE = 15, 0.02  # Gauss-Newton steps; share of the cost that ends them
+# refits with the weights of a model's own residuals end where none grows by this ratio
+REWEIGHT_ROUNDS, REWEIGHT_FACTOR = 2, 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +208,6 @@ def refit(
     p: Array | None = None,
     first: dict[str, float] | None = None,
     known: tuple[KnownSlopes | None, ...] = (),
-    settings: Settings = DEFAULT,
 ) -> Fit:
     """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values
     (SI) by key; known: slopes along the tracks, where the rig is stepped (`known_along`).
@@ -233,14 +235,14 @@ def refit(
         continuity=begun.continuity,
         known=known,
         exact=False,
-        iterations=settings.refit_iterations,
-        tolerance=settings.refit_tolerance,
+        iterations=REFIT_ITERATIONS,
+        tolerance=REFIT_TOLERANCE,
     )
-    for _ in range(settings.reweight_rounds):
+    for _ in range(REWEIGHT_ROUNDS):
         if not done.residuals:
             break
         own = residual_weights(done.residuals, evidence.noise, problem.window)
-        if (own.root < settings.reweight_factor * done.weights.root).all():
+        if (own.root < REWEIGHT_FACTOR * done.weights.root).all():
             break
         done = fit(
             problem,
@@ -250,8 +252,8 @@ def refit(
             stepping=done.stepping,
             known=done.known,
             exact=False,
-            iterations=settings.refit_iterations,
-            tolerance=settings.refit_tolerance,
+            iterations=REFIT_ITERATIONS,
+            tolerance=REFIT_TOLERANCE,
         )
     if any(done.known) and done.residuals:  # to its end, by steps that are made
         done = fit(
@@ -262,7 +264,7 @@ def refit(
             stepping=done.stepping,
             continuity=done.continuity,
             known=tuple(k and k.without_foretelling() for k in done.known),
-            iterations=settings.refit_iterations,
-            tolerance=settings.refit_tolerance,
+            iterations=REFIT_ITERATIONS,
+            tolerance=REFIT_TOLERANCE,
         )
     return done

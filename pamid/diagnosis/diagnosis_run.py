@@ -85,7 +85,7 @@ def diagnose_into(
         residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
     )
     if result.missing is not None:
-        write_atomically(run.path("missing.csv"), missing_csv(result.missing, settings))
+        write_atomically(run.path("missing.csv"), missing_csv(result.missing))
     if isinstance(proposal, Proposal):
         proposal.write(run.claim)
     write_json(run.path("diagnosis.json"), content)

@@ -34,6 +34,8 @@ from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 
+SUBSET_ROWS = 8000  # residuals to which the rows are thinned
+
 
 @dataclass(frozen=True, eq=False)
 class Response:
@@ -59,12 +61,12 @@ class Responding(ObjectWork[Screened, Response]):
         assembly, p = item.ended
         assert item.stepping is not None
         problem = self.reference.problem(self.evidence, assembly)
-        base, most = self.reference.baseline.fit, self.reference.settings.subset_rows
+        base = self.reference.baseline.fit
         label, bounds = item.attachment.label, assembly.parameters
         own = np.array([bounds[i].owner == label for i in problem.free], bool)
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
-        point = problem, p, item.starts, base.weights, base.continuity, item.stepping, most
+        point = problem, p, item.starts, base.weights, base.continuity, item.stepping, SUBSET_ROWS
         if isinstance(assembly.rig, StepRig):
             rows = linear_rows(*point, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
@@ -135,7 +137,7 @@ def responses_of(
         base.fit.weights,
         base.fit.continuity,
         reference.stepping,
-        reference.settings.subset_rows,
+        SUBSET_ROWS,
         known=reference.known,
     )
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))

@@ -20,7 +20,6 @@ from pamid.base.metrics import motion
 from pamid.base.units import split_column, to_si
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.proposal import FILE
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.excitation.experiments import EXTERNAL, Bench, Experiment
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
@@ -28,6 +27,10 @@ from pamid.simulation.free_runs import known_values, noiseless_recordings
 
 Array = NDArray[np.float64]
 
+# in which an experiment without a loop is tried: share of the recorded range, times faster
+WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))
+WASHOUTS = (0.3, 0.1, 0.03)  # shares of the length, whose mean is taken off one that leaves it
+LEEWAY = 0.05  # of the recorded span, by which a rig without a loop may leave it
 
 Models = Sequence[CandidateModel]
 
@@ -190,7 +193,6 @@ def ways_to_run(
     bench: Bench,
     entries: Sequence[Experiment],
     models: Models,
-    settings: Settings = DEFAULT,
 ) -> list[Way]:
     """The ways to run these experiments: as they are where a loop holds the rig, else those of
     several amplitudes and rates that leave it about where it was recorded, as every one of these
@@ -198,7 +200,7 @@ def ways_to_run(
     if bench.command:
         return [Way(bench, e) for e in entries]
     evidence = predictions.evidence
-    rows = [[Way(w, e) for w in ways] for e in entries for ways in _ways(evidence, bench, settings)]
+    rows = [[Way(w, e) for w in ways] for e in entries for ways in _ways(evidence, bench)]
     chosen: dict[int, Way] = {}
     for tamed in range(max(map(len, rows), default=0)):
         left = {k: row[tamed] for k, row in enumerate(rows) if k not in chosen and tamed < len(row)}
@@ -207,23 +209,20 @@ def ways_to_run(
             left = {
                 k: way
                 for (k, way), recordings in zip(left.items(), made, strict=True)
-                if not _leaving(evidence, recordings, settings.experiment_range)
+                if not _leaving(evidence, recordings)
             }
         chosen |= left
     return [chosen[k] for k in sorted(chosen)]
 
 
-def _ways(evidence: DataSplit, bench: Bench, settings: Settings) -> Iterator[list[Bench]]:
+def _ways(evidence: DataSplit, bench: Bench) -> Iterator[list[Bench]]:
     """Of every amplitude and rate: whole, then with ever more of its slow part taken off."""
-    for share, passes in settings.experiment_ways:
+    for share, passes in WAYS:
         whole = {k: (c, share * h) for k, (c, h) in bench.driven.items()}
         level = {k: (c, share * h) for k, (c, h) in _balanced(evidence, bench).items()}
         yield [
             replace(bench, driven=whole, passes=passes),
-            *(
-                replace(bench, driven=level, passes=passes, washed=w)
-                for w in settings.experiment_washouts
-            ),
+            *(replace(bench, driven=level, passes=passes, washed=w) for w in WASHOUTS),
         ]
 
 
@@ -237,15 +236,13 @@ def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float
     return found
 
 
-def _leaving(
-    evidence: DataSplit, made: list[Recording | None], share: float
-) -> list[PredictedReach]:
+def _leaving(evidence: DataSplit, made: list[Recording | None]) -> list[PredictedReach]:
     """Channels that a prediction takes beyond the recordings; all of them where the model blows
     up."""
     stable = [r for r in made if r is not None]
     if len(stable) < len(made):
         return [PredictedReach(c, 0.0, -np.inf, np.inf, (0.0, 0.0)) for c in evidence.channels]
-    return [x for r in stable for x in reaches(evidence, r) if x.leaves(share)]
+    return [x for r in stable for x in reaches(evidence, r) if x.leaves(LEEWAY)]
 
 
 def predicted_text(predictions: Predictions, way: Way, models: Models) -> str:
@@ -262,20 +259,11 @@ def predicted_text(predictions: Predictions, way: Way, models: Models) -> str:
     return f"predicted: {'; '.join(x.text for x in widest.values())}" if widest else ""
 
 
-def led_away(
-    predictions: Predictions,
-    bench: Bench,
-    e: Experiment,
-    models: Models,
-    settings: Settings = DEFAULT,
-) -> str:
+def led_away(predictions: Predictions, bench: Bench, e: Experiment, models: Models) -> str:
     """Where even the tamest way of an experiment leads beyond what was recorded."""
     evidence = predictions.evidence
-    tamest = Way(list(_ways(evidence, bench, settings))[-1][-1], e)
-    leaving = (
-        _leaving(evidence, predictions.of(model, tamest), settings.experiment_range)
-        for model in models
-    )
+    tamest = Way(list(_ways(evidence, bench))[-1][-1], e)
+    leaving = (_leaving(evidence, predictions.of(model, tamest)) for model in models)
     return " and ".join(x.text for x in next(filter(None, leaving), []))
 
 

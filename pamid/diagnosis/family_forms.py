@@ -21,7 +21,6 @@ from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, Share
 from pamid.diagnosis.search import RefitStart, Refitting, Search
-from pamid.diagnosis.settings import Settings
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.problem import Fit
@@ -36,6 +35,8 @@ from pamid.simulation.replay import run_windows
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
+FORM_TAIL = 0.5  # per cent of the samples beyond either end of a curve: outliers
+
 Span = tuple[float, float]  # lowest and highest value (SI)
 Reached = dict[tuple[str, str], Span]  # by port and signal
 
@@ -79,7 +80,7 @@ def free_forms(
     models = [c for c in _fitted(search, best, ports) if comparison.is_material(c, best)]
     ordered = comparison.ordered(models)
     return [
-        FreeForm(c, comparison.removed(c, best), curve_of(c, search.settings))
+        FreeForm(c, comparison.removed(c, best), curve_of(c))
         for c in ordered
         if c is ordered[0] or comparison.is_tied(c, ordered[0])
     ]
@@ -92,7 +93,7 @@ def _form(a: Attachment) -> FreeFormEffect:
 def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[CandidateModel]:
     """`best` with each free form that fits one of the ports and has something to be drawn over
     there, refitted and replayed."""
-    rig, reached = search.evidence.rig, reached_at(best, ports, search.settings)
+    rig, reached = search.evidence.rig, reached_at(best, ports)
     forms = attachments(rig, free_form_effects().values())
     determined_forms, _ = determined(
         rig, search.evidence.channels, search.evidence.still_inputs, forms
@@ -103,7 +104,7 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
         if len(a.ports) == 1 and a.ports[0] in ports
         if (span := _span(a, rig, reached)) is not None
     ]
-    work = Refitting(search.evidence, best.fit, search.budget.sizes, search.settings)
+    work = Refitting(search.evidence, best.fit, search.budget.sizes)
     found = search.pool.run(work, starts, search.progress)
     return [c for c in found if not isinstance(c, Failed) and c.finite]
 
@@ -131,13 +132,13 @@ def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
     return reached.get((name, _along(a, rig.ports[name])))
 
 
-def curve_of(c: CandidateModel, settings: Settings) -> FormCurve:
+def curve_of(c: CandidateModel) -> FormCurve:
     """The curve of a model's last effect, a free form, with the 95 % band of the fit's covariance,
     over what the recordings reach, in the units people read."""
     a, fit = c.attached[-1], c.fit
     port, form = c.assembly.rig.ports[a.ports[0]], _form(a)
     along = _along(a, port)
-    span = _span(a, c.assembly.rig, reached_at(c, a.ports, settings))
+    span = _span(a, c.assembly.rig, reached_at(c, a.ports))
     bounds = c.assembly.parameters
     own = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
     p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in own.items()})
@@ -176,7 +177,7 @@ def _covariance(fit: Fit, places: list[int]) -> Array:
     return np.asarray(fit.covariance[np.ix_(rows, rows)] * np.outer(slope, slope))
 
 
-def reached_at(c: CandidateModel, ports: Sequence[str], settings: Settings) -> Reached:
+def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:
     """Between which values (SI) the values and signals at these ports lie over the windows of the
     fit, but for outliers; of ports with several places over all of them."""
     assembly, fit = c.assembly, c.fit
@@ -194,8 +195,8 @@ def reached_at(c: CandidateModel, ports: Sequence[str], settings: Settings) -> R
             for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
         ]
     )
-    tail = settings.form_tail
-    ends = np.percentile(rows[:, len(program.outputs) - len(wanted) :], [tail, 100.0 - tail], 0)
+    inside = [FORM_TAIL, 100.0 - FORM_TAIL]
+    ends = np.percentile(rows[:, len(program.outputs) - len(wanted) :], inside, 0)
     reached: Reached = {}
     for (port, _, name), low, high in zip(wanted, *ends, strict=True):
         before = reached.get((port, name), (np.inf, -np.inf))

@@ -22,6 +22,9 @@ from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
+# circular shifts that stand for "without the inputs", as shares of the track; 0 holds every input
+# at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does not
+SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8)
 
 Channels = NDArray[np.bool_]
 
@@ -85,12 +88,12 @@ def _responding(
     middle = np.concatenate([_guesses(r)[0] for r in true])
     held, *shifted = (
         losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
-        for shift in _shifts(settings)
+        for shift in SHIFTS
     )
     rivals = (middle, held, np.mean(shifted, axis=0))
     error = losses(true)
     begun = [(r.track, r.entered[0]) for r in true]
-    free, flat, *without = _free_run_errors(model, begun, _shifts(settings))
+    free, flat, *without = _free_run_errors(model, begun, SHIFTS)
     responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
     for c in np.flatnonzero(~responding):
         seen = ~np.isnan(error[:, c])  # a recording may lack the channel
@@ -98,13 +101,6 @@ def _responding(
             _is_better(error[seen, c], rival[seen, c], seed, settings) for rival in rivals
         )
     return responding
-
-
-def _shifts(settings: Settings) -> Array:
-    """Circular shifts that stand for "without the inputs", as shares of the track; 0 holds every
-    input at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does
-    not."""
-    return np.linspace(0.0, 1.0, settings.input_shifts + 1, endpoint=False)
 
 
 def _without_inputs(track: Track, shift: float) -> Track:
@@ -115,10 +111,10 @@ def _without_inputs(track: Track, shift: float) -> Track:
 
 
 def _free_run_errors(
-    model: CandidateModel, begun: Sequence[tuple[Track, Array]], shifts: Sequence[float] | Array
+    model: CandidateModel, begun: Sequence[tuple[Track, Array]], shifts: Sequence[float]
 ) -> Array:
     """Summed absolute errors per channel (SI) of one free run per track from its start: with the
-    recorded inputs, of the median, and without the inputs (rows; see `_shifts`)."""
+    recorded inputs, of the median, and without the inputs (rows; see SHIFTS)."""
     total = np.zeros((2 + len(shifts), begun[0][0].y.shape[1]))
     for track, start in begun:
         runs = [

@@ -21,7 +21,6 @@ from pamid.base.units import (
 from pamid.base.units import unit as unit_of
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.executable import Executable
 from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Regime
@@ -36,6 +35,17 @@ Array = NDArray[np.float64]
 REGIME_PORTS = ("motion", "actuator-force", "flow")
 # kinds whose own value is such a signal, too, and what it is called
 VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
+
+
+# regimes: quantiles of a signal between which they lie; least share of the gap beyond that of the
+# time, and what a bound costs of it unless it is zero or the range's end, and a signal less plain
+REGIME_BINS, REGIME_GAIN, REGIME_BOUND, REGIME_ORDER = 12, 0.15, 0.01, 0.002
+REGIMES_MOST, REGIME_OVERLAP = 4, 0.5  # stated; share of the samples that makes two of them one
+# correlation times: half of what measured signals are smoothed over, a segment of the spectrum
+SMOOTHED, SPECTRUM_SEGMENT = 0.025, 13.0
+STILL = 0.02  # of the usual speed (95th percentile): a slower motion reverses nothing
+BAND_SHARE = 0.8  # of the gap's power inside the band that is stated, its middle
+WORST_WINDOWS = 3  # stated
 
 
 @dataclass(frozen=True)
@@ -61,10 +71,7 @@ def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
 
 
 def regimes(
-    evidence: DataSplit,
-    base: CandidateModel,
-    after: CandidateModel | None,
-    settings: Settings = DEFAULT,
+    evidence: DataSplit, base: CandidateModel, after: CandidateModel | None
 ) -> list[Regime]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
@@ -78,25 +85,22 @@ def regimes(
     if gap.sum() <= 0.0:
         return []
     inner, own = port_signals(base), recorded_units(evidence)
-    tables = [
-        measured_signals(evidence, r, settings) | _followed(base, r, inner, settings.still, own)
-        for r in befores
-    ]
+    tables = [measured_signals(evidence, r) | _followed(base, r, inner, own) for r in befores]
     found = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
         x = np.concatenate([t[name][0][r.scored] for t, r in zip(tables, befores, strict=True)])
-        stretch = _stretch(name, unit, x, gap, settings)
+        stretch = _stretch(name, unit, x, gap)
         if stretch is not None:
-            found.append((stretch.gain - settings.regime_order * place, stretch))
+            found.append((stretch.gain - REGIME_ORDER * place, stretch))
     best: list[_Stretch] = []
     for _, s in sorted(found, key=lambda f: -f[0]):
-        new = all(s.overlap(other) <= settings.regime_overlap for other in best)
-        if len(best) < settings.regimes_most and new:
+        new = all(s.overlap(other) <= REGIME_OVERLAP for other in best)
+        if len(best) < REGIMES_MOST and new:
             best.append(s)
     return [s.regime for s in best]
 
 
-def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> _Stretch | None:
+def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
     """The stretch of x with the largest share of the gap beyond its share of the time; None where
     none stands out.
 
@@ -105,7 +109,7 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     edges = np.unique(
         np.concatenate(
             [
-                np.quantile(x, np.linspace(0.0, 1.0, settings.regime_bins + 1)),
+                np.quantile(x, np.linspace(0.0, 1.0, REGIME_BINS + 1)),
                 [0.0] if x.min() < 0.0 < x.max() else [],
             ]
         )
@@ -116,13 +120,13 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, count - 1)
     energy = np.concatenate([[0.0], np.cumsum(np.bincount(place, gap, count))]) / gap.sum()
     time = np.concatenate([[0.0], np.cumsum(np.bincount(place, minlength=count))]) / len(x)
-    inner = settings.regime_bound * ((edges != 0.0) & (edges > edges[0]) & (edges < edges[-1]))
+    inner = REGIME_BOUND * ((edges != 0.0) & (edges > edges[0]) & (edges < edges[-1]))
     # with c the cumulated gap less the cumulated time, the stretch from edge i to edge j holds
     # c_j - c_i more of the gap than of the time, of which its inner edges cost a little each
     worth = (energy - time - inner)[None, :] - (energy - time + inner)[:, None]
     i, j = np.unravel_index(int(np.argmax(np.triu(worth, 1))), worth.shape)
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
-    if share - spent < settings.regime_gain:
+    if share - spent < REGIME_GAIN:
         return None
     regime = Regime(
         signal=name,
@@ -138,17 +142,14 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
 # ---- signals that can state a regime -----------------------------------------------------------
 
 
-def measured_signals(
-    evidence: DataSplit, r: Replay, settings: Settings = DEFAULT
-) -> dict[str, tuple[Array, str]]:
+def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
     """What was measured, its rate of change, and what was sent, in the units of their columns:
     name -> (samples, unit)."""
     from scipy.signal import savgol_filter  # half a second to load, in every worker process
 
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
-    half = round(settings.smoothed * r.track.timescale_s / period)
-    length = max(5, 2 * half + 1)
+    length = max(5, 2 * round(SMOOTHED * r.track.timescale_s / period) + 1)
     for i, channel in enumerate(evidence.channels):
         stem, unit = split_column(channel)
         rated = quotient("K" if unit_of(unit).offset else unit, "s")
@@ -233,7 +234,6 @@ def _followed(
     base: CandidateModel,
     r: Replay,
     inner: _PortSignals,
-    still: float,
     own: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, in the units that quantities were recorded in where
@@ -247,14 +247,14 @@ def _followed(
         shown = own.get(quantity_of(unit or NONE), display_unit(unit))
         out[name] = (from_si(x, shown), "" if shown == NONE else shown)
         if name == inner.velocity:
-            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x, still), "s")
+            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x), "s")
     return out
 
 
-def _since_reversal(velocity: Array, still: float) -> Array:
-    """Samples since the velocity last changed its sign; below the share `still` of the usual speed
-    (95th percentile) it keeps the sign it had."""
-    moving = np.abs(velocity) > still * np.percentile(np.abs(velocity), 95.0)
+def _since_reversal(velocity: Array) -> Array:
+    """Samples since the velocity last changed its sign; while it is still it keeps the sign it
+    had."""
+    moving = np.abs(velocity) > STILL * np.percentile(np.abs(velocity), 95.0)
     place = np.arange(len(velocity))
     last = np.maximum.accumulate(np.where(moving, place, 0))
     direction = np.sign(velocity[last])
@@ -265,12 +265,7 @@ def _since_reversal(velocity: Array, still: float) -> Array:
 # ---- bands and windows -------------------------------------------------------------------------
 
 
-def frequency_band(
-    before: list[Replay],
-    after: list[Replay] | None,
-    noise: Array,
-    settings: Settings = DEFAULT,
-) -> list[float]:
+def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Array) -> list[float]:
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
     from scipy.signal import welch  # see `measured_signals`
 
@@ -278,7 +273,7 @@ def frequency_band(
     for i, b in enumerate(before):
         n = min(
             len(b.track),
-            max(256, round(settings.spectrum_segment * b.track.timescale_s / b.track.period_s)),
+            max(256, round(SPECTRUM_SEGMENT * b.track.timescale_s / b.track.period_s)),
         )
         axis, here = welch(
             b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant"
@@ -293,7 +288,7 @@ def frequency_band(
     if power is None or axis is None or power.sum() <= 0.0:
         return []
     share = np.cumsum(power[1:]) / power[1:].sum()
-    outside = round(0.5 * (1.0 - settings.band_share), 12)  # on either side
+    outside = round(0.5 * (1.0 - BAND_SHARE), 12)  # on either side
     low, high = np.searchsorted(share, [outside, 1.0 - outside])
     return [float(axis[1:][low]), float(axis[1:][min(high, len(share) - 1)])]
 
@@ -311,4 +306,4 @@ def worst_windows(before: list[Replay], budget: Budget) -> list[list[float]]:
                 )
             )
             at += 1
-    return [s for _, s in sorted(spans, key=lambda e: -e[0])[: budget.settings.worst_windows]]
+    return [s for _, s in sorted(spans, key=lambda e: -e[0])[:WORST_WINDOWS]]

@@ -5,8 +5,9 @@ With predictions y_i and noise s_c of channel c, over the held-out samples that 
     D(i, j) = max_c sqrt(mean_t ((y_i - y_j) / s_c)^2),
 
 i and j are alike where D(i, j) < max(a min(D(i, 0), D(j, 0)), b): 0 is the baseline, a and b are
-`alike_share` and `alike_noise`. Refitted parameters absorb what they can of the difference, as in
-the T-criterion for discrimination between models: Atkinson and Fedorov (1975), Biometrika 62:57.
+the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb what they can of the
+difference, as in the T-criterion for discrimination between models: Atkinson and Fedorov (1975),
+Biometrika 62:57.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from pamid.diagnosis.settings import Settings
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
+
+ALIKE_NOISE = 0.5  # standard deviations of the noise: no sensor shows less
 
 
 def distance(one: CandidateModel, other: CandidateModel, noise: Array) -> float:
@@ -43,7 +46,7 @@ def alike(
     """Do two models predict the same of these recordings? See the head of the module."""
     difference = distance(one, other, evidence.noise)
     reach = min(distance(one, baseline, evidence.noise), distance(other, baseline, evidence.noise))
-    return difference < max(settings.alike_share * reach, settings.alike_noise)
+    return difference < max(settings.alike_share * reach, ALIKE_NOISE)
 
 
 def all_alike(

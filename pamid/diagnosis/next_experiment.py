@@ -35,7 +35,6 @@ from pamid.diagnosis.experiment_ways import (
     ways_to_run,
 )
 from pamid.diagnosis.proposal import Proposal, WithheldExperiment
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.verdict_words import WITHHELD
 from pamid.engine.program import Stepping
@@ -52,6 +51,13 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
+COMPARED_MODELS = 3  # that an experiment is to set apart, at most
+RECORDED_TAIL = 2.0  # per cent of the samples at either end of what was recorded: spikes
+# re-adjustment to an experiment: correlation times of every old recording that it looks at,
+# Gauss-Newton steps of either fit, share of the cost that ends them
+OLD_STRETCH, ADJUSTING_STEPS, ADJUSTING_TOLERANCE = 16.0, 3, 0.02
+VISIBLE = 1.0  # standard deviations of the noise: less is no clear separation
+
 
 def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
@@ -60,16 +66,16 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     pairs = pairs_to_separate(d)
     if not pairs:
         return None
-    bench, predictions = bench_of(d.evidence, d.settings), Predictions(d.evidence)
+    bench, predictions = bench_of(d.evidence), Predictions(d.evidence)
     models = models_to_keep(d, pairs)
-    ways = ways_to_run(predictions, bench, menu(bench), models, d.settings)
+    ways = ways_to_run(predictions, bench, menu(bench), models)
     if not ways:
         return _withheld(d, predictions, bench, models)
     for truth, _ in pairs:
         predictions.of_all(truth, ways)
     race = []
     for way in ways:
-        bounds = separations(predictions, way, pairs, d.settings)
+        bounds = separations(predictions, way, pairs)
         race.append((next(bounds), bounds, way))
     # best first (branch and bound): the leader's bound is tightened until another one leads, or
     # until it has no tighter one and is its value; then no other can exceed it
@@ -121,7 +127,7 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     # of one cause, rivals of its own family and of the leading one are no alternatives
     known = {best.family} if tied else {best.family, d.ranking[0].family}
     others = [c for family, c in firsts.items() if family not in known]
-    models = [best, *others][: d.settings.experiment_models]
+    models = [best, *others][:COMPARED_MODELS]
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 
 
@@ -138,7 +144,7 @@ def _withheld(
     d: Diagnosis, predictions: Predictions, bench: Bench, models: list[CandidateModel]
 ) -> WithheldExperiment | None:
     """Why nothing is proposed: what the tamest way of an entry would do."""
-    told = ((e.name, led_away(predictions, bench, e, models, d.settings)) for e in menu(bench))
+    told = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
     name, away = next(((n, text) for n, text in told if text), ("", ""))
     if not away:
         return None
@@ -149,7 +155,7 @@ def _withheld(
     )
 
 
-def bench_of(evidence: DataSplit, settings: Settings = DEFAULT) -> Bench:
+def bench_of(evidence: DataSplit) -> Bench:
     """The bench that the recordings were made on: its loop or its inputs, their range but
     for its tails."""
     rig, recordings, model = evidence.rig, evidence.recordings, reference_recording(evidence)
@@ -171,9 +177,7 @@ def bench_of(evidence: DataSplit, settings: Settings = DEFAULT) -> Bench:
     driven = {}
     for column, like in held.items() if closed else ((n, n) for n in sent):
         values = np.concatenate([r.signal(like) for r in recordings])
-        low, high = np.percentile(
-            values, [settings.experiment_tail, 100.0 - settings.experiment_tail]
-        )
+        low, high = np.percentile(values, [RECORDED_TAIL, 100.0 - RECORDED_TAIL])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
     bench = Bench(
@@ -199,10 +203,7 @@ def _settings(evidence: DataSplit) -> dict[str, float]:
 
 
 def separations(
-    predictions: Predictions,
-    way: Way,
-    pairs: list[tuple[CandidateModel, CandidateModel]],
-    settings: Settings = DEFAULT,
+    predictions: Predictions, way: Way, pairs: list[tuple[CandidateModel, CandidateModel]]
 ) -> Iterator[Array]:
     """Ever tighter upper bounds of what separates the nearest pair: RMS difference per channel, in
     noise standard deviations. First pair after pair as fitted, then one after the other
@@ -215,7 +216,7 @@ def separations(
             for r in made
             if r is not None
         )
-        rival = _RivalModel(other, evidence.noise, tracks, settings)
+        rival = _RivalModel(other, evidence.noise, tracks)
         if len(tracks) < len(made) or not rival.left:
             yield np.zeros(len(evidence.channels))
             return
@@ -242,7 +243,6 @@ class _RivalModel:
     model: CandidateModel
     noise: Array
     tracks: tuple[Track, ...]
-    settings: Settings
 
     @cached_property
     def stepping(self) -> Stepping:
@@ -287,8 +287,8 @@ class _RivalModel:
     def readjusted(self) -> tuple[Array, ...]:
         """What is left after some steps of a fit to the new recordings and a stretch of the old
         ones, which counts as much as all of them."""
-        f, known, settings = self.model.fit, self.model.fit.problem.tracks, self.settings
-        longest = settings.experiment_old * known[0].timescale_s
+        f, known = self.model.fit, self.model.fit.problem.tracks
+        longest = OLD_STRETCH * known[0].timescale_s
         old = [t.part(0, min(len(t), round(longest / t.period_s))) for t in known]
         share = sum(map(len, known)) / sum(map(len, old))
         problem = replace(self.problem, tracks=(*old, *self.tracks))
@@ -302,8 +302,8 @@ class _RivalModel:
             problem,
             p=f.p,
             stepping=self.stepping,
-            iterations=settings.experiment_steps,
-            tolerance=settings.experiment_tolerance,
+            iterations=ADJUSTING_STEPS,
+            tolerance=ADJUSTING_TOLERANCE,
             weights=residual_weights(left, self.noise, problem.window),
             exact=False,
         )
@@ -317,8 +317,8 @@ class _RivalModel:
                 stepping=self.stepping,
                 known=done.known,
                 weights=residual_weights(left, self.noise, problem.window),
-                iterations=settings.experiment_steps,
-                tolerance=settings.experiment_tolerance,
+                iterations=ADJUSTING_STEPS,
+                tolerance=ADJUSTING_TOLERANCE,
             )
         return done.residuals[len(old) :]
 
@@ -377,6 +377,6 @@ def _why(
         "simulated on the fitted models, the nearest two differ most in "
         f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise"
     )
-    if separation[worst] < d.settings.experiment_visible:
+    if separation[worst] < VISIBLE:
         parts.append("nothing on the menu sets them apart clearly")
     return "; ".join(parts)

@@ -15,6 +15,11 @@ from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.schemas.diagnosis_file import Remainder
 from pamid.simulation.tracks import noise_remarks
 
+FEW_WINDOWS = 12  # with fewer held out a note says so
+# an effect looks like what stands far off if it takes so many tolerances off it; so many are named
+EASED, EASING_MOST = 0.5, 3
+ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
+
 
 def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
@@ -96,10 +101,10 @@ def _between(d: Diagnosis) -> list[str]:
 
 def _windows(d: Diagnosis) -> list[str]:
     count = len(d.half)
-    if count >= d.settings.few_windows:
+    if count >= FEW_WINDOWS:
         return []
     return [
-        f"Only {count} windows were held out, and {d.settings.few_windows} or more are wanted: "
+        f"Only {count} windows were held out, and {FEW_WINDOWS} or more are wanted: "
         "another recording may say otherwise. Record for longer, or hold out another: --held-out."
     ]
 
@@ -177,8 +182,8 @@ def _far_off(
 ) -> Iterator[tuple[str, float, str]]:
     """What stands far off in the model that is reported, how far, and the effects that would look
     like this, since with them it comes back ("" where there are none)."""
-    final, s = d.cause or d.budget.baseline, d.settings
-    far = {name: size for name, size in off(final.fit).items() if size >= s.far_off}
+    final = d.cause or d.budget.baseline
+    far = {name: size for name, size in off(final.fit).items() if size >= d.settings.far_off}
     named = {a.label for a in final.attached}
     others = [c for c in d.ranking if not named & {a.label for a in c.attached}] if far else []
     eased = {c.label: off(c.fit) for c in others}
@@ -186,14 +191,14 @@ def _far_off(
         like = [
             f"{label} (with it {now[name]:.1f})"
             for label, now in eased.items()
-            if now.get(name, size) <= size - s.far_off_eased
-        ][: s.far_off_alike]
+            if now.get(name, size) <= size - EASED
+        ][:EASING_MOST]
         yield name, size, f"{' or '.join(like)} would look like this" if like else ""
 
 
 def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
     """Where what is left is no more than a rough map leaves, and the rig states none: that."""
-    rig, most = d.evidence.rig, d.settings.rough_share
+    rig, most = d.evidence.rig, ROUGH_SHARE
     if rest is None or not rest.real or rest.missing_rms is None or not rest.passing_rms:
         return []
     share = rest.missing_rms / rest.passing_rms

@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.settings import Settings
 from pamid.engine.llvm_ir import LANES
 from pamid.engine.program import Stepping
 from pamid.engine.simulator import DIFFERENCE
@@ -31,6 +30,11 @@ from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
+
+# values of a scanned parameter that are best on a part and tried on all fitted data, and of these
+# the ones to start from
+SCAN_CHECKED, SCAN_STARTS = 24, 2
+SCAN_SAMPLES = 4000  # on which all values are tried
 
 
 class Scanned(NamedTuple):
@@ -48,15 +52,15 @@ class Scanned(NamedTuple):
     beside: bool = False
 
 
-def scanned_values(part: Scanned, whole: Scanned, place: int, settings: Settings) -> list[float]:
+def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
     """The values (SI) of the parameter in this place with the least misfit on the whole, the best
     first, where they leave less than the effect at its null; of those tried that are best on a part
     of it."""
     if part.problem.assembly.program.keeps_slopes:  # a run is dear there
         return []
     grid = scan_grid(part.problem.assembly.parameters[place])
-    best = _least(part, place, grid, settings.scanned_checked)
-    return _least(whole, place, best, settings.scanned_starts).tolist()
+    best = _least(part, place, grid, SCAN_CHECKED)
+    return _least(whole, place, best, SCAN_STARTS).tolist()
 
 
 def _least(where: Scanned, place: int, values: Array, count: int) -> Array:

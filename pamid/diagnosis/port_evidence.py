@@ -29,6 +29,11 @@ from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
+PLAYERS = 2  # classes of ports whose joint evidence is computed for Shapley shares
+# of more ports than this only those with this share of the largest evidence, computed with the
+# parameters held, are looked at with the parameters moving, which is several times as slow
+MANY_PORTS, OUTSTANDING = 20, 0.15
+
 Ports = tuple[str, ...]
 Found = tuple[float, float, float]  # log evidence, size, time constant
 
@@ -78,12 +83,10 @@ class _Smoothing(Work[Ports, Found]):
     evidence: DataSplit
     base: CandidateModel
     moving: bool
-    settings: Settings = DEFAULT
     smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
     def smoother(self, ports: Ports) -> Smoother:
-        new = Smoother(self.evidence, self.base, ports, self.settings)
-        return self.smoothers.setdefault(ports, new)
+        return self.smoothers.setdefault(ports, Smoother(self.evidence, self.base, ports))
 
     def __call__(self, item: Ports) -> Plain:
         smoother = self.smoother(item)
@@ -110,7 +113,7 @@ def locate(
     With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the
     leading classes only.
     """
-    work = _Smoothing(evidence, base, True, settings)
+    work = _Smoothing(evidence, base, True)
     names = ports or list(evidence.rig.ports)
     smoothers = {name: work.smoother((name,)) for name in names}
     twins = {
@@ -121,7 +124,7 @@ def locate(
     }  # a value enters the equations there as it does here
     own = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
-    found_at = _found_at(work, own, pool, known, settings)
+    found_at = _found_at(work, own, pool, known)
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
@@ -130,7 +133,7 @@ def locate(
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:
         return PortEvidence(gains, found, {}, smoothers)
-    players = [leader for leader in classes if gains[leader] > 0.0][: settings.port_players]
+    players = [leader for leader in classes if gains[leader] > 0.0][:PLAYERS]
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {
         frozenset((k,)): gains[k] for k in players
     }
@@ -146,21 +149,16 @@ def locate(
 
 
 def _found_at(
-    work: _Smoothing,
-    names: list[str],
-    pool: WorkerPool,
-    known: dict[Ports, Found],
-    settings: Settings,
+    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, Found]
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many only those that stand out with the parameters
     held are looked at with the parameters moving."""
     rough: dict[str, float] = {}
-    if len(names) > settings.ports_all:
+    if len(names) > MANY_PORTS:
         held = replace(work, moving=False)
         rough = dict(zip(names, _gains(held, [(name,) for name in names], pool, {}), strict=True))
     most = max(rough.values(), default=0.0)
-    least = settings.port_outstanding * most
-    near = [name for name in names if not rough or rough[name] >= least]
+    near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
     full = dict(zip(near, _gains(work, [(name,) for name in near], pool, known), strict=True))
     # those not looked at closely keep their rough figure, on the scale of the close ones
     share = max(full.values()) / most if most > 0.0 else 0.0

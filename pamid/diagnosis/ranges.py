@@ -21,12 +21,14 @@ from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound, Range
 
+WIDER = 4.0  # by which a range is widened
 
-def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> Assembly | None:
+
+def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     """The model with wider ranges of what its effects' parameters ended at; None where there is
     none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
     found = {
-        e.bound.key: _wider(e.bound, e.at_bound, settings.wider)
+        e.bound.key: _wider(e.bound, e.at_bound)
         for a in assembly.attachments
         for e, _ in _at_guesses(assembly, fitted, a.label)
         if not _is_limit(e)
@@ -40,10 +42,10 @@ def as_wide(assembly: Assembly, *others: Assembly) -> Assembly:
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else assembly
 
 
-def _wider(b: Bound, end: str | None, by: float) -> Range:
+def _wider(b: Bound, end: str | None) -> Range:
     if end == "high":
-        return b.low, b.high * by
-    return (b.low / by if b.log else b.low * by), b.high
+        return b.low, b.high * WIDER
+    return (b.low / WIDER if b.log else b.low * WIDER), b.high
 
 
 def at_bounds(
@@ -57,12 +59,6 @@ def at_bounds(
     return tuple(
         e.bound.name for e, pressed in found if pressed > settings.pressed and not _is_limit(e)
     )
-
-
-def is_plain_inside(model: CandidateModel, settings: Settings = DEFAULT, label: str = "") -> bool:
-    """Has none of the parameters of one of the model's effects (default: the last) ended at a bound
-    or at the limit of its form? One at its limit is a plainer effect with a parameter too many."""
-    return all(p <= settings.pressed for _, p in _at_guesses(model.assembly, model.fit, label))
 
 
 def _is_limit(e: FittedParameter) -> bool:

@@ -23,7 +23,7 @@ from pamid.diagnosis.candidate_model import (
     set_within_bounds,
     transferred,
 )
-from pamid.diagnosis.parameter_scan import Scanned, scanned_values
+from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, Scanned, scanned_values
 from pamid.diagnosis.ranges import as_wide
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
@@ -44,6 +44,15 @@ from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
+
+FEWEST_SCREENED = 3  # windows of every recording
+# typical sizes: an effect is also started as a trace of itself, next to the baseline, where the
+# cost falls wherever the effect helps
+TRACE = 0.1
+REFRESHED_FROM = 3.0  # nats gained or promised, from which a candidate's Jacobian is computed anew
+SCAN_GAIN = 0.1  # share of the cost that pulses remove before what shapes them is scanned
+# cost ratio to the data sheet's parameters, from which on a baseline is screened from these
+SHEET_ADVANTAGE = 1.05
 
 
 @dataclass(frozen=True)
@@ -85,9 +94,7 @@ def starting_points(
     """
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
     slight = {
-        key: b.null + settings.trace_start * (b.value - b.null)
-        for key, b in own.items()
-        if b.null is not None
+        key: b.null + TRACE * (b.value - b.null) for key, b in own.items() if b.null is not None
     }
     few, more = settings.probe_steps, settings.probe_steps + settings.screen_steps
     points = [({}, few), (slight, few)]
@@ -123,7 +130,7 @@ class ScreeningBaseline:
         cls, baseline: CandidateModel, candidates: int = 0, settings: Settings = DEFAULT
     ) -> ScreeningBaseline:
         problem, base = baseline.fit.problem, baseline.fit
-        length = settings.screen_beside if baseline.attached else settings.screen_length
+        length = settings.screen_further if baseline.attached else settings.screen_length
         share = (
             length
             * problem.tracks[0].timescale_s
@@ -140,7 +147,7 @@ class ScreeningBaseline:
                 track,
                 windows,
                 losses,
-                max(settings.screen_windows, round(share * len(windows))),
+                max(FEWEST_SCREENED, round(share * len(windows))),
             )
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
@@ -160,7 +167,7 @@ class ScreeningBaseline:
             ).cost
             for p in (base.p, sheet)
         ]
-        p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
+        p = base.p if costs[0] <= SHEET_ADVANTAGE * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
 
     @cached_property
@@ -277,7 +284,7 @@ def screen(
     leaders += [min(probes, key=lambda pair: pair[1].predicted_cost)] if by_chords else []
     best: tuple[dict[str, float], Fit, _Probing] | None = None
     for first, (probed_fit, predicted) in leaders:
-        gains = reference.cost - min(probed_fit.cost, predicted) > settings.refreshed_from
+        gains = reference.cost - min(probed_fit.cost, predicted) > REFRESHED_FROM
         if best is None or (gains and probed_fit is not leaders[0][1].fit):
             probing = probe.anew(probed_fit) if gains else probe
             fitted = probing.carried_on(probed_fit)
@@ -318,15 +325,14 @@ def _scanned_at_null(
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    few = settings.scanned_samples
-    part = Scanned(problem, p, starts, base.weights, reference.stepping, few)
+    part = Scanned(problem, p, starts, base.weights, reference.stepping, SCAN_SAMPLES)
     all_of_it = Problem(assembly, tracks, problem.free)
     fitted = transferred(assembly, (reference.baseline.assembly, base.p))
     whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)
     return [
         ({assembly.parameters[i].key: value}, settings.probe_steps + settings.screen_steps)
         for i in wanted
-        for value in scanned_values(part, whole, i, settings)
+        for value in scanned_values(part, whole, i)
     ]
 
 
@@ -353,7 +359,7 @@ def _scanned_beside(
     effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
     take something off."""
     problem, settings = found.problem, reference.settings
-    helps = found.cost < (1.0 - settings.scanned_beside) * reference.cost
+    helps = found.cost < (1.0 - SCAN_GAIN) * reference.cost
     wanted = _wanted(problem.assembly, attachment)
     if not helps or not _shaping(problem, attachment):
         return found
@@ -365,10 +371,10 @@ def _scanned_beside(
             found.starts,
             found.weights,
             found.stepping,
-            settings.scanned_samples,
+            SCAN_SAMPLES,
             beside=True,
         )
-        for value in scanned_values(where, where, i, settings):
+        for value in scanned_values(where, where, i):
             p = found.p.copy()
             p[i] = value
             steps = settings.probe_steps + settings.screen_steps
@@ -458,25 +464,16 @@ def promising(
 ) -> list[Screened]:
     """Return the candidates to refit, by gain.
 
-    On top of the baseline: the first `refits_least`, further ones with a share of the largest gain,
-    and the best of every other family. On top of effects already named: the leading ones alone.
+    On top of the baseline: the first `refits`, and the best of every further family with a share
+    of the largest gain. On top of effects already named: the leading ones alone.
     """
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
-    if not usable:
-        return usable
-    top = usable[0].gain
-    leading = usable[: settings.refits if first_round else settings.refits_beside]
-    chosen = [
-        s
-        for i, s in enumerate(leading)
-        if i < settings.refits_least or s.gain > settings.refit_share * top
-    ]
+    chosen = usable[: settings.refits if first_round else settings.refits_further]
     families = {family_of[s.attachment.label] for s in chosen}
     for s in usable if first_round else []:
         family = family_of[s.attachment.label]
-        least = max(settings.family_nats, settings.family_share * top)
-        if family not in families and s.gain > least:
+        if family not in families and s.gain > settings.family_share * usable[0].gain:
             chosen.append(s)
             families.add(family)
     return chosen

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import (
+    REFIT_ITERATIONS,
+    REFIT_TOLERANCE,
     CandidateModel,
     known_along,
     refit,
@@ -37,6 +39,11 @@ from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
+
+WIDENINGS = 2  # of a range that is a guess, by 4 each: sixteen times a typical magnitude
+STEP_HALVINGS = 3  # of the integration steps of a model, at most
+# candidates fitted with the opposite sign, and the share of the error that puts a sign in doubt
+MIRRORED_MOST, MIRRORED_SHARE = 3, 0.2
 
 
 @dataclass(frozen=True)
@@ -122,7 +129,6 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
     evidence: DataSplit
     after: Fit
     sizes: Sizes
-    settings: Settings
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
@@ -130,23 +136,13 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
 
     def result(self, item: RefitStart) -> CandidateModel:
         assembly, known = self._assembly(item), self.known
-        done = refit(
-            self.evidence,
-            assembly,
-            self.after,
-            p=item.p,
-            first=item.first,
-            known=known,
-            settings=self.settings,
-        )
-        for _ in range(self.settings.widenings):
-            wider = widened(assembly, done, self.settings)
+        done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first, known=known)
+        for _ in range(WIDENINGS):
+            wider = widened(assembly, done)
             if wider is None:
                 break
             assembly = wider
-            done = refit(
-                self.evidence, assembly, self.after, p=done.p, known=known, settings=self.settings
-            )
+            done = refit(self.evidence, assembly, self.after, p=done.p, known=known)
         return replayed(self.evidence, assembly, done)
 
     def plain_form(self, item: RefitStart, found: CandidateModel) -> Plain:
@@ -209,7 +205,7 @@ def refit_screened(
     """Refit screened candidates on top of `base` and replay them on what was held out; the models,
     and what failed and why."""
     starts = [_start(s, base) for s in screened]
-    work = Refitting(search.evidence, base.fit, search.budget.sizes, search.settings)
+    work = Refitting(search.evidence, base.fit, search.budget.sizes)
     refitted = search.pool.run(work, starts, search.progress)
     models = [c for c in refitted if not isinstance(c, Failed)]
     failed = [
@@ -231,23 +227,20 @@ def opposite_signs(
     """Models whose effect ended at nothing and that remove much of the error with the opposite
     sign, the best first, with the share they remove: the sign of their port is in doubt."""
     tried = [(c, ranges) for c in models if (ranges := mirrored(c))]
-    tried = tried[: search.settings.mirrored_most]
+    tried = tried[:MIRRORED_MOST]
     starts = [
         RefitStart(
             c.attached, ranges=ranges, first={key: 0.5 * low for key, (low, _) in ranges.items()}
         )
         for c, ranges in tried
     ]
-    work = Refitting(
-        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
-    )
+    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     found = [
         (c, search.budget.shrinkage(c.absolutes))
         for c in search.pool.run(work, starts, search.progress)
         if not isinstance(c, Failed) and c.finite
     ]
-    least = search.settings.mirrored_share
-    return sorted(((c, v) for c, v in found if v > least), key=lambda e: -e[1])
+    return sorted(((c, v) for c, v in found if v > MIRRORED_SHARE), key=lambda e: -e[1])
 
 
 def _start(s: Screened, base: CandidateModel) -> RefitStart:
@@ -260,70 +253,10 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 
-def carried_on(search: Search, models: list[CandidateModel]) -> list[CandidateModel]:
-    """The models, those whose fit had used up its iterations fitted on from where they ended."""
-    open_ended = [c for c in models if not c.fit.converged and c.fit.residuals]
-    if not open_ended:
-        return models
-    work = _CarryingOn(search.evidence, search.settings)
-    done = search.pool.run(work, open_ended, search.progress)
-    better = {
-        id(c): found
-        for c, found in zip(open_ended, done, strict=True)
-        if not isinstance(found, Failed) and found.finite
-    }
-    return [better.get(id(c), c) for c in models]
-
-
-@dataclass(frozen=True, eq=False)
-class _CarryingOn(ObjectWork[CandidateModel, CandidateModel]):
-    """A fit carried on, and the model replayed."""
-
-    what = "fitting on"
-    evidence: DataSplit
-    settings: Settings
-
-    def result(self, item: CandidateModel) -> CandidateModel:
-        return _fitted_on(
-            self.evidence,
-            item,
-            item.fit.stepping,
-            self.settings.carried_on_iterations,
-            self.settings,
-        )
-
-    def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:
-        return candidate_plain(found)
-
-    def restored(self, item: CandidateModel, found: Plain) -> CandidateModel:
-        return candidate_restored(self.evidence, item.assembly, found)
-
-    def name(self, item: CandidateModel) -> str:
-        return item.label
-
-
-def _fitted_on(
-    evidence: DataSplit, c: CandidateModel, stepping: Stepping, iterations: int, settings: Settings
-) -> CandidateModel:
-    """The model fitted on from where its fit ended, and replayed."""
-    f = c.fit
-    done = fit(
-        f.problem,
-        p=f.p,
-        starts=f.starts,
-        weights=f.weights,
-        continuity=f.continuity,
-        stepping=stepping,
-        iterations=iterations,
-        tolerance=settings.refit_tolerance,
-    )
-    return replayed(evidence, c.assembly, done)
-
-
 def with_finer_steps(search: Search, best: CandidateModel) -> CandidateModel:
     """The model with integration steps so fine that halving them changes nothing, refitted where
     they were not."""
-    return search.pool.one(_StepRefinement(search.evidence, search.settings), best)
+    return search.pool.one(_StepRefinement(search.evidence), best)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,23 +265,26 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
 
     what = "refining the integration steps of"
     evidence: DataSplit
-    settings: Settings
 
     def result(self, item: CandidateModel) -> CandidateModel:
         best = item
-        for _ in range(self.settings.stepping_rounds):
+        for _ in range(STEP_HALVINGS):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             noise = self.evidence.noise
             change = rechecked(best.assembly, best.fit, tracks, noise)[1]
             if change <= COARSE or not settles(best.assembly, best.fit, tracks, noise, change):
                 break
-            best = _fitted_on(
-                self.evidence,
-                best,
-                best.fit.stepping.doubled(),
-                self.settings.refit_iterations,
-                self.settings,
+            done = fit(
+                best.fit.problem,
+                p=best.fit.p,
+                starts=best.fit.starts,
+                weights=best.fit.weights,
+                continuity=best.fit.continuity,
+                stepping=best.fit.stepping.doubled(),
+                iterations=REFIT_ITERATIONS,
+                tolerance=REFIT_TOLERANCE,
             )
+            best = replayed(self.evidence, best.assembly, done)
         return best
 
     def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:

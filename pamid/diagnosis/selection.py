@@ -145,7 +145,7 @@ def _larger(
             if open_ports & set(a.ports) and not _is_taken(search, a, best, located)
         ]
         # the lines of the gap's spectrum, and over the position, are those of what is left by now
-        hints = gather_hints(search.evidence, best, search.settings)
+        hints = gather_hints(search.evidence, best)
         models = run_round(replace(search, hints=hints), best, others).models
     known = {frozenset(a.label for a in c.attached) for c in models}
     subsets = best_subsets(
@@ -156,9 +156,7 @@ def _larger(
         lambda a, b: not set(a.ports) & _alike(b, located),
     )
     starts = [_joint_start(search, s, best, singles) for s in subsets if s.labels not in known]
-    work = Refitting(
-        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
-    )
+    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
     return [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
 
@@ -217,9 +215,7 @@ def refitted_with(
     if not attached:
         return search.budget.baseline
     assembly = model_with(search.evidence, attached, search.budget.sizes)
-    work = Refitting(
-        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
-    )
+    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     start = _start_from(attached, assembly, [(c.assembly, c.fit.p) for c in sources])
     return search.pool.one(work, start)
 

@@ -19,13 +19,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
+
+# a latent value is constant over a slice: correlation times, and samples at least
+SLICE, SLICE_SAMPLES = 0.16, 4
+# standard deviations of a state other than a latent value that it may jump by: between slices a
+# stand-in for zero with which blocks are invertible, where a window begins one for no bound
+STIFFNESS, WINDOW_JUMP = 1e-4, 1e3
 
 
 class Linearisation(NamedTuple):
@@ -73,7 +78,6 @@ class SlicedTrack:
     slices: list[Window]
     opens: NDArray[np.bool_]  # slices that begin a window: the rig's states may jump there
     start: Array  # the trajectory that smoothing begins with
-    settings: Settings = DEFAULT
     known: tuple[KnownSlopes | None, ...] = (None, None)  # as `slopes_along`
 
     @cached_property
@@ -145,10 +149,8 @@ class SlicedTrack:
     ) -> TrajectoryPrior:
         """missing: places of the latent values among the states; size, time_s: theirs."""
         spread = np.maximum(x.std(axis=0), 1e-9 * np.abs(x).max(axis=0) + 1e-100)
-        joint = np.tile(
-            1.0 / (self.settings.latent_stiffness * spread) ** 2, (len(self.slices) - 1, 1)
-        )
-        jump, free = self.runner.track.jump, self.settings.latent_window_jump * spread
+        joint = np.tile(1.0 / (STIFFNESS * spread) ** 2, (len(self.slices) - 1, 1))
+        jump, free = self.runner.track.jump, WINDOW_JUMP * spread
         free[: len(jump)] = np.minimum(free[: len(jump)], jump)
         joint[self.opens[1:]] = 1.0 / free**2
         length = (self.slices[0].stop - self.slices[0].start) * self.runner.track.period_s
@@ -218,11 +220,10 @@ def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior
     return float((prior.joint * jump**2).sum() + (prior.first * x[0] ** 2).sum())
 
 
-def slices_of(r: Replay, settings: Settings = DEFAULT) -> tuple[list[Window], NDArray[np.bool_]]:
+def slices_of(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
     """Slices that do not straddle the replay's windows, and which of them begin one."""
     slices, opens = [], []
-    wanted = round(settings.latent_slice * r.track.timescale_s / r.track.period_s)
-    length = max(settings.latent_slice_samples, wanted)
+    length = max(SLICE_SAMPLES, round(SLICE * r.track.timescale_s / r.track.period_s))
     for w in r.windows:
         for k, s in enumerate(cut(w.stop - w.start, length)):
             slices.append(Window(w.start + s.start, w.start + s.stop))

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoothed_trajectory import (
     Linearisation,
     Simulation,
@@ -43,6 +42,18 @@ from pamid.simulation.windows import Runner
 from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
+
+# standard deviations of a latent value that are tried, in sizes of the port's value, and its time
+# constants in correlation times: those of a slice and of the shortest window
+LATENT_SIZES, LATENT_TIMES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0), (0.16, 1.6)
+LATENT_REACH = 5.0  # ratio of sizes: those nearer to the likeliest are tried with every time
+# Gauss-Newton steps of a smoothing at most; share of the cost, less gained ends it
+SMOOTHER_STEPS, SMOOTHER_TOLERANCE = 20, 1e-3
+# share of the cost: the quadratic model is trusted near its point alone (Nocedal and Wright 2006,
+# Numerical Optimization, chapter 4)
+SMOOTHER_TRUSTED = 0.1
+# of a diagonal scaled to one: keeps a singular block solvable, without weight in the result
+SMOOTHER_DAMPING = 1e-10
 
 
 class Latent(Effect):
@@ -110,7 +121,6 @@ class Smoother:
     evidence: DataSplit
     base: CandidateModel
     ports: tuple[str, ...]
-    settings: Settings = DEFAULT
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -178,44 +188,41 @@ class Smoother:
 
     def _sliced(self, r: Replay, known: tuple[KnownSlopes | None, ...]) -> SlicedTrack:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
-        slices, opens = slices_of(r, self.settings)
+        slices, opens = slices_of(r)
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
-        return SlicedTrack(runner, slices, opens, start, self.settings, known)
+        return SlicedTrack(runner, slices, opens, start, known)
 
     @property
     def times_s(self) -> tuple[float, ...]:
         """Time constants tried, s."""
-        return tuple(t * self.evidence.timescale_s for t in self.settings.latent_times)
+        return tuple(t * self.evidence.timescale_s for t in LATENT_TIMES)
 
     def _near(self, size: float) -> list[tuple[float, float]]:
         """Sizes and time constants of the grid around a size."""
-        reach = self.settings.latent_reach
-        near = [s for s in self.settings.latent_sizes if size / reach < s < reach * size]
+        near = [s for s in LATENT_SIZES if size / LATENT_REACH < s < LATENT_REACH * size]
         return [(s, t) for s in near for t in self.times_s]
 
     @cached_property
     def rough(self) -> Smoothed:
         """The most likely size and time constant of a coarse grid, as `best`, but with the
         parameters held: several times as fast."""
-        settings = self.settings
-        steps, time_s = settings.smoother_steps, self.times_s[0]
+        time_s = self.times_s[0]
         if not self.ports:
-            return self.smoothed(None, 1.0, 1.0, steps, moving=False)
+            return self.smoothed(None, 1.0, 1.0, SMOOTHER_STEPS, moving=False)
         # one linearisation along the replay serves all sizes; only around the most likely one are
         # the trajectories improved
-        smallest, *larger = settings.latent_sizes
+        smallest, *larger = LATENT_SIZES
         start = self.smoothed(None, smallest, time_s, trusted=1.0, moving=False)
         rest = [self.smoothed(start, s, time_s, trusted=1.0, moving=False) for s in larger]
         size = max([start, *rest], key=lambda one: one.found).size
-        there = self.smoothed(start, size, time_s, steps, moving=False)
+        there = self.smoothed(start, size, time_s, SMOOTHER_STEPS, moving=False)
         near = [self.smoothed(there, s, t, moving=False) for s, t in self._near(size)]
         return max(near, key=lambda one: one.found)
 
     @cached_property
     def best(self) -> Smoothed:
         """The most likely size and time constant of a coarse grid."""
-        steps = self.settings.smoother_steps
-        there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, steps)
+        there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, SMOOTHER_STEPS)
         if not self.ports:
             return there
         near = [self.smoothed(there, s, t) for s, t in self._near(self.rough.size)]
@@ -227,31 +234,28 @@ class Smoother:
         size: float,
         time_s: float,
         rounds: int = 0,
-        trusted: float | None = None,
+        trusted: float = SMOOTHER_TRUSTED,
         moving: bool = True,
     ) -> Smoothed:
         """Smooth with values of this size and time constant, from where an earlier smoothing ended
         (None: from the fit's replays).
 
         With rounds > 0 parameters and trajectories are improved first, else the linearisation of
-        `start` serves. trusted: share of the cost that a further step may promise and be believed
-        (None: as the settings say).
+        `start` serves. trusted: share of the cost that a further step may promise and be believed;
         moving: do the parameters?
 
         Log evidence by Laplace's approximation at the optimum, log p(y) = -1/2 (cost + log det
         (information / prior's information)) + const: MacKay (1992), Neural Comput. 4(3), 415-447.
         """
-        damping = self.settings.smoother_damping
-        trusted = self.settings.smoother_trusted if trusted is None else trusted
         s, x = (start.s, start.x) if start else (self.fitted, tuple(t.start for t in self.tracks))
         usable = start is not None and start.moving == moving
         data = start.linearised if start and usable else self._linearised(s, x, moving)
         solver = SmoothingProblem(self, self._priors(x, size, time_s), moving)
-        ended = iterate(solver, Iteration(solver.point(s, x, data), damping), rounds).point
+        ended = iterate(solver, Iteration(solver.point(s, x, data), SMOOTHER_DAMPING), rounds).point
         # the spread of the states has changed with them
         solver = replace(solver, priors=self._priors(ended.x, size, time_s))
         point = solver.point(ended.s, ended.x, ended.data)
-        step = solver.step(point, damping)
+        step = solver.step(point, SMOOTHER_DAMPING)
         # the quadratic's own minimum stands in for another iteration, up to a share of the cost
         found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
         found = found if np.isfinite(found) else -np.inf
@@ -276,23 +280,12 @@ class Smoother:
 @dataclass(frozen=True, eq=False)
 class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     """The least squares of a smoother over (parameters, trajectories), given the trajectories'
-    priors."""
+    priors. Least damping at first: smoothing begins near its optimum."""
 
+    rule = DampingRule(SMOOTHER_DAMPING, 0.01, SMOOTHER_DAMPING, 30.0, raised=1e-4)
     of: Smoother
     priors: list[TrajectoryPrior]
     moving: bool
-
-    @cached_property
-    def rule(self) -> DampingRule:  # type: ignore[override]
-        """Least damping at first: smoothing begins near its optimum."""
-        s = self.of.settings
-        return DampingRule(
-            s.smoother_damping,
-            s.smoother_damping_falls,
-            s.smoother_damping,
-            s.smoother_damping_rises,
-            raised=s.smoother_damping_raised,
-        )
 
     def cost(
         self, s: Array, x: tuple[Array, ...], data: Sequence[Simulation | Linearisation]
@@ -321,10 +314,10 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         return self.point(at.s, at.x, self.of._linearised(at.s, at.x, self.moving))
 
     def settled(self, gain: float, before: _SmoothingPoint, after: _SmoothingPoint) -> bool:
-        return gain < self.of.settings.smoother_tolerance * before.cost
+        return gain < SMOOTHER_TOLERANCE * before.cost
 
     def stuck(self, at: _SmoothingPoint, step: _SmoothingStep) -> bool:
-        return step.gain < self.of.settings.smoother_tolerance * at.cost
+        return step.gain < SMOOTHER_TOLERANCE * at.cost
 
     def step(self, at: _SmoothingPoint, damping: float) -> _SmoothingStep:
         """Damped Gauss-Newton step; parameters at a bound that would leave it stay."""

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
 from pamid.recording.noise import plateaus
 from pamid.simulation.data_split import DataSplit
@@ -22,6 +21,14 @@ from pamid.symbolic.expression import const, substitute
 from pamid.symbolic.vocabulary import EquationError, Expr
 
 Array = NDArray[np.float64]
+
+SLOWEST_LINE = 0.3  # per correlation time: a slower line of the gap is drift, and no vibration
+# points of the spectrum: over which it is averaged, for a line to stand out; of a line's skirts
+SPECTRUM_SMOOTH, SKIRTS = 401, 60
+SPECTRUM_LINES = 3  # offered to an effect
+# parts of the range travelled, for the spectrum over the position; periods within it, for a line to
+# differ from a trend
+SPATIAL_BINS, FEWEST_PERIODS = 4096, 2.0
 
 
 @dataclass(frozen=True)
@@ -47,12 +54,10 @@ class GapHints:
         return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps, self.period_s, ends)
 
 
-def gather_hints(
-    evidence: DataSplit, base: CandidateModel, settings: Settings = DEFAULT
-) -> GapHints:
+def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
     """From the windows of a model's fit, its held-out replays, and what was recorded."""
-    peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
-    periods = _periods(evidence, base, settings)
+    peaks = spectrum_peaks(list(base.replays), evidence.noise)
+    periods = _periods(evidence, base)
     rests: dict[str, set[tuple[float, float]]] = {}
     ends: dict[str, set[tuple[float, float]]] = {}
     for port, scale, y in _readings(evidence.channels, base):
@@ -142,26 +147,24 @@ def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     return reach
 
 
-def spectrum_peaks(
-    before: list[Replay], noise: Array, settings: Settings = DEFAULT
-) -> tuple[float, ...]:
+def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
     """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
     b = max(before, key=lambda r: len(r.track))
     r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
     n = 1 << (4 * len(b.track) - 1).bit_length()  # padded: at least four points per 1/duration
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
-    power[axis * b.track.timescale_s < settings.slowest_line] = 0.0
+    power[axis * b.track.timescale_s < SLOWEST_LINE] = 0.0
     # odd; of a short recording all there is
-    width = min(settings.spectrum_smooth, len(power) - 1 + len(power) % 2)
+    width = min(SPECTRUM_SMOOTH, len(power) - 1 + len(power) % 2)
     smooth = np.convolve(power, np.ones(width) / width, "same")
     # against the mean around it: a broad hump, however strong, is no line
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
-    peaks, apart = [], settings.spectrum_apart
-    for _ in range(settings.spectrum_lines):
+    peaks = []
+    for _ in range(SPECTRUM_LINES):
         k = int(np.argmax(contrast * np.sqrt(power)))
         peaks.append(float(axis[1] * (k + _off_centre(power[max(0, k - 1) : k + 2]))))
-        contrast[max(0, k - apart) : k + apart] = 0.0  # the line with the window's skirts
+        contrast[max(0, k - SKIRTS) : k + SKIRTS] = 0.0  # the line with the window's skirts
     return tuple(peaks)
 
 
@@ -176,9 +179,7 @@ def _off_centre(power: Array) -> float:
     return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0
 
 
-def _periods(
-    evidence: DataSplit, base: CandidateModel, settings: Settings
-) -> dict[str, tuple[float, ...]]:
+def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float, ...]]:
     """Spatial periods of what the fit leaves, by general motion port that offers a position."""
     assembly, fit = base.assembly, base.fit
     wanted: dict[str, tuple[str, Expr]] = {}
@@ -202,7 +203,7 @@ def _periods(
             r = np.nan_to_num(left[w.start : w.stop] / evidence.noise)
             parts.append((x[w.start : w.stop], r))
     return {
-        port: spatial_periods([(x[:, k], r) for x, r in parts], settings)
+        port: spatial_periods([(x[:, k], r) for x, r in parts])
         for k, (port, _) in enumerate(wanted.values())
     }
 
@@ -222,9 +223,7 @@ def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -
     return None
 
 
-def spatial_periods(
-    parts: list[tuple[Array, Array]], settings: Settings = DEFAULT
-) -> tuple[float, ...]:
+def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
     """Periods of the strongest lines of a gap over the position, strongest first (its unit).
 
     parts: positions (samples) and gap (samples x channels), window by window. Between a force and
@@ -237,18 +236,18 @@ def spatial_periods(
     low, span = float(x.min()), float(np.ptp(x))
     if not (np.isfinite(span) and span > 0.0) or min(len(x) for x, _ in parts) < 5:
         return ()
-    bins = settings.spatial_bins
-    total = np.zeros(2 * bins + 1)
+    total = np.zeros(2 * SPATIAL_BINS + 1)
     for order in range(3):
         where, turn, gap = _differenced(parts, order)
-        at = np.minimum((bins * (where - low) / span).astype(np.int64), bins - 1)
+        at = (SPATIAL_BINS * (where - low) / span).astype(np.int64)
+        at = np.minimum(at, SPATIAL_BINS - 1)
         for channel in np.hstack([gap, gap * turn[:, None]]).T:
-            total += _contrast(at, channel, bins)
+            total += _contrast(at, channel)
     frequency = np.arange(len(total)) / (4.0 * span)
     step = np.median(np.concatenate([np.abs(np.diff(x)) for x, _ in parts]))
-    total[(frequency < settings.spatial_least / span) | (2.0 * frequency * step > 1.0)] = 0.0
+    total[(frequency < FEWEST_PERIODS / span) | (2.0 * frequency * step > 1.0)] = 0.0
     found = []
-    for _ in range(settings.spectrum_lines):
+    for _ in range(SPECTRUM_LINES):
         k = int(np.argmax(total))
         if total[k] <= 0.0:
             break
@@ -270,8 +269,9 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
     return np.concatenate(where), np.concatenate(turn), np.concatenate(gap)
 
 
-def _contrast(at: NDArray[np.int64], values: Array, bins: int) -> Array:
+def _contrast(at: NDArray[np.int64], values: Array) -> Array:
     """Power over spatial frequency, in quarters of 1/range, against its own surroundings."""
+    bins = SPATIAL_BINS
     count = np.bincount(at, minlength=bins)
     mean = np.bincount(at, values, bins) / (count + max(1.0, count.mean()))
     power = np.abs(np.fft.rfft(mean * np.hanning(bins), 4 * bins)) ** 2

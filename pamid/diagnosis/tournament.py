@@ -161,7 +161,7 @@ def diagnose(
         evidence,
         budget,
         candidates,
-        gather_hints(evidence, base, settings),
+        gather_hints(evidence, base),
         seed,
         pool,
         progress,

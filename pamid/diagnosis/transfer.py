@@ -12,6 +12,8 @@ from pamid.base.units import column_size
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.simulation.data_split import Span
 
+AMPLITUDE_FACTOR = 1.5  # ratio of an output's spreads from which on they are other amplitudes
+
 
 def transfer(d: Diagnosis) -> list[dict[str, Any]]:
     """One entry per held-out recording under other conditions: the head of its sha256, what differs
@@ -65,7 +67,6 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
         spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300)
         for s in d.evidence.fit
     ]
-    factor = d.budget.settings.amplitude_factor
-    if all(not 1.0 / factor < r < factor for r in ratios):
+    if all(not 1.0 / AMPLITUDE_FACTOR < r < AMPLITUDE_FACTOR for r in ratios):
         new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(r))))
     return new

@@ -20,8 +20,7 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.smoother import Smoothed, Smoother, size_at
+from pamid.diagnosis.smoother import SMOOTHER_STEPS, Smoothed, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
@@ -33,6 +32,15 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 MOST_TERMS = 4  # of a formula that is given
+# sparse regression: bootstrap samples, coefficient set to zero (standard deviations of the target),
+# ridge (share of the rows), speed over which a sign is smoothed (share of the usual one)
+BAGS, LEAST_COEFFICIENT, RIDGE, SMOOTH_SIGN = 24, 0.08, 1e-3, 0.05
+FEWEST_SLICES = 40  # fewer are not described
+DESCRIBED = 0.5  # share of the variance: what is described worse depends on the past
+# ranges of size in which both directions are compared; ratio of the odd to the even part, or back
+PARITY_BINS, PARITY_FACTOR = 8, 3.0
+MISSING_ROWS = 4000  # of missing.csv at most
+
 PASSING = "passing"  # beside the signals at a port: what passes there
 
 
@@ -83,7 +91,7 @@ def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None)
     if not names:
         return None
     base = located.smoothers[names[0]].base
-    work = _Describing(d.evidence, base, seed, d.settings, located.smoothers)
+    work = _Describing(d.evidence, base, seed, located.smoothers)
     found = [
         m
         for m in (pool or WorkerPool()).run(work, names)
@@ -100,13 +108,11 @@ class _Describing(Work[str, Missing | None]):
     evidence: DataSplit
     base: CandidateModel
     seed: int
-    settings: Settings
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
     def __call__(self, item: str) -> Plain:
-        new = Smoother(self.evidence, self.base, (item,), self.settings)
-        smoother = self.smoothers.get(item) or new
-        found = _missing_at(smoother, self.seed, self.settings)
+        smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
+        found = _missing_at(smoother, self.seed)
         return {} if found is None else vars(found)
 
     def restored(self, item: str, found: Plain) -> Missing | None:
@@ -147,16 +153,16 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
         "inclusion": float(min(best.inclusion[i] for i in terms)),
         "described": best.fit,
         "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
-        "parity": parity(best, d.settings),
-        "memory": bool(best.fit < d.settings.formula_explains),
+        "parity": parity(best),
+        "memory": bool(best.fit < DESCRIBED),
         "amount": {"missing_rms": best.amount, "passing_rms": best.passing, "unit": unit},
     }
 
 
-def missing_csv(m: Missing, settings: Settings = DEFAULT) -> bytes:
+def missing_csv(m: Missing) -> bytes:
     """missing.csv: time_s, recording, the port's signals and the missing value, every k-th slice,
     so that they are not too many rows."""
-    step = -(-len(m.values) // settings.missing_rows)
+    step = -(-len(m.values) // MISSING_ROWS)
     columns = {
         "time_s": m.time_s,
         "recording": m.recording,
@@ -167,27 +173,27 @@ def missing_csv(m: Missing, settings: Settings = DEFAULT) -> bytes:
     return table_bytes(list(columns), rows, ["%.9g"] * len(columns))
 
 
-def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | None:
+def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
     port = smoother.base.assembly.rig.ports[smoother.ports[0]]
-    best, rough, steps = smoother.best, smoother.rough, settings.smoother_steps
+    best, rough = smoother.best, smoother.rough
     recording, time_s, values, signals = missing_value(
-        smoother, smoother.smoothed(best, best.size, best.time_s, steps)
+        smoother, smoother.smoothed(best, best.size, best.time_s, SMOOTHER_STEPS)
     )
     signals.pop(PASSING)
-    if len(values) < settings.formula_slices or not values.std() > 0.0 or not signals:
+    if len(values) < FEWEST_SLICES or not values.std() > 0.0 or not signals:
         return None
     units = {
         k: "" if (u := display_unit(port.unit_of(k))) == NONE else u for k in ("value", *signals)
     }
     values = from_si(values, units["value"])
     signals = {k: from_si(x, units[k]) for k, x in signals.items()}
-    names, columns = regressors(signals, units, settings)
-    weights, inclusion = sparse_formula(columns, values, seed, settings)
+    names, columns = regressors(signals, units)
+    weights, inclusion = sparse_formula(columns, values, seed)
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
     *_, lacking, beside = missing_value(
-        smoother, smoother.smoothed(rough, rough.size, rough.time_s, steps, moving=False)
+        smoother, smoother.smoothed(rough, rough.size, rough.time_s, SMOOTHER_STEPS, moving=False)
     )
     return Missing(
         smoother.ports[0],
@@ -243,23 +249,23 @@ def missing_value(
     )
 
 
-def parity(m: Missing, settings: Settings = DEFAULT) -> str:
+def parity(m: Missing) -> str:
     """Is the missing value an odd or an even function of what moves it? "odd", "even" or
     "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
     x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
     # f(x) = odd + even part, (f(x) -+ f(-x)) / 2, in bins of |x| that were visited both ways
-    count = settings.parity_bins
-    bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, count + 1))
-    place = np.clip(np.searchsorted(bins, np.abs(x), side="right") - 1, 0, count - 1)
+    bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, PARITY_BINS + 1))
+    place = np.clip(np.searchsorted(bins, np.abs(x), side="right") - 1, 0, PARITY_BINS - 1)
     odd = even = 0.0
-    for k in range(count):
+    for k in range(PARITY_BINS):
         up, down = y[(place == k) & (x > 0)], y[(place == k) & (x < 0)]
         if len(up) > 2 and len(down) > 2:
             odd += (0.5 * (up.mean() - down.mean())) ** 2
             even += (0.5 * (up.mean() + down.mean())) ** 2
-    factor = settings.parity_factor
-    return "odd" if odd > factor * even else "even" if even > factor * odd else "mixed"
+    if odd > PARITY_FACTOR * even:
+        return "odd"
+    return "even" if even > PARITY_FACTOR * odd else "mixed"
 
 
 def _signals(program: Executable, runner: Runner, x: Array, p: Array, over: Window) -> Array:
@@ -277,9 +283,7 @@ def _signals(program: Executable, runner: Runner, x: Array, p: Array, over: Wind
     )[0].mean(axis=0)
 
 
-def regressors(
-    signals: dict[str, Array], units: dict[str, str], settings: Settings = DEFAULT
-) -> tuple[list[str], Array]:
+def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[str], Array]:
     """Candidate terms of the formula, each scaled to unit size: powers, signs, products with a sign
     of motion."""
     names, columns = ["1"], [np.ones(len(next(iter(signals.values()))))]
@@ -297,13 +301,11 @@ def regressors(
         if name == "velocity":
             names += [f"sign({name})", f"{scaled} |{scaled}|"]
             # smooth below a share of the usual speed, where the sign is that of the noise
-            columns += [np.tanh(s / settings.formula_sign), s * np.abs(s)]
+            columns += [np.tanh(s / SMOOTH_SIGN), s * np.abs(s)]
     return names, np.stack(columns, axis=1)
 
 
-def sparse_formula(
-    columns: Array, target: Array, seed: int, settings: Settings
-) -> tuple[Array, Array]:
+def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Array]:
     """Sparse coefficients (target in its own standard deviations) and how often each term is kept
     over bags: sequentially thresholded least squares (Brunton, Proctor and Kutz 2016, PNAS
     113(15)), bagged (Fasel, Kutz, Brunton and Brunton 2022, Proc. R. Soc. A 478)."""
@@ -314,9 +316,7 @@ def sparse_formula(
 
     def chosen(rows: NDArray[np.intp]) -> Array:
         optimizer = pysindy.STLSQ(
-            threshold=settings.formula_threshold,
-            alpha=settings.formula_ridge * len(rows),
-            normalize_columns=False,
+            threshold=LEAST_COEFFICIENT, alpha=RIDGE * len(rows), normalize_columns=False
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty support is an answer here
@@ -329,6 +329,6 @@ def sparse_formula(
     terms = [
         chosen(np.concatenate([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]))
         != 0.0
-        for _ in range(settings.formula_bags)
+        for _ in range(BAGS)
     ]
     return chosen(everything), np.mean(terms, axis=0)

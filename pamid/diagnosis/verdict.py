@@ -166,8 +166,8 @@ def _where(
         port=port,
         ports=shares,
         **_isolable(d, isolable),
-        regimes=tuple(regimes(d.evidence, base, d.cause, d.settings)),
-        frequency_hz=tuple(frequency_band(list(base.replays), after, d.evidence.noise, d.settings)),
+        regimes=tuple(regimes(d.evidence, base, d.cause)),
+        frequency_hz=tuple(frequency_band(list(base.replays), after, d.evidence.noise)),
         windows_s=tuple((begin, end) for begin, end in worst_windows(list(base.replays), d.budget)),
     )
 

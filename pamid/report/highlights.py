@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column
-from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.localise import SMOOTHED
 from pamid.report import formatting
 from pamid.report.captions import regime_label
 from pamid.report.formatting import channel_label, channel_unit
@@ -170,7 +170,7 @@ def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArra
         return None
     # as far as the diagnosis smooths it, by how long this signal remembers
     remembered, _ = correlation_samples(values)
-    length = max(5, 2 * round(DEFAULT.smoothed * np.nan_to_num(remembered)) + 1)
+    length = max(5, 2 * round(SMOOTHED * np.nan_to_num(remembered)) + 1)
     if values.size < length:
         return None
     return np.asarray(savgol_filter(values, length, 2, deriv=1, delta=period))

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
+from pamid.diagnosis.judging import _members
 from pamid_cli.diagnose import diagnosis_text
 
 from pamid.api.given import evidence_of
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.family_forms import FreeForm, _span, free_forms, reached_at
-from pamid.diagnosis.judging import _members
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.diagnosis.tournament import Diagnosis, diagnose
@@ -266,9 +266,7 @@ def stuck() -> tuple[Search, CandidateModel]:
     has the first alone."""
     search = search_of(diagnose(recorded("coulomb-friction", Step), {}))
     named = attach(search.evidence.rig, "coulomb-friction", effects())
-    work = Refitting(
-        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
-    )
+    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     return search, search.pool.one(work, RefitStart((named,)))
 
 
@@ -311,7 +309,7 @@ def test_a_form_needs_something_to_be_drawn_over() -> None:
     """At a port that offers no position no curve can be drawn over it."""
     d = diagnosed(Nothing)
     base = d.budget.baseline
-    reached = reached_at(base, ["guide", "ruler"], d.settings)
+    reached = reached_at(base, ["guide", "ruler"])
     low, high = reached["guide", "position"]
     assert -0.5 < low < -0.05 and 0.05 < high < 0.5
     assert {name for port, name in reached if port == "ruler"} == {"value", "rate"}

@@ -14,8 +14,9 @@ from effect_bench import carts, inputs_of, recorded, tanks
 
 from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import candidate_from, refit
+from pamid.diagnosis.ranges import WIDER
 from pamid.diagnosis.screening import ScreeningBaseline, screen
-from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.search import WIDENINGS
 from pamid.diagnosis.starting_hints import gather_hints, spatial_periods
 from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
@@ -298,7 +299,7 @@ def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:
     """What is kept of the past would otherwise end it at the first guess of a range."""
     assembly, u = assembled("dead-time@amplifier"), inputs_of(carts(), SAMPLES)
     place = assembly.keys["dead-time@amplifier:delay"]
-    widest = DEFAULT.wider**DEFAULT.widenings * assembly.parameters[place].high
+    widest = WIDER**WIDENINGS * assembly.parameters[place].high
     late, there = assembly.values(), assembly.values()
     late[place], there[place] = widest, 0.0
     assembly = replace(assembly, ranges={"dead-time@amplifier:delay": (0.0, widest)})

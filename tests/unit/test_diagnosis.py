@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pamid.diagnosis.consistency import inconsistencies
 from virtual_joint import record
 
 from pamid.base.run_folder import Run
@@ -281,7 +282,7 @@ def test_the_measured_drive_rubs() -> None:
     from pamid.diagnosis.tournament import diagnose
 
     # every candidate refitted, the tempting wrong ones among them
-    everything = Settings(refits=len(effects()), refits_least=len(effects()))
+    everything = Settings(refits=len(effects()))
     found = diagnosis_json(diagnose(evidence, effects(), jobs=2, settings=everything), None, 0)
     # a drive has more than friction in it: what is left is told, whatever it is called
     assert found["verdict"] in {"explained", "partly-explained"}

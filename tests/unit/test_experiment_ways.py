@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.diagnosis import experiment_ways
 from pamid.diagnosis.experiment_ways import (
+    LEEWAY,
     Predictions,
     Way,
     carried_texts,
@@ -22,7 +24,6 @@ from pamid.diagnosis.experiment_ways import (
     ways_to_run,
 )
 from pamid.diagnosis.next_experiment import bench_of
-from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import Experiment, menu
@@ -119,7 +120,7 @@ def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) 
     )
     high = bench.driven["force_n"]
     for way in ways:
-        assert worst(predictions, model, way) <= 1.0 + 2.0 * DEFAULT.experiment_range
+        assert worst(predictions, model, way) <= 1.0 + 2.0 * LEEWAY
         sent = way.columns["force_n"]
         assert np.abs(sent - high[0]).max() <= high[1] * (1.0 + 1e-9)
         assert "recorded were" in predicted_text(predictions, way, [model])
@@ -146,7 +147,9 @@ def test_predictions_are_recordings_without_noise(pushed: tuple[DataSplit, Any])
             np.testing.assert_allclose(recording.columns[name], values, rtol=1e-9, atol=1e-12)
 
 
-def test_a_model_that_would_run_off_forbids_it(pushed: tuple[DataSplit, Any]) -> None:
+def test_a_model_that_would_run_off_forbids_it(
+    pushed: tuple[DataSplit, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is enough that one of the models leads away."""
     evidence, model = pushed
     light = replace(model, fit=replace(model.fit, p=model.fit.p / 50.0))
@@ -155,9 +158,9 @@ def test_a_model_that_would_run_off_forbids_it(pushed: tuple[DataSplit, Any]) ->
     assert len(ways_to_run(predictions, bench, [e], [model, light])) < len(
         ways_to_run(predictions, bench, [e], [model])
     )
-    wild = replace(DEFAULT, experiment_ways=((20.0, 1),))
-    assert not ways_to_run(predictions, bench, [e], [model], wild)
-    assert "position_m from 0 to" in led_away(predictions, bench, e, [model], wild)
+    monkeypatch.setattr(experiment_ways, "WAYS", ((20.0, 1),))
+    assert not ways_to_run(predictions, bench, [e], [model])
+    assert "position_m from 0 to" in led_away(predictions, bench, e, [model])
 
 
 def test_the_way_of_an_imposed_speed_counts(imposed: DataSplit) -> None:

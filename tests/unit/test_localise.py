@@ -15,6 +15,7 @@ from virtual_joint import SPECIMEN, record
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.localise import (
+    REGIMES_MOST,
     _followed,
     _since_reversal,
     measured_signals,
@@ -22,7 +23,6 @@ from pamid.diagnosis.localise import (
     recorded_units,
     regimes,
 )
-from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
@@ -59,7 +59,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Candidat
 def signals(joint: tuple[DataSplit, CandidateModel]) -> dict[str, np.ndarray]:
     evidence, base = joint
     found = measured_signals(evidence, base.replays[0])
-    found |= _followed(base, base.replays[0], port_signals(base), DEFAULT.still)
+    found |= _followed(base, base.replays[0], port_signals(base))
     return {name: values for name, (values, _) in found.items()}
 
 
@@ -169,7 +169,7 @@ def test_one_regime_is_told_once(joint: tuple[DataSplit, CandidateModel]) -> Non
     names = [r.signal for r in found]
     assert names[0] == "angle"
     assert not {"joint_position", "muscle_contraction_1", "muscle_contraction_2"} & set(names)
-    assert len(found) <= DEFAULT.regimes_most
+    assert len(found) <= REGIMES_MOST
     gains = [r.share_of_gap - r.share_of_time for r in found]
     assert gains[0] == max(gains) and min(gains) > 0.1
 
@@ -195,7 +195,7 @@ def test_it_costs_next_to_nothing(joint: tuple[DataSplit, CandidateModel]) -> No
 def test_time_since_the_last_reversal() -> None:
     """A crawl at 1 % of the usual speed is no reversal, and what stands keeps its direction."""
     speed = np.array([1.0, 1.0, 0.0, 1.0, -1.0, -1.0, 0.01, -1.0, 1.0, 1.0])
-    assert _since_reversal(speed, DEFAULT.still).tolist() == [
+    assert _since_reversal(speed).tolist() == [
         0.0,
         1.0,
         2.0,

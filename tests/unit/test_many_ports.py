@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
-from pamid.diagnosis.port_evidence import PortEvidence, _found_at, _Smoothing
+from pamid.diagnosis.port_evidence import (
+    MANY_PORTS,
+    OUTSTANDING,
+    PortEvidence,
+    _found_at,
+    _Smoothing,
+)
 from pamid.diagnosis.screening import _free
-from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.smoother import Smoothed
 from pamid.diagnosis.tournament import candidates_to_screen
 from pamid.estimation.problem import free_parameters
@@ -82,19 +87,19 @@ class Looked:
         return _found(self._best)
 
 
-@pytest.mark.parametrize("count", [DEFAULT.ports_all, DEFAULT.ports_all + 1])
+@pytest.mark.parametrize("count", [MANY_PORTS, MANY_PORTS + 1])
 def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
-    looked, share = list[float](), 0.5 * DEFAULT.port_outstanding
+    looked, share = list[float](), 0.5 * OUTSTANDING
     plain = Looked(0.0, 0.0, [])
     smoothers = {
         f"p{k}": Looked(100.0 if k < 2 else share * 100.0, 80.0 - k, looked) for k in range(count)
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
     work = _Smoothing(None, None, True, smoothers=held)  # type: ignore[arg-type]
-    found = _found_at(work, list(smoothers), WorkerPool(), {}, DEFAULT)
+    found = _found_at(work, list(smoothers), WorkerPool(), {})
     assert list(found) == list(smoothers) and found["p0"] == 80.0
-    assert len(looked) == (count if count <= DEFAULT.ports_all else 2)
-    if count > DEFAULT.ports_all:  # the rest keep their share of the largest
+    assert len(looked) == (count if count <= MANY_PORTS else 2)
+    if count > MANY_PORTS:  # the rest keep their share of the largest
         assert found["p5"] == pytest.approx(share * 80.0)
 
 

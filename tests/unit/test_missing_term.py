@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.unknown import Missing, missing_csv, parity, regressors
+from pamid.diagnosis.unknown import MISSING_ROWS, Missing, missing_csv, parity, regressors
 from pamid.report.reading import read_columns
 
 
@@ -47,7 +46,7 @@ def test_the_points_come_with_their_units(tmp_path: Path) -> None:
 def test_long_recordings_are_thinned_evenly(tmp_path: Path) -> None:
     (tmp_path / "missing.csv").write_bytes(missing_csv(missing(9001)))
     found = read_columns(tmp_path / "missing.csv")
-    assert found is not None and 0.5 < len(found["time_s"]) / DEFAULT.missing_rows <= 1.0
+    assert found is not None and 0.5 < len(found["time_s"]) / MISSING_ROWS <= 1.0
     np.testing.assert_allclose(np.diff(found["time_s"]), 3 * 0.05)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cli import frame
 from pamid.base.run_folder import Run
+from pamid.diagnosis import experiment_ways
 from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.experiment_ways import Predictions, Way, ways_to_run
 from pamid.diagnosis.next_experiment import (
@@ -237,17 +238,17 @@ def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(
 
 def test_nothing_is_proposed_that_leads_away(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Where every way leads beyond what was recorded, that is said instead, in a note."""
     _, _, _, d, p = rubbing
     assert any("recorded were" in text for text in p.cautions)
-    further = replace(d.settings, experiment_ways=((1000.0, 1),))
-    wild = replace(d, budget=replace(d.budget, settings=further))
-    found = next_experiment(wild)
+    monkeypatch.setattr(experiment_ways, "WAYS", ((1000.0, 1),))
+    found = next_experiment(d)
     assert isinstance(found, WithheldExperiment) and "position_m from 0 to" in found.why
-    assert Proposing().restored(wild, vars(found)) == found
+    assert Proposing().restored(d, vars(found)) == found
     assert proposal_result(found) is None
-    said = diagnosis_file(wild, None, 0, found)
+    said = diagnosis_file(d, None, 0, found)
     assert said.next_experiment is None and found.why in said.notes
 
 

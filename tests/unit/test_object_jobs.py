@@ -16,7 +16,6 @@ import pamid.simulation.data_split
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import _Baseline
 from pamid.diagnosis.search import RefitStart, Refitting
-from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import diagnose
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.attachment import attach
@@ -78,7 +77,7 @@ def test_models_are_the_same_objects_to_the_last_bit(evidence: DataSplit) -> Non
     model = baseline.result(0)
     assert digest(through_the_plain_form(baseline, 0, model)) == digest(model)
     start = RefitStart((attach(evidence.rig, "coulomb-friction", effects()),))
-    work = Refitting(evidence, model.fit, model.assembly.sizes, DEFAULT)
+    work = Refitting(evidence, model.fit, model.assembly.sizes)
     found = work.result(start)
     assert digest(through_the_plain_form(work, start, found)) == digest(found)
 

@@ -12,9 +12,8 @@ from small_cart import RIG, cart_evidence
 
 from pamid.diagnosis import parameter_scan
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
-from pamid.diagnosis.parameter_scan import Scanned, scan_grid, scanned_values
+from pamid.diagnosis.parameter_scan import SCAN_STARTS, Scanned, scan_grid, scanned_values
 from pamid.diagnosis.screening import ScreeningBaseline, screen
-from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.starting_hints import GapHints, gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.estimation.problem import Problem, free_parameters
@@ -62,8 +61,8 @@ def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateMo
     evidence, base = cogged
     effect = attach(evidence.rig, "cogging", effects())
     whole, place = scanned(evidence, base, effect)
-    found = scanned_values(whole, whole, place, DEFAULT)
-    assert len(found) == DEFAULT.scanned_starts
+    found = scanned_values(whole, whole, place)
+    assert len(found) == SCAN_STARTS
     grid = scan_grid(whole.problem.assembly.parameters[place])
     nearest = grid[np.argmin(np.abs(1.0 / grid - 1.0 / PERIOD_M))]
     assert found[0] == pytest.approx(nearest)
@@ -111,9 +110,7 @@ def test_amounts_make_no_difference(cogged: tuple[DataSplit, CandidateModel]) ->
         if b.owner == "cogging" and b.null is not None:
             p[i] = 0.3 * b.high
     other = whole._replace(p=p)
-    assert scanned_values(other, other, place, DEFAULT) == scanned_values(
-        whole, whole, place, DEFAULT
-    )
+    assert scanned_values(other, other, place) == scanned_values(whole, whole, place)
 
 
 def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
@@ -132,7 +129,7 @@ def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
     base = candidate_from(model.assembly, model.fit, model.held_out)
     effect = attach(evidence.rig, "quantisation@driver", effects())
     whole, place = scanned(evidence, base, effect)
-    assert scanned_values(whole, whole, place, DEFAULT)[0] == pytest.approx(step_v, rel=0.02)
+    assert scanned_values(whole, whole, place)[0] == pytest.approx(step_v, rel=0.02)
     told = screen(evidence, ScreeningBaseline.of(base, 5), effect, base.assembly.sizes, NO_HINTS)
     assert told.p is not None
     assert told.p[place] == pytest.approx(step_v, rel=0.01)
@@ -191,7 +188,7 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     assert told.starts is not None and told.stepping is not None
     weights = base.fit.weights
     where = Scanned(problem, at, told.starts, weights, told.stepping, beside=True)
-    best, *_ = scanned_values(where, where, place, DEFAULT)
+    best, *_ = scanned_values(where, where, place)
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
 
 
@@ -201,7 +198,7 @@ def test_where_no_value_helps_on_a_part_none_is_tried_on_the_whole(
     evidence, base = cogged
     where, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
     monkeypatch.setattr(parameter_scan, "scan_grid", lambda _: np.zeros(0))
-    assert scanned_values(where, where, place, DEFAULT) == []
+    assert scanned_values(where, where, place) == []
 
 
 def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path: Path) -> None:

@@ -103,6 +103,20 @@ def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
     assert spectrum_peaks([replayed], np.ones(1))[0] == pytest.approx(hz, abs=0.5)
 
 
+@pytest.mark.parametrize("hz", [2.9471, 3.0, 3.0123])
+def test_a_line_between_two_points_of_the_spectrum(hz: float) -> None:
+    """Resolved to a hundredth of 1/duration: pulses over 120 periods stay in step."""
+    t = 0.01 * np.arange(4000)
+
+    class Track(list[float]):
+        period_s, timescale_s = 0.01, 0.6
+
+    replay: Any = SimpleNamespace(
+        residual=np.sin(2.0 * np.pi * hz * t + 0.7)[:, None], track=Track(t.tolist())
+    )
+    assert spectrum_peaks([replay], np.ones(1))[0] == pytest.approx(hz, abs=0.01 / 40.0)
+
+
 def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path: Path) -> None:
     """A converter of 16 levels before the logger: seen through the noise behind it."""
     told = read_recording(record_cart(tmp_path, planted=()))
