@@ -13,6 +13,7 @@ from .options import (
     figure_option,
     jobs_option,
     no_check_option,
+    parse_known,
     recording_options,
     require_png,
     run_output_option,
@@ -38,6 +39,19 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
     help="File with a further effect to consider (it is run).",
 )
 @click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
+@click.option(
+    "--horizon",
+    metavar="SECONDS|whole",
+    help="Time that the model predicts from one estimated state, in whole windows; whole: over "
+    "whole recordings. [default: as long as the noise of that state allows]",
+)
+@click.option(
+    "--setting",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Threshold or bound of the cost to change, for example refits=12.",
+)
 @seed_option("Same inputs and seed, same output.")
 @jobs_option()
 @run_output_option("diagnose-run")
@@ -54,6 +68,8 @@ def command(
     held_out: tuple[Path, ...],
     effects: tuple[Path, ...],
     without: tuple[str, ...],
+    horizon: str | None,
+    settings: tuple[str, ...],
     seed: int,
     jobs: int,
     output: Path,
@@ -81,6 +97,8 @@ def command(
             held_out=list(held_out),
             effects=[str(file) for file in effects],
             without=without,
+            horizon=horizon,
+            settings=parse_known(settings, "For example refits=12."),
             seed=seed,
             jobs=jobs,
             cluster=cluster,

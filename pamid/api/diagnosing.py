@@ -3,7 +3,7 @@ gap shrinks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from pamid.api.carried_runs import HowToRun, carry_out
 from pamid.api.given import (
@@ -20,7 +20,7 @@ from pamid.base.files import PathLike
 from pamid.base.progress import Progress, ShowProgress
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnosis_run import diagnose_into
-from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.settings import DEFAULT, Settings, settings_from
 from pamid.estimation.memory_needed import memory_warning
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, effects_with
@@ -34,6 +34,8 @@ def diagnose(
     held_out: RecordingLike | Sequence[RecordingLike] = (),
     effects: EffectLike | Iterable[EffectLike] = (),
     without: Iterable[str] = (),
+    horizon: float | str | None = None,
+    settings: Settings | Mapping[str, float] = DEFAULT,
     seed: int = 0,
     jobs: int = 2,
     cluster: str | None = None,
@@ -51,6 +53,9 @@ def diagnose(
 
     effects    further effects to consider: paths of effect files (they are run), or Effects
     without    effects of the catalogue to leave out, by name
+    horizon    time that the model predicts from one estimated state, s, or "whole" for whole
+               recordings; default: as long as the noise of that state allows
+    settings   thresholds and bounds of the cost to change, by name: `pamid.diagnosis.settings`
     jobs       processes of this machine; the result does not depend on it
     output     run folder to make. With it an interrupted diagnosis keeps every finished job, and
                resume=True repeats none of them. Default: a temporary one, which `save` copies. Or a
@@ -58,18 +63,22 @@ def diagnose(
 
     Everything else is as in `pamid.fit`.
     """
+    chosen = settings_from(settings, horizon)
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
-    searched = given.evidence.excerpt(DEFAULT.fitted_most, DEFAULT.held_out_most)
+    searched = given.evidence.excerpt(chosen.fitted_most, chosen.held_out_most)
     if large := memory_warning(searched, 1 if cluster else jobs):
         warn(large)
     further, left_out = effects_given(effects), list(without)
     catalogue = catalogue_of(further, left_out)
 
     def work(run: Run, pool: WorkerPool, show: Progress) -> None:
-        diagnose_into(run, given.evidence, catalogue, seed=seed, progress=show, pool=pool)
+        diagnose_into(
+            run, given.evidence, catalogue, seed=seed, progress=show, pool=pool, settings=chosen
+        )
 
     how = HowToRun(seed, jobs, cluster, output, overwrite, resume, progress, command)
-    home = carry_out("diagnose", given, further, how, work, options={"without": left_out})
+    options = {"without": left_out} | ({"settings": chosen.changed} if chosen.changed else {})
+    home = carry_out("diagnose", given, further, how, work, options=options)
     found = result_of(home, given.rig, further)
     if not isinstance(found, DiagnosisResult):
         raise FileError(
