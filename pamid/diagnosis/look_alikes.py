@@ -30,8 +30,7 @@ def distance(one: CandidateModel, other: CandidateModel, noise: Array) -> float:
     """RMS difference of two models' held-out predictions, in noise standard deviations (worst
     channel)."""
     gaps = [
-        ((a.model - b.model) / noise)[a.scored]
-        for a, b in zip(one.runs, other.runs, strict=True)
+        ((a.model - b.model) / noise)[a.scored] for a, b in zip(one.runs, other.runs, strict=True)
     ]
     return float(np.sqrt((np.concatenate(gaps) ** 2).mean(axis=0)).max())
 

@@ -216,8 +216,8 @@ def groups(d: Diagnosis) -> list[str]:
 
 
 def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
-    """Every port group's share of the gap, largest first: what the causes remove, and what remains
-    where the latent evidence places it."""
+    """Every port group's share of the gap, largest first: what the causes remove, without any what
+    curves at ports do, and what remains where the latent evidence places it."""
     rig = d.evidence.rig
     even = dict.fromkeys(groups(d), 1.0 / len(groups(d)))
     left = d.left_at or d.located
@@ -227,6 +227,13 @@ def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
         found = {group: rest * share for group, share in _shares_of(d.located, rig, left).items()}
         for c in _causes(d):
             found[c.port] += (1.0 - rest) * (c.share or 0.0)
+    elif d.answer and d.answer.free_forms:
+        forms = d.answer.free_forms
+        removed = min(forms[0].removes.share, 1.0)
+        total = sum(f.removes.share for f in forms)
+        found = {group: (1.0 - removed) * share for group, share in found.items()}
+        for f in forms:
+            found[f.port] += removed * f.removes.share / total
     ordered = sorted(found.items(), key=lambda e: (-e[1], e[0]))
     return tuple(result.PortShare(port=g, share=v) for g, v in ordered)
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from pamid_cli.diagnose import diagnosis_text
 from pamid.api.given import evidence_of
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.family_forms import FreeForm, _span, free_forms, reached_at
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
@@ -129,9 +129,11 @@ def diagnosed(planted: type[Effect]) -> Diagnosis:
 
 def search_of(d: Diagnosis) -> Search:
     hints = gather_hints(d.evidence, d.budget.baseline)
-    return Search(
-        d.evidence, d.budget, np.ones_like(d.half), d.half, [], hints, 0, WorkerPool(), silent
-    )
+    return Search(d.evidence, d.budget, [], hints, 0, WorkerPool(), silent)
+
+
+def forms_of(d: Diagnosis) -> tuple[FreeForm, ...]:
+    return d.answer.free_forms if d.answer else ()
 
 
 def fitted(form: FreeForm, name: str) -> float:
@@ -201,7 +203,8 @@ def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
     first = found.unknown.free_forms[0]
     assert (first.family, first.port, found.where.port) == (family, port, port)
     assert {one.family for one in found.unknown.free_forms} == {family}
-    assert f"It is of the {family} family, in a form not in the catalogue" in found.sentence
+    assert f"of the {family} family, in a form that is not in the catalogue" in found.sentence
+    assert found.where.ports[0].port == port
     assert 0.6 < first.shrinkage <= 1.0 and first.low < first.shrinkage < first.high
 
 
@@ -211,7 +214,7 @@ def test_its_size_is_told_beside_what_passes(planted: type[Effect]) -> None:
     d = diagnosed(planted)
     rest = diagnosis_file(d, describe_unknown(d), 0).remainder
     assert rest is not None and rest.missing_rms is not None and rest.passing_rms is not None
-    spread = float(np.std(d.free_forms[0].curve.y))
+    spread = float(np.std(forms_of(d)[0].curve.y))
     assert 0.4 * spread < rest.missing_rms < 1.2 * spread
     assert 0.2 * PUSH < rest.passing_rms < PUSH
 
@@ -220,7 +223,7 @@ def test_its_size_is_told_beside_what_passes(planted: type[Effect]) -> None:
 def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
     """Beside what the refitted parameters of the rig can take up as well."""
     _, _, truth, beside = CASES[planted]
-    form = diagnosed(planted).free_forms[0]
+    form = forms_of(diagnosed(planted))[0]
     x, y = np.array(form.curve.x), np.array(form.curve.y)
     said, planned = beside(form, x, y), truth(x)
     moving = np.abs(x) > 0.02 * np.ptp(x)  # a curve may jump at zero
@@ -230,8 +233,9 @@ def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
 
 def test_nothing_has_no_family() -> None:
     d = diagnosed(Nothing)
-    assert d.verdict == "no-structural-gap" and d.free_forms == ()
-    assert free_forms(search_of(d), d.budget.baseline, list(d.evidence.rig.ports)) == []
+    assert d.verdict == "no-structural-gap" and forms_of(d) == ()
+    search, ports = search_of(d), list(d.evidence.rig.ports)
+    assert free_forms(search, d.comparison, d.budget.baseline, ports) == []
 
 
 def test_noise_has_no_family() -> None:
@@ -244,57 +248,64 @@ def test_noise_has_no_family() -> None:
     recording = recording_of(PERIOD_S * np.arange(SAMPLES), columns)
     evidence = evidence_of([recording], cart(), warn=lambda _: None).evidence
     d = diagnose(evidence, {"dead-time": effects()["dead-time"]})
-    assert d.free_forms == ()
-    assert free_forms(search_of(d), d.budget.baseline, list(evidence.rig.ports)) == []
+    assert d.silent == ("place",) and forms_of(d) == ()
 
 
 def test_a_withheld_effect_keeps_its_family() -> None:
     d = diagnose(recorded("dead-time@amplifier"), {"offset": effects()["offset"]})
     assert d.verdict == "unknown-effect"
-    assert [(f.family, f.port) for f in d.free_forms] == [("command-timing", "amplifier")]
+    assert [(f.family, f.port) for f in forms_of(d)] == [("command-timing", "amplifier")]
 
 
 def test_what_is_no_function_of_the_signals_has_no_family() -> None:
     """A force from outside, which depends on the time alone."""
-    d = diagnose(recorded("external-vibration:sine_value=3"), {"offset": effects()["offset"]})
-    assert d.verdict == "unknown-effect" and d.free_forms == ()
+    d = shaken()
+    assert d.cause is None and forms_of(d) == ()
+
+
+@pytest.mark.xfail(strict=True, reason="without a curve at a port a gap of any size is denied")
+def test_a_gap_far_above_the_floor_is_not_denied() -> None:
+    """The smoother finds a value at a port that explains it, and no curve predicts it."""
+    d = shaken()
+    assert d.comparison.floors(d.budget.baseline) > 100.0
+    assert d.verdict != "no-structural-gap"
 
 
 @cache
-def stuck() -> tuple[Search, CandidateModel]:
+def shaken() -> Diagnosis:
+    return diagnose(recorded("external-vibration:sine_value=3"), {"offset": effects()["offset"]})
+
+
+@cache
+def stuck() -> tuple[Search, Comparison, CandidateModel]:
     """A cart with dry friction and a force that changes its sign near one place; the model that
     has the first alone."""
-    search = search_of(diagnose(recorded("coulomb-friction", Step), {}))
+    d = diagnose(recorded("coulomb-friction", Step), {})
+    search = search_of(d)
     named = attach(search.evidence.rig, "coulomb-friction", effects())
     work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
-    return search, search.pool.one(work, RefitStart((named,)))
+    return search, d.comparison, search.pool.one(work, RefitStart((named,)))
 
 
 def test_the_remainder_beside_a_named_cause_has_a_family() -> None:
-    search, named = stuck()
-    found = free_forms(search, named, ["guide"])
+    search, comparison, named = stuck()
+    found = free_forms(search, comparison, named, ["guide"])
     assert [f.family for f in found] == ["stiffness"]
     assert [a.effect.name for a in found[0].model.attached] == [
         "coulomb-friction",
         "free-position-force",
     ]
-    assert found[0].shrinkage > 0.5
+    assert found[0].removes.share > 0.5
     assert found[0].model.fit.p[found[0].model.assembly.keys["coulomb-friction:level"]] > 0.0
-
-
-def test_what_the_catalogue_does_as_well_is_not_said_to_be_outside() -> None:
-    search, named = stuck()
-    (first,) = free_forms(search, named, ["guide"])
-    assert free_forms(search, named, ["guide"], [first.model]) == []
-    assert free_forms(search, named, ["guide"], [named])
 
 
 def test_forms_that_do_as_well_are_all_said() -> None:
     """Of forms that the recordings cannot tell apart the sentence names every family and port."""
     d = diagnosed(Step)
-    (form,) = d.free_forms
-    other = diagnosed(TwoSlips).free_forms[0]
-    said = diagnosis_file(replace(d, free_forms=(form, other)), describe_unknown(d), 0)
+    (form,), (other, *_) = forms_of(d), forms_of(diagnosed(TwoSlips))
+    assert d.answer is not None
+    both = replace(d, answer=replace(d.answer, free_forms=(form, other)))
+    said = diagnosis_file(both, describe_unknown(d), 0)
     assert "of the stiffness or hysteresis family" in said.sentence
     assert said.unknown is not None and len(said.unknown.free_forms) == 2
     shown = diagnosis_text(said.as_json(), Path("run")).splitlines()
@@ -319,19 +330,3 @@ def test_a_form_needs_something_to_be_drawn_over() -> None:
     left = {a.effect.name for a in forms if _span(a, d.evidence.rig, known) is not None}
     assert "free-friction" in left and "free-map" in left
     assert not {"free-position-force", "free-hysteresis"} & left
-
-
-def test_an_effect_that_was_never_refitted_alone_is_weighed_nevertheless() -> None:
-    """Found beside another and left without it, it is in no ranking of single effects."""
-    names = ("coulomb-friction", "viscous-friction", "offset")
-    d = diagnose(recorded("coulomb-friction"), {name: effects()[name] for name in names})
-    assert d.judged is not None and d.located is not None
-    best, others = d.judged.best, [c for c in d.ranking if c.label != d.judged.best.label]
-    kept = tuple(
-        own for c, own in zip(d.ranking, d.judged.signatures, strict=True) if c.label != best.label
-    )
-    c: Any = SimpleNamespace(ranking=tuple(others), signatures=kept, located=d.located, tried=())
-    (found,) = _members(search_of(d), c, best, None)
-    (known,) = d.judged.members
-    assert found.effect.label == known.effect.label == "coulomb-friction"
-    assert found.signature == known.signature
