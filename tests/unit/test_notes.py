@@ -46,18 +46,14 @@ def test_nor_where_no_input_is_taken_so() -> None:
     assert told(0.5, {}) == []
 
 
-@pytest.mark.parametrize(("better", "said"), [(0.4, 1), (0.05, 0), (-2.0, 0), (float("nan"), 0)])
-def test_a_refit_that_predicts_worse_than_the_data_sheet_is_told(better: float, said: int) -> None:
-    """better: share of the refitted model's error that the data sheet does without."""
+@pytest.mark.parametrize("remark", ["", "The data sheet predicts better: it is the baseline."])
+def test_a_mended_refit_is_told(remark: str) -> None:
     budget = SimpleNamespace(
         baseline=SimpleNamespace(fit=SimpleNamespace(converged=True)),
-        data_sheet=None,
-        shrinkage=lambda _: better,
-        error_text=lambda: "angle_deg 2.92 -> 5.38 (floor 0.0403)",
+        model=SimpleNamespace(remark=remark),
     )
     d: Any = SimpleNamespace(budget=budget, settings=DEFAULT, cause=None)
-    found = _fits(d)
-    assert len(found) == said and all("2.92 -> 5.38" in note for note in found)
+    assert _fits(d) == ([remark] if remark else [])
 
 
 LEFT = Remainder(
