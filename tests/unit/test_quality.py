@@ -265,8 +265,17 @@ def test_a_poor_excitation_is_told(joint: Recording, sent: Array, kind: str, wor
     assert word in only(issues, kind).message
 
 
-def test_a_short_recording_is_told(joint: Recording) -> None:
-    assert "short" in [i.kind for i in examine(joint.slice(1000, 1190))]
+def test_a_recording_is_short_if_a_fit_would_refuse_it(joint: Recording) -> None:
+    for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
+        part = joint.slice(1000, 1000 + samples)
+        short = samples < FEWEST_SAMPLES
+        assert ("short" in [i.kind for i in examine(part)]) == short
+        try:
+            split_recordings(library.rig_named("one-dof"), [part], [])
+        except DataError:
+            assert short
+        else:
+            assert not short
 
 
 @pytest.mark.parametrize(
