@@ -354,7 +354,7 @@ def left_answer(run: RunData) -> AnswerText | None:
     beside = bool(diagnosis.causes)
     at = f", at the {formatting.port_label(rest.port)} port" if rest.port else ""
     if not rest.real:
-        lead = "Nothing that can be told from noise and ordinary tolerances."
+        lead = "No material part of the gap."
     elif beside and rest.share is not None:
         lead = f"{percent(rest.share)} of the gap{at}."
     else:
@@ -363,7 +363,7 @@ def left_answer(run: RunData) -> AnswerText | None:
     amount = verdict_words.amount_of(rest)
     details = [
         sentence(f"left over: {size}") if size else "",
-        sentence(f"that is {set_figures(verdict_words.weight_of(rest))}"),
+        sentence(f"that is {set_figures(verdict_words.weight_of(rest))}") if rest.real else "",
         sentence(f"there are {set_figures(amount)}") if amount else "",
     ]
     if beside and (term := missing_term(diagnosis)) is not None:
