@@ -65,15 +65,15 @@ def _instead(d: Diagnosis) -> list[str]:
 
 def _set_aside(d: Diagnosis) -> list[str]:
     """Candidates that would have led, and the physical reason against them."""
-    if d.guards is None or d.silent:
+    if d.silent:
         return []
     best = d.cause or d.budget.baseline
-    ahead = [c for c in d.ranking if d.comparison.removed(c, best).z > d.settings.tie_errors]
+    ahead = [c for c in d.ranking if d.comparison.is_material(c, best)]
     return [
         f"{c.label} removes {percent_text(d.comparison.removed(c).share)} of the gap and is set "
         f"aside: {'; '.join(why)}."
         for c in ahead
-        if len(c.attached) >= len(best.attached) and (why := d.guards.objections(c))
+        if len(c.attached) >= len(best.attached) and (why := d.set_aside.get(c.label))
     ][:1]
 
 

@@ -3,7 +3,8 @@ comparison, answer."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -46,7 +47,8 @@ class Diagnosis:
     response: LaggedResponse | None = None  # of outputs to inputs; None where no input moves
     located: PortEvidence | None = None
     ranking: tuple[CandidateModel, ...] = ()
-    guards: Guards | None = None
+    # physical reasons for which candidates of the ranking are set aside, by label
+    set_aside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     selection: Selection | None = None
     answer: Answer | None = None
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
@@ -191,7 +193,7 @@ def diagnose(
         response,
         located,
         tuple(ranking),
-        guards,
+        {c.label: why for c in ranking if (why := guards.objections(c))},
         selection,
         decision,
         tuple(first.failed),

@@ -401,7 +401,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         parameters=_parameters(c, c.attached[-1].label),
         at_bound=at_bounds(c, d.settings),
         figures=figures,
-        set_aside=d.guards.objections(c) if d.guards else (),
+        set_aside=d.set_aside.get(c.label, ()),
     )
 
 
