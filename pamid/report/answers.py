@@ -66,11 +66,11 @@ def where_answer(run: RunData) -> AnswerText:
     windows."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return AnswerText("Not asked yet.", (DIAGNOSE_HINT,))
+        return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
     if diagnosis.verdict == "no-structural-gap":
         return AnswerText("Nowhere: no gap is left to place.")
     if diagnosis.remark:
-        return AnswerText("These recordings do not tell.")
+        return AnswerText("Undetermined.")
     where = diagnosis.where
     if where is None or not (where.port or where.ports):
         return AnswerText("The diagnosis names no port.")
@@ -101,37 +101,38 @@ def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
     alike = sorted(where.not_told_from(where.port))
-    # the form of the effect tells what the sensors alone cannot
+    # the form of an effect separates ports that the sensors alone cannot
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         ports = dict.fromkeys(formatting.port_label(one.port) for one in diagnosis.causes)
         every = [port for port in ports if port] or [formatting.port_label(where.port)]
         lead = f"At the {formatting.join(every)} port{'s' if len(every) > 1 else ''}"
         elsewhere = sorted({port for one in diagnosis.causes for port in one.or_at})
-        told = formatting.join(map(formatting.port_label, elsewhere), "or")
-        return sentence(f"{lead}{f', or at {told}: these recordings cannot tell' if told else ''}")
+        others = formatting.join(map(formatting.port_label, elsewhere), "or")
+        alike = f", or at {others}: these recordings cannot separate them" if others else ""
+        return sentence(f"{lead}{alike}")
     if not alike:
         return f"At the {formatting.port_label(where.port)} port."
     return sentence(
-        f"at the {formatting.port_label(where.port)} port; these sensors cannot tell it from "
+        f"at the {formatting.port_label(where.port)} port; these sensors cannot separate it from "
         f"{formatting.join(map(formatting.port_label, alike), 'or')}"
     )
 
 
 def _alike(where: Where) -> str:
-    """What the sensors cannot tell apart, and the sensor that would help most; "" where there is
-    nothing to say."""
+    """Ports that the sensors cannot separate, and the sensor that would help most; "" without
+    any."""
     groups = [
         formatting.join(map(formatting.port_label, group))
         for group in where.indistinguishable
         if len(group) > 1
     ]
     texts = (
-        [f"for an effect of unknown form these sensors cannot tell {', nor '.join(groups)} apart"]
+        [f"these sensors cannot separate effects of unknown form at {', or at '.join(groups)}"]
         if groups
         else []
     )
     texts += (
-        [f"they say nothing of {formatting.join(map(formatting.port_label, where.unseen))}"]
+        [f"they do not respond to {formatting.join(map(formatting.port_label, where.unseen))}"]
         if where.unseen
         else []
     )
@@ -161,7 +162,7 @@ def which_answer(run: RunData) -> AnswerText:
     """Which effect causes it, what looks like it, and the runner-up."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return AnswerText("Not asked yet.", (DIAGNOSE_HINT,))
+        return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
     leads = {
         "explained": _explained,
         "partly-explained": _explained,
@@ -198,20 +199,23 @@ def _removed(diagnosis: DiagnosisFile) -> list[str]:
     """The share of the gap that every cause removes, and how they share what they remove
     together."""
     several = len(diagnosis.causes) > 1
-    beside = " beside the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
+    company = " next to the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
     if diagnosis.verdict == "ambiguous":
-        beside = " alone"
+        company = " alone"
     details = [
         sentence(
-            f"{effect_label(one.effect)} removes {percent(one.removes.share)} of the gap{beside}"
+            f"{effect_label(one.effect)} removes {percent(one.removes.share)} of the gap{company}"
             f"{formatting.interval_tail(percent_span(one.removes.low, one.removes.high))}"
         )
         for one in diagnosis.causes
         if one.removes is not None
     ]
     if several and diagnosis.verdict != "ambiguous":
-        shares = [f"{percent(one.share)} to {effect_label(one.effect)}" for one in diagnosis.causes]
-        details.append(f"Of what they remove together, {formatting.join(shares)} is due.")
+        shares = [
+            f"{effect_label(one.effect)} accounts for {percent(one.share)}"
+            for one in diagnosis.causes
+        ]
+        details.append(f"Of what they remove one by one, {formatting.join(shares)}.")
     return details
 
 
@@ -226,7 +230,7 @@ def _sizes(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _ambiguous(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    lead = sentence(f"either {causes_label(diagnosis)}: these recordings cannot tell")
+    lead = sentence(f"{causes_label(diagnosis)}: these recordings cannot separate them")
     return lead, _removed(diagnosis) + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
@@ -242,7 +246,7 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
 
 def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     one, families = diagnosis.unknown, verdict_words.free_families(diagnosis, SPELLING)
-    lead = f"None of the catalogue: it is {families}." if families else "None of the catalogue."
+    lead = f"None of the catalogue; it is {families}." if families else "None of the catalogue."
     if one is None:
         return lead, []
     told = (*_free_forms(one), *nature_texts(one), *formula_texts(one))
@@ -271,15 +275,15 @@ def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    return "These recordings do not tell.", []
+    return "Undetermined.", []
 
 
 def _beside(diagnosis: DiagnosisFile) -> list[str]:
-    """The confidence set; the ranking and its tooltips hold the other candidates."""
-    tied = diagnosis.tied
+    """The confidence set where it is too large to be named; the ranking and its tooltips hold the
+    other candidates."""
     details = []
-    if len(tied) > 1:
-        names = formatting.join(map(effect_label, tied))
+    if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
+        names = formatting.join(map(effect_label, diagnosis.tied))
         details.append(f"These recordings cannot separate {names}.")
     return details if len(diagnosis.ranking) > 1 else [*details, "No other candidate was refitted."]
 
@@ -344,35 +348,26 @@ def _channel_point(row: ChannelErrors) -> str:
 
 
 def left_answer(run: RunData) -> AnswerText | None:
-    """What is left of the gap with the causes, or the gap where there is none: its size, whether it
-    is more than noise and tolerances, where it enters, and what it looks like. None where there is
-    nothing to say."""
+    """What remains of the gap with the causes, or the gap without any: size, place and form. None
+    without a remainder."""
     diagnosis = run.diagnosis
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return None
-    beside = bool(diagnosis.causes)
+    caused = bool(diagnosis.causes)
     at = f", at the {formatting.port_label(rest.port)} port" if rest.port else ""
-    if not rest.real:
-        lead = "No material part of the gap."
-    elif beside and rest.share is not None:
-        lead = f"{percent(rest.share)} of the gap{at}."
-    else:
-        lead = f"The whole gap{at}."
-    size = set_figures(verdict_words.size_of(rest, beside=beside))
-    amount = verdict_words.amount_of(rest)
-    details = [
-        sentence(f"left over: {size}") if size else "",
-        sentence(f"that is {set_figures(verdict_words.weight_of(rest))}") if rest.real else "",
-        sentence(f"there are {set_figures(amount)}") if amount else "",
-    ]
-    if beside and (term := missing_term(diagnosis)) is not None:
+    part = percent(max(rest.share, 0.0)) if caused and rest.share is not None else "all"
+    lead = f"{part} of the gap{at}." if rest.real else "No material part of the gap."
+    size = set_figures(verdict_words.size_of(rest, beside=caused))
+    amount = set_figures(verdict_words.amount_of(rest))
+    details = [sentence(f"remaining: {size}") if size else "", sentence(amount) if amount else ""]
+    if caused and (term := missing_term(diagnosis)) is not None:
         details += formula_texts(term)
     if rest.real and rest.family:
         details.append(
-            sentence(f"a free form of the {effect_label(rest.family)} family would take it up")
+            sentence(f"a curve of the {effect_label(rest.family)} family would remove it")
         )
-    return AnswerText(lead, tuple(filter(None, details)))
+    return AnswerText(sentence(lead), tuple(filter(None, details)))
 
 
 def next_answer(run: RunData) -> AnswerText:

@@ -69,11 +69,7 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
                 edgecolor=colour("data_sheet"),
                 linewidth=0.9 if doubtful else 0.0,
             )
-            note = (
-                f" (not told from {label(formatting.port_label(where.port), 16)})"
-                if doubtful
-                else ""
-            )
+            note = f" (or {label(formatting.port_label(where.port), 16)})" if doubtful else ""
             _value(axes, 100.0 * share, row, f"{formatting.percent(share)}{'' if narrow else note}")
         _rows(axes, [formatting.port_label(port) for port, _ in shares])
         axes.set_xlim(min(0.0, 100.0 * min(share for _, share in shares)), 118.0)

@@ -66,11 +66,11 @@ def set_spaces(text: str) -> str:
 def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
     where = diagnosis.where
     if diagnosis.remark:
-        return AnswerCard("Where", "Not told", ("Check the recordings first.",), "where", True)
+        return AnswerCard("Where", "Undetermined", ("Check the recordings first.",), "where", True)
     if diagnosis.verdict == "no-structural-gap":
         return AnswerCard("Where", "Nowhere", ("No gap is left to place.",), "where", True)
     if where is None or not (where.port or where.ports):
-        return AnswerCard("Where", "Not told", ("The diagnosis names no port.",), "where", True)
+        return AnswerCard("Where", "Undetermined", ("The diagnosis names no port.",), "where", True)
     shares = {one.port: one.share for one in where.ports}
     named = _named_ports(diagnosis) or [max(shares, key=lambda one: shares[one])]
     lead = formatting.join(_with_share(one, shares) for one in named)
@@ -82,7 +82,9 @@ def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
     lines = [f"of the gap enters here{f'; {formatting.join(others)}' if others else ''}"]
     alike = _alike(diagnosis)
     if alike:
-        lines.append(f"not told from {formatting.join(map(port_label, alike), 'or')} yet")
+        lines.append(
+            f"cannot be separated from {formatting.join(map(port_label, alike), 'or')} yet"
+        )
     if where.regimes and where.regimes[0].share_of_gap is not None:
         best = where.regimes[0]
         lines.append(
@@ -104,7 +106,7 @@ def _with_share(port: str, shares: dict[str, float]) -> str:
 
 
 def _alike(diagnosis: DiagnosisFile) -> list[str]:
-    """What these sensors cannot tell from the named port, where no cause's form tells it."""
+    """Ports that cannot be separated from the named one, by a cause's form or by the sensors."""
     where = diagnosis.where
     if where is None:
         return []
@@ -118,18 +120,18 @@ def _alike(diagnosis: DiagnosisFile) -> list[str]:
 
 def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
     if diagnosis.remark:
-        lines = ("No effect is asked for before.",)
-        return AnswerCard("Which", "Not told", lines, "which", True)
+        lines = ("Check the recordings first.",)
+        return AnswerCard("Which", "Undetermined", lines, "which", True)
     if diagnosis.verdict == "cannot-tell":
-        return AnswerCard("Which", "Not told", _best_guess(diagnosis), "which", True)
+        return AnswerCard("Which", "Undetermined", _best_guess(diagnosis), "which", True)
     if diagnosis.verdict == "no-structural-gap":
         lines = ("Retuned parameters and ordinary tolerances suffice.",)
         return AnswerCard("Which", "No effect", lines, "which", True)
     if diagnosis.verdict == "unknown-effect" or not diagnosis.causes:
         families = verdict_words.free_families(diagnosis, SPELLING)
-        told = sentence(families) if families else "No effect of the catalogue explains it."
-        closest_one = _closest_line(diagnosis)
-        return AnswerCard("Which", "None of the catalogue", (told, *closest_one), "which")
+        first = sentence(families) if families else "No effect of the catalogue explains it."
+        lines = (first, *_closest_line(diagnosis))
+        return AnswerCard("Which", "None of the catalogue", lines, "which")
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
@@ -146,7 +148,11 @@ def _best_guess(diagnosis: DiagnosisFile) -> tuple[str, ...]:
     best = next((one for one in diagnosis.ranking if one.removes is not None), None)
     if best is None or best.probability is None:
         return ("These recordings do not suffice.",)
-    return (f"{effect_label(best.effect)} may be missing (P {chance_figure(best.probability)}).",)
+    share = percent(best.removes.share) if best.removes is not None else "a part"
+    return (
+        f"{effect_label(best.effect)} may be missing: removes {share} of the gap "
+        f"(P {chance_figure(best.probability)}).",
+    )
 
 
 def _closest_line(diagnosis: DiagnosisFile) -> tuple[str, ...]:
@@ -155,8 +161,8 @@ def _closest_line(diagnosis: DiagnosisFile) -> tuple[str, ...]:
     if best is None or best.probability is None or best.shrinkage is None:
         return ()
     return (
-        f"closest: {effect_label(best.effect)}, P {chance_figure(best.probability)}, removes "
-        f"{percent(best.shrinkage)} of the held-out error",
+        f"closest: {effect_label(best.effect)}, removes {percent(best.shrinkage)} of the held-out "
+        f"error, P {chance_figure(best.probability)}",
     )
 
 
@@ -171,10 +177,10 @@ def _with_value(cause: Cause) -> str:
 
 def _grounds_line(cause: Cause, several: bool) -> str:
     parts = []
-    if cause.probability is not None:
-        parts.append(f"P {chance_figure(cause.probability)}")
     if cause.removes is not None:
         parts.append(f"removes {percent(cause.removes.share)} of the gap")
+    if cause.probability is not None:
+        parts.append(f"P {chance_figure(cause.probability)}")
     found = first_parameter(cause)
     if found is not None and None not in (found[1].low, found[1].high):
         span = formatting.span(found[1].low, found[1].high, channel_unit(found[0]))
@@ -213,4 +219,4 @@ def _left_line(diagnosis: DiagnosisFile | None) -> list[str]:
         return []
     size = set_figures(verdict_words.size_of(rest, beside=bool(diagnosis.causes)))
     at = f", at the {port_label(rest.port)}" if rest.port else ""
-    return [f"left: {size}{at}"]
+    return [f"remaining: {size}{at}"]

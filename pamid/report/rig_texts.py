@@ -116,7 +116,9 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
         order = [one.port for one in where.ports]
         named = sorted(others, key=lambda one: order.index(one) if one in order else len(order))
         ports = formatting.join(map(formatting.port_label, named), "or")
-        texts.append(f"For an effect of unknown form these sensors cannot tell it from {ports}.")
+        texts.append(
+            f"For an effect of unknown form these sensors cannot separate it from {ports}."
+        )
     split = next((one.sensor for one in where.sensors if any(group in g for g in one.splits)), None)
     if split is not None:
         texts.append(f"Measuring {sensor_label(split)} as well would separate them.")

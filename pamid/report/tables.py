@@ -24,38 +24,6 @@ from pamid.schemas.fit_file import Combination, FitFile, FitParameter, LoopError
 from pamid.schemas.run_file import Step
 
 STRAINED = 3.0
-#: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
-#: choose
-GROUNDS = {
-    "visible": "Error of the refitted model over the noise floor, in the channel where it is "
-    "largest.",
-    "gap": "Error of the refitted model above the noise floor, in floors, summed over the "
-    "channels.",
-    "of_signal": "Error of the refitted model over the standard deviation of the signal, in the "
-    "worst channel.",
-    "left": "Share of the gap that remains with the best model.",
-    "ceiling": "Share of the gap that a black box trained on the same data leaves.",
-    "shrinkage": "Share of the error that the best model removes.",
-    "gain": "Log squared error per channel that the best model gains on the refitted one.",
-    "sure": "The same gain in its standard errors.",
-    "helps": "Share of the resampled window sets on which the first candidate helps at all.",
-    "margin": "Share of the gap by which the best candidate of another family is worse than the "
-    "first.",
-    "margin_gain": "The same margin in log squared error per channel.",
-    "margin_sure": "The same margin in its standard errors.",
-    "wins": "Share of the resampled window sets that the family of the first candidate wins.",
-    "missing": "Evidence that something is missing from the refitted model, nats per sample.",
-    "unexplained": "Evidence that something is still missing from the best model, nats per sample.",
-    "at_port": "Evidence at the port of the first candidate over the largest at any port.",
-    "strain": "Largest strain of a parameter in the best model, in prior standard deviations.",
-    "pull": "Largest pull of the background in the best model, in tolerances.",
-    "channels": "Channels that are measured.",
-    "remaining": "Error of the best model over the noise floor, in the channel where it is "
-    "largest.",
-    "remaining_of_signal": "Error of the best model over the standard deviation of the signal, in "
-    "the worst channel.",
-}
-SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "at_port"})
 
 
 def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:

@@ -23,14 +23,19 @@ from pamid.schemas.model import read
 
 def test_a_candidate_says_what_it_lost_by() -> None:
     content = diagnosis_json("explained")
-    content["look_alikes"] = [["coulomb-friction", "lugre-friction"]]
     rival, *_ = (one for one in content["ranking"] if one["effect"] == "lugre-friction")
+    rival |= {"set_aside": ["lugre-friction does what viscous of the rig does"]}
+    (step,) = content["comparison"]
+    step["tied"] = [*step["tied"], step["tied"][0] | {"effect": "lugre-friction"}]
     loser = next(one for one in content["ranking"] if one["effect"] == "bouc-wen-hysteresis")
     loser |= {"low": -0.02, "at_bound": ["force_n"]}
     found = read(DiagnosisFile, content)
     told = {one.effect: flat(why_not(one, found)) for one in found.ranking}
     assert told["coulomb-friction"] == "is named"
-    assert told["lugre-friction"].startswith("looks like Coulomb friction on these recordings")
+    assert told["lugre-friction"] == (
+        "lugre-friction does what viscous of the rig does; these recordings cannot separate it "
+        "from the first"
+    )
     assert told["bouc-wen-hysteresis"].startswith(
         "its gain is not sure: the interval reaches 0; removes 41 % where Coulomb friction removes"
     )

@@ -28,11 +28,11 @@ def test_no_two_models_bear_one_name() -> None:
     assert all(one["title"] and "schema" in one["required"] for one in found.values())
 
 
-@pytest.mark.parametrize("name", ["diagnosis", "pamid.diagnosis/2", "pamid.diagnosis"])
+@pytest.mark.parametrize("name", ["diagnosis", "pamid.diagnosis/3", "pamid.diagnosis"])
 def test_a_schema_is_printed_with_its_number(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["schema", name]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["$id"] == printed["properties"]["schema"]["const"] == "pamid.diagnosis/2"
+    assert printed["$id"] == printed["properties"]["schema"]["const"] == "pamid.diagnosis/3"
     assert {"partly-explained", "cannot-tell"} < set(printed["properties"]["verdict"]["enum"])
 
 
