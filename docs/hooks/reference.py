@@ -13,6 +13,7 @@ import click
 from pamid_cli.table import COMMANDS, load_command
 
 import pamid
+from pamid.diagnosis.settings import described
 from pamid.model import catalogue
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rig_named, rigs
@@ -34,6 +35,7 @@ def written_pages() -> Iterator[tuple[str, str]]:
     yield f"{COMMAND_PAGES}index.md", _commands_page()
     for name in COMMANDS:
         yield f"{COMMAND_PAGES}{name}.md", _command_page(name)
+    yield "reference/settings.md", _settings_page()
     yield "reference/schemas.md", _schemas_page()
     yield "reference/python.md", _face_page()
     yield "explanation/glossary.md", _glossary_page()
@@ -199,6 +201,25 @@ def _commands_page() -> str:
         "6 partly done (the rest is written), 130 interrupted (what is finished is kept).",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _settings_page() -> str:
+    lines = [
+        "# Settings of a diagnosis",
+        "",
+        "Change one with `pamid diagnose ... --setting NAME=VALUE`, or with",
+        "`pamid.diagnose(..., settings={NAME: VALUE})`. `--horizon` sets `horizon_s`.",
+        "Probabilities of causes are calibrated under the defaults.",
+        "",
+        "| setting | default | unit | meaning | evidence |",
+        "|---|---|---|---|---|",
+        *(
+            f"| `{s['name']}` | {s['default']:g} | {s['unit']} | {_cell(s['meaning'])} | "
+            f"{_cell(s['evidence'])} |"
+            for s in described()
+        ),
+    ]
+    return "\n".join([*lines, ""])
 
 
 def _command_page(name: str) -> str:

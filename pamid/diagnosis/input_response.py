@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 # circular shifts that stand for "without the inputs", as shares of the track; 0 holds every input
 # at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does not
-SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8)
+INPUT_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8)
 
 Channels = NDArray[np.bool_]
 
@@ -88,12 +88,12 @@ def _responding(
     middle = np.concatenate([_guesses(r)[0] for r in true])
     held, *shifted = (
         losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
-        for shift in SHIFTS
+        for shift in INPUT_SHIFTS
     )
     rivals = (middle, held, np.mean(shifted, axis=0))
     error = losses(true)
     begun = [(r.track, r.entered[0]) for r in true]
-    free, flat, *without = _free_run_errors(model, begun, SHIFTS)
+    free, flat, *without = _free_run_errors(model, begun, INPUT_SHIFTS)
     responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
     for c in np.flatnonzero(~responding):
         seen = ~np.isnan(error[:, c])  # a recording may lack the channel
@@ -114,7 +114,7 @@ def _free_run_errors(
     model: CandidateModel, begun: Sequence[tuple[Track, Array]], shifts: Sequence[float]
 ) -> Array:
     """Summed absolute errors per channel (SI) of one free run per track from its start: with the
-    recorded inputs, of the median, and without the inputs (rows; see SHIFTS)."""
+    recorded inputs, of the median, and without the inputs (rows; see INPUT_SHIFTS)."""
     total = np.zeros((2 + len(shifts), begun[0][0].y.shape[1]))
     for track, start in begun:
         runs = [

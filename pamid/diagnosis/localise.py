@@ -43,7 +43,7 @@ REGIME_BINS, REGIME_GAIN, REGIME_BOUND, REGIME_ORDER = 12, 0.15, 0.01, 0.002
 REGIMES_MOST, REGIME_OVERLAP = 4, 0.5  # stated; share of the samples that makes two of them one
 # correlation times: half of what measured signals are smoothed over, a segment of the spectrum
 SMOOTHED, SPECTRUM_SEGMENT = 0.025, 13.0
-STILL = 0.02  # of the usual speed (95th percentile): a slower motion reverses nothing
+STILL_SHARE = 0.02  # of the usual speed (95th percentile): a slower motion reverses nothing
 BAND_SHARE = 0.8  # of the gap's power inside the band that is stated, its middle
 WORST_WINDOWS = 3  # stated
 
@@ -254,7 +254,7 @@ def _followed(
 def _since_reversal(velocity: Array) -> Array:
     """Samples since the velocity last changed its sign; while it is still it keeps the sign it
     had."""
-    moving = np.abs(velocity) > STILL * np.percentile(np.abs(velocity), 95.0)
+    moving = np.abs(velocity) > STILL_SHARE * np.percentile(np.abs(velocity), 95.0)
     place = np.arange(len(velocity))
     last = np.maximum.accumulate(np.where(moving, place, 0))
     direction = np.sign(velocity[last])

@@ -56,7 +56,7 @@ RECORDED_TAIL = 2.0  # per cent of the samples at either end of what was recorde
 # re-adjustment to an experiment: correlation times of every old recording that it looks at,
 # Gauss-Newton steps of either fit, share of the cost that ends them
 OLD_STRETCH, ADJUSTING_STEPS, ADJUSTING_TOLERANCE = 16.0, 3, 0.02
-VISIBLE = 1.0  # standard deviations of the noise: less is no clear separation
+VISIBLE_SEPARATION = 1.0  # standard deviations of the noise: less is no clear separation
 
 
 def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
@@ -377,6 +377,6 @@ def _why(
         "simulated on the fitted models, the nearest two differ most in "
         f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise"
     )
-    if separation[worst] < VISIBLE:
+    if separation[worst] < VISIBLE_SEPARATION:
         parts.append("nothing on the menu sets them apart clearly")
     return "; ".join(parts)

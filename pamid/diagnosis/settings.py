@@ -17,12 +17,12 @@ from typing import Any
 
 from pamid.base.errors import UsageError, nearest
 
-COMPARED = (
+BY_COMPARISON = (
     "docs/measured/comparison.md: one of 60 rules on 47 recordings; 28 causes right or in a set of "
     "two (27 with 138 settings), 1 of 6 healthy machines blamed (3)"
 )
-TRIED = "tried together with all others by the blind trial (docs/measured/blind-trial.md)"
-COST = "a bound of the cost (docs/measured/speed.md); it may only hide a candidate"
+BY_TRIAL = "tried together with all others by the blind trial (docs/measured/blind-trial.md)"
+COST_ONLY = "a bound of the cost (docs/measured/speed.md); it may only hide a candidate"
 
 
 def setting(default: float, unit: str, meaning: str, evidence: str) -> Any:
@@ -38,13 +38,13 @@ class Settings:
 
     # ---- comparison
     material_share: float = setting(
-        0.15, "share of the gap", "least that a cause removes, next to the others", COMPARED
+        0.15, "share of the gap", "least that a cause removes, next to the others", BY_COMPARISON
     )
     standard_errors: float = setting(
-        3.0, "standard errors", "least certainty of what a cause removes, paired", COMPARED
+        3.0, "standard errors", "least certainty of what a cause removes, paired", BY_COMPARISON
     )
     tie_errors: float = setting(
-        2.0, "standard errors", "families nearer than this to the best tie with it", COMPARED
+        2.0, "standard errors", "families nearer than this to the best tie with it", BY_COMPARISON
     )
     tie_margin: float = setting(
         0.03,
@@ -56,10 +56,10 @@ class Settings:
         2, "families", "named as alternatives, at most", "a larger set is no answer to act on"
     )
     material_rest: float = setting(
-        0.2, "share of the gap", "a larger remainder is reported and searched for effects", TRIED
+        0.2, "share of the gap", "a larger remainder is reported and searched for effects", BY_TRIAL
     )
     floor_margin: float = setting(
-        0.10, "share of the noise floor", "a model nearer to the floor is at the floor", TRIED
+        0.10, "share of the noise floor", "a model nearer to the floor is at the floor", BY_TRIAL
     )
 
     # ---- do the recordings show this machine?
@@ -87,13 +87,13 @@ class Settings:
         0.05,
         "share of what an effect adds",
         "terms of the rig that leave no more of it duplicate it",
-        "tests/unit/test_own_terms.py: effects that a rig has, and that it has not",
+        "tests/unit/test_own_terms.py: duplicates leave under 0.003, other effects over 0.17",
     )
     pressed: float = setting(
         3.0,
         "nats per prior spread",
         "a parameter that would gain more beyond its bound has the wrong form",
-        TRIED,
+        BY_TRIAL,
     )
     far_off: float = setting(
         2.9,
@@ -105,13 +105,13 @@ class Settings:
         0.98,
         "share of the larger evidence",
         "ports with more are not separated by these recordings",
-        TRIED,
+        BY_TRIAL,
     )
     alike_share: float = setting(
         0.25,
         "share of what a model changes",
         "models whose predictions differ by less look alike",
-        TRIED,
+        BY_TRIAL,
     )
 
     # ---- horizon
@@ -125,7 +125,7 @@ class Settings:
         1.5,
         "ratio of noise floors",
         "most that the noise of an estimated start may add to a longer run",
-        TRIED,
+        BY_TRIAL,
     )
     horizon_gain: float = setting(
         1.35,
@@ -136,42 +136,42 @@ class Settings:
 
     # ---- cost
     fitted_most: float = setting(
-        500.0, "correlation times", "of recordings that models are fitted to, in all", COST
+        500.0, "correlation times", "of recordings that models are fitted to, in all", COST_ONLY
     )
     held_out_most: float = setting(
-        215.0, "correlation times", "of recordings that models are compared on, in all", COST
+        215.0, "correlation times", "of recordings that models are compared on, in all", COST_ONLY
     )
     effects_most: int = setting(
-        3, "effects", "of a cause at most", "pamid/trial/cases.py plants two at most; " + COST
+        3, "effects", "of a cause at most", "pamid/trial/cases.py plants two at most; " + COST_ONLY
     )
-    refits: int = setting(8, "candidates", "refitted by their gain in screening", COST)
-    refits_further: int = setting(4, "candidates", "refitted on top of a first effect", COST)
+    refits: int = setting(8, "candidates", "refitted by their gain in screening", COST_ONLY)
+    refits_further: int = setting(4, "candidates", "refitted on top of a first effect", COST_ONLY)
     family_share: float = setting(
         0.2,
         "share of the largest gain",
         "least with which the best of a further family, or of a pair, is refitted",
-        COST,
+        COST_ONLY,
     )
-    subsets: int = setting(6, "combinations of effects", "refitted jointly", COST)
+    subsets: int = setting(6, "combinations of effects", "refitted jointly", COST_ONLY)
     held_background_from: int = setting(
-        60, "candidates", "above it they are screened with the background held", COST
+        60, "candidates", "above it they are screened with the background held", COST_ONLY
     )
     port_reach: float = setting(
         0.3,
         "share of the largest latent evidence",
         "of many candidates those whose ports have less are not screened",
-        COST,
+        COST_ONLY,
     )
     screen_length: float = setting(
-        16.0, "correlation times", "of fitted recordings, in all, for screening", COST
+        16.0, "correlation times", "of fitted recordings, in all, for screening", COST_ONLY
     )
     screen_further: float = setting(
-        10.0, "correlation times", "for screening on top of a first effect", COST
+        10.0, "correlation times", "for screening on top of a first effect", COST_ONLY
     )
     probe_steps: int = setting(
-        2, "Gauss-Newton steps", "of screening, from every starting point", COST
+        2, "Gauss-Newton steps", "of screening, from every starting point", COST_ONLY
     )
-    screen_steps: int = setting(4, "Gauss-Newton steps", "more, from the best of them", COST)
+    screen_steps: int = setting(4, "Gauss-Newton steps", "more, from the best of them", COST_ONLY)
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 MOST_TERMS = 4  # of a formula that is given
 # sparse regression: bootstrap samples, coefficient set to zero (standard deviations of the target),
 # ridge (share of the rows), speed over which a sign is smoothed (share of the usual one)
-BAGS, LEAST_COEFFICIENT, RIDGE, SMOOTH_SIGN = 24, 0.08, 1e-3, 0.05
+BAGS, LEAST_COEFFICIENT, FORMULA_RIDGE, SMOOTH_SIGN = 24, 0.08, 1e-3, 0.05
 FEWEST_SLICES = 40  # fewer are not described
 DESCRIBED = 0.5  # share of the variance: what is described worse depends on the past
 # ranges of size in which both directions are compared; ratio of the odd to the even part, or back
@@ -316,7 +316,7 @@ def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Arr
 
     def chosen(rows: NDArray[np.intp]) -> Array:
         optimizer = pysindy.STLSQ(
-            threshold=LEAST_COEFFICIENT, alpha=RIDGE * len(rows), normalize_columns=False
+            threshold=LEAST_COEFFICIENT, alpha=FORMULA_RIDGE * len(rows), normalize_columns=False
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty support is an answer here

@@ -49,7 +49,8 @@ def test_everything_there_is_has_a_page(site: Path) -> None:
     wanted = [f"reference/effects/{name}" for name in effects()]
     wanted += [f"reference/rigs/{name}" for name in rigs()]
     wanted += [f"reference/commands/{name}" for name in COMMANDS]
-    wanted += ["reference/rig-files", "reference/recordings", "explanation/glossary"]
+    wanted += ["reference/rig-files", "reference/recordings", "reference/settings"]
+    wanted += ["explanation/glossary"]
     assert [name for name in wanted if not (site / f"{name}.html").is_file()] == []
     face = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert "pamid.api.diagnosing.diagnose" in face
