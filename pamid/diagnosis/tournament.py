@@ -183,7 +183,9 @@ def diagnose(
     forms = free_forms(search, comparison, selection.best, ports)
     decision = answer(comparison, selection, ranking, forms)
     # whether the recordings show this machine is a matter of the best model, named or not
-    best = decision.leader if decision.leader and not decision.causes else decision.model
+    best, leader = decision.model, decision.leader
+    if leader and not decision.causes and comparison.removed(leader).share > 0.0:
+        best = leader
     explained = explained_channels(budget, best, response, seed)
     return Diagnosis(
         evidence,
