@@ -108,8 +108,8 @@ def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
         lead = f"At the {formatting.join(every)} port{'s' if len(every) > 1 else ''}"
         elsewhere = sorted({port for one in diagnosis.causes for port in one.or_at})
         others = formatting.join(map(formatting.port_label, elsewhere), "or")
-        alike = f", or at {others}: these recordings cannot separate them" if others else ""
-        return sentence(f"{lead}{alike}")
+        tail = f", or at {others}: these recordings cannot separate them" if others else ""
+        return sentence(f"{lead}{tail}")
     if not alike:
         return f"At the {formatting.port_label(where.port)} port."
     return sentence(

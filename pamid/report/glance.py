@@ -130,8 +130,8 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
     if diagnosis.verdict == "unknown-effect" or not diagnosis.causes:
         families = verdict_words.free_families(diagnosis, SPELLING)
         first = sentence(families) if families else "No effect of the catalogue explains it."
-        lines = (first, *_closest_line(diagnosis))
-        return AnswerCard("Which", "None of the catalogue", lines, "which")
+        closest_too = (first, *_closest_line(diagnosis))
+        return AnswerCard("Which", "None of the catalogue", closest_too, "which")
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)

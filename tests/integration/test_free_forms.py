@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
-from pamid.diagnosis.judging import _members
 from pamid_cli.diagnose import diagnosis_text
 
 from pamid.api.given import evidence_of

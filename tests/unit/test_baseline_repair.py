@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from small_cart import RIG, record_cart
 
-from pamid.diagnosis import misfit_beyond_range
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.estimation.baseline_repair import (
     WORSE,
@@ -114,35 +111,6 @@ def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
     restored = grey_box_restored(healthy.evidence, grey_box_plain(dropped))
     assert restored.assembly.keys == good.assembly.keys and restored.remark == good.remark
     np.testing.assert_array_equal(restored.fit.p, good.fit.p)
-
-
-def test_a_parameter_that_a_refit_takes_to_nothing_is_no_slip(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    slip = SimpleNamespace(kind="parameter", name="drag", factor=10.0, words="")
-    ended: dict[str, float] = {}
-    base: Any = SimpleNamespace(
-        fit=SimpleNamespace(problem=SimpleNamespace(tracks=())),
-        replays=[SimpleNamespace(track=SimpleNamespace(y=np.array([[0.0], [1.0]])))],
-        squares=np.array([[100.0]]),
-    )
-    evidence: Any = SimpleNamespace(
-        channels=("x",), noise=np.array([1e-3]), recordings=[None], rig=None
-    )
-    monkeypatch.setattr(misfit_beyond_range, "compared_with_sheet", lambda *_: 1)
-    monkeypatch.setattr(misfit_beyond_range, "slips", lambda *_: [slip])
-    monkeypatch.setattr(misfit_beyond_range, "advice", lambda found: str(len(found)))
-    monkeypatch.setattr(
-        misfit_beyond_range,
-        "estimates",
-        lambda _: [
-            SimpleNamespace(value=v, bound=SimpleNamespace(full_name=k)) for k, v in ended.items()
-        ],
-    )
-    for value, count in ((0.0, "0"), (0.1, "1")):
-        ended["drag"] = value
-        doubt = misfit_beyond_range.scale_doubt(evidence, base, None)
-        assert doubt is not None and doubt["advice"] == count
 
 
 def test_the_rig_of_a_file_is_not_changed(tmp_path: Path) -> None:

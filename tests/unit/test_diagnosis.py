@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pamid.diagnosis.consistency import inconsistencies
 from virtual_joint import record
 
 from pamid.base.run_folder import Run
