@@ -57,7 +57,8 @@ def _instead(d: Diagnosis) -> list[str]:
     if d.answer is None or d.verdict == "ambiguous":
         return []
     return [
-        f"In the place of {c.effect.label} {' or '.join(c.instead)} would do as well."
+        f"An effect of the family {' or '.join(c.instead)} does as well in the place of "
+        f"{c.effect.label}."
         for c in d.answer.causes
         if c.instead
     ]
@@ -92,9 +93,9 @@ def _between(d: Diagnosis) -> list[str]:
         taken = [name for name in rig.inputs if between_of(rig, name) == way]
         if taken:
             found.append(
-                f"{b.owner} comes to half a sampling period: so looks an input that is taken as "
-                f"{way} between samples and is {other(way)}. If {taken[0]} is, say so in the rig "
-                f'(between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
+                f"{b.owner} comes to half a sampling period. This is what you see if an input is "
+                f"treated as {way} between samples but is {other(way)}. If {taken[0]} is, state it "
+                f'in the rig (between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
             )
     return found
 
@@ -104,16 +105,16 @@ def _windows(d: Diagnosis) -> list[str]:
     if count >= FEW_WINDOWS:
         return []
     return [
-        f"Only {count} windows were held out, and {FEW_WINDOWS} or more are wanted: "
-        "another recording may say otherwise. Record for longer, or hold out another: --held-out."
+        f"The answer rests on {count} held-out windows; {FEW_WINDOWS} or more make it stable. "
+        "Record for longer, or hold out another recording: --held-out."
     ]
 
 
 def _split(d: Diagnosis) -> list[str]:
     if d.evidence.held_out_rests:
         return [
-            "What was held out moves by less than a quarter of what was fitted: it judges the "
-            "model of such small motion alone. Hold out one that moves as much: --held-out."
+            "The held-out part moves by less than a quarter of the fitted one, so that only small "
+            "motion is tested. Hold out a recording that moves as much: --held-out."
         ]
     used_s, all_s = d.evidence.used_s
     excerpt = [
@@ -122,7 +123,7 @@ def _split(d: Diagnosis) -> list[str]:
     ]
     return excerpt * (used_s < 0.99 * all_s) + [
         f"{r.name} is at rest for a part of its length: three tenths spread over it were held out, "
-        "not its last three. A recording of its own tells more: --held-out."
+        "not its last three. A separate recording is a better test: --held-out."
         for r in d.evidence.spread
     ]
 
@@ -132,8 +133,8 @@ def _fits(d: Diagnosis) -> list[str]:
     base = d.budget.baseline.fit
     if not base.converged:
         found.append(
-            f"The refit of the model itself did not converge ({base.why}): what it leaves may be "
-            "less than is said."
+            f"The refit of the model itself did not converge ({base.why}): the gap may be smaller "
+            "than reported."
         )
     if d.budget.model.remark:
         found.append(d.budget.model.remark)
@@ -148,8 +149,8 @@ def _bounds(d: Diagnosis) -> list[str]:
     if named is None or not held:
         return []
     return [
-        f"{', '.join(held)} of {named.attached[-1].label} ended at a bound although that was "
-        "widened: its form may be another."
+        f"{', '.join(held)} of {named.attached[-1].label} ended at a bound that was widened "
+        "before: the effect may have another form."
     ]
 
 

@@ -135,11 +135,11 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
-    texts = [_grounds_line(one, len(shown) > 1) for one in shown]
+    figures = [_cause_line(one, len(shown) > 1) for one in shown]
     return AnswerCard(
         "Which",
         sentence(lead).removesuffix("."),
-        tuple(filter(None, texts)),
+        tuple(filter(None, figures)),
         "which",
     )
 
@@ -175,7 +175,7 @@ def _with_value(cause: Cause) -> str:
     return f"{name} {set_spaces(value)}"
 
 
-def _grounds_line(cause: Cause, several: bool) -> str:
+def _cause_line(cause: Cause, several: bool) -> str:
     parts = []
     if cause.removes is not None:
         parts.append(f"removes {percent(cause.removes.share)} of the gap")

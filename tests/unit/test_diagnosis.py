@@ -291,10 +291,11 @@ def test_the_measured_drive_rubs() -> None:
     assert values["mass_kg"] == pytest.approx(95.11, rel=0.1)
     assert values["viscous_n_s_per_m"] == pytest.approx(203.5, rel=0.1)
     assert values["offset_n"] == pytest.approx(-3.16, rel=0.1)
-    assert found["causes"][0]["effect"] == "coulomb-friction"
+    # two laws of as many parameters, which differ in how the force builds up over some micrometres
+    assert found["causes"][0]["effect"] in {"coulomb-friction", "dahl-friction"}
     assert found["causes"][0]["parameters"]["force_n"]["value"] == pytest.approx(20.39, rel=0.1)
     ranking = {r["effect"]: r for r in found["ranking"]}
-    named = ranking["coulomb-friction"]
+    named = ranking[found["causes"][0]["effect"]]
     assert named["shrinkage"] > 0.4
     others = {k: r["shrinkage"] for k, r in ranking.items() if r["family"] != "friction"}
     assert {"quadratic-drag", "cubic-drag"} <= set(others), (

@@ -1,13 +1,15 @@
-"""What is said beside a verdict."""
+"""Notes that a reader needs before believing a figure."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from made_models import comparison, effect, model
 
-from pamid.diagnosis.notes import _between, _fits, roughness
+from pamid.diagnosis.notes import _between, _fits, _instead, _set_aside, _windows, roughness
 from pamid.diagnosis.settings import DEFAULT
 from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Remainder
@@ -24,7 +26,7 @@ def told(late_periods: float, between: dict[str, str]) -> list[str]:
     rig = SimpleNamespace(inputs={"force_n": "N", "slope_rad": "rad"}, between=between)
     recordings = [SimpleNamespace(sampling_period_s=0.002)]
     d: Any = SimpleNamespace(
-        judged=SimpleNamespace(best=model),
+        answer=SimpleNamespace(model=model),
         evidence=SimpleNamespace(rig=rig, recordings=recordings),
     )
     return _between(d)
@@ -56,13 +58,54 @@ def test_a_mended_refit_is_told(remark: str) -> None:
     assert _fits(d) == ([remark] if remark else [])
 
 
+def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told() -> None:
+    causes = (
+        SimpleNamespace(effect=effect("coulomb-friction", "friction"), instead=()),
+        SimpleNamespace(effect=effect("leak"), instead=("overflow", "dead-time")),
+    )
+    d: Any = SimpleNamespace(answer=SimpleNamespace(causes=causes), verdict="explained")
+    assert _instead(d) == [
+        "An effect of the family overflow or dead-time does as well in the place of leak@joint."
+    ]
+    d.verdict = "ambiguous"
+    assert _instead(d) == [], "they are named"
+
+
+def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
+    before = np.linspace(9.0, 30.0, 24)
+    made = comparison(before)
+    best, objected, behind = (
+        model(1.0 + left * (before - 1.0), effect(name))
+        for left, name in ((0.4, "leak"), (0.1, "saturation"), (0.6, "backlash"))
+    )
+    guards = SimpleNamespace(objections=lambda c: () if c is best else ("its limit is a bound",))
+    d: Any = SimpleNamespace(
+        guards=guards,
+        silent=(),
+        cause=best,
+        budget=made.budget,
+        comparison=made,
+        ranking=[objected, best, behind],
+        settings=DEFAULT,
+    )
+    assert _set_aside(d) == [
+        "saturation@joint removes 90 % of the gap and is set aside: its limit is a bound."
+    ]
+    d.silent = ("angle_deg",)
+    assert _set_aside(d) == []
+
+
+@pytest.mark.parametrize(("count", "few"), [(4, True), (11, True), (12, False)])
+def test_few_held_out_windows_are_counted(count: int, few: bool) -> None:
+    d: Any = SimpleNamespace(half=np.ones(count, bool))
+    assert [f"rests on {count} held-out windows" in note for note in _windows(d)] == [True] * few
+
+
 LEFT = Remainder(
     share=1.0,
     low=1.0,
     high=1.0,
     floors=8.0,
-    probability=0.9,
-    p_value=0.01,
     real=True,
     port="shaft",
     missing_rms=0.3,

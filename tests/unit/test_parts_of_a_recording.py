@@ -119,5 +119,5 @@ def test_what_was_held_out_and_rests_is_said_to_judge_little(tmp_path: Path) -> 
     )
     assert evidence.held_out_rests and evidence.spread == []
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
-    assert any(note.startswith("What was held out moves by less") for note in notes(found))
+    assert any(note.startswith("The held-out part moves by less") for note in notes(found))
     assert remark(found) == "", "the model follows what it was fitted to"
