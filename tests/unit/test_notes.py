@@ -78,9 +78,9 @@ def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
         model(1.0 + left * (before - 1.0), effect(name))
         for left, name in ((0.4, "leak"), (0.1, "saturation"), (0.6, "backlash"))
     )
-    guards = SimpleNamespace(objections=lambda c: () if c is best else ("its limit is a bound",))
+    why = ("its limit is a bound",)
     d: Any = SimpleNamespace(
-        guards=guards,
+        set_aside={objected.label: why, behind.label: why},
         silent=(),
         cause=best,
         budget=made.budget,

@@ -1,0 +1,79 @@
+"""Physical reasons against a model, whatever it predicts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from made_models import comparison, effect, model
+
+import pamid.diagnosis.guards as guards_module
+from pamid.diagnosis.guards import Guards
+
+LEAK, DRAG = effect("leak", port="tank"), effect("drag")
+
+
+@pytest.fixture
+def guards() -> Guards:
+    budget = comparison(np.full(8, 9.0)).budget
+    search = SimpleNamespace(budget=budget, settings=budget.settings, response=None, seed=0)
+    return Guards(cast(Any, search))
+
+
+def found(patch: pytest.MonkeyPatch, **by_label: dict[str, tuple[str, ...]]) -> None:
+    """What each check finds, by the label of an effect."""
+    for name in ("at_bounds", "vanished", "own_terms"):
+        answers = by_label.get(name, {})
+
+        def check(c: Any, *more: Any, answers: Any = answers) -> tuple[str, ...]:
+            return next((answers[one] for one in more if one in answers), ())
+
+        patch.setattr(
+            guards_module,
+            name,
+            lambda c, *more, check=check: check(c, *(one for one in more if isinstance(one, str))),
+        )
+
+
+def test_every_effect_of_a_model_is_held_against_physics(
+    guards: Guards, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found(
+        monkeypatch,
+        at_bounds={"leak@tank": ("exponent",)},
+        vanished={"drag@joint": ("drag_n_s2_per_m2",)},
+        own_terms={"drag@joint": ("viscous", "offset")},
+    )
+    assert guards.objections(model(np.full(8, 3.0), LEAK, DRAG)) == (
+        "exponent of leak@tank ended at a bound",
+        "drag_n_s2_per_m2 of drag@joint ended at nothing",
+        "drag@joint does what viscous, offset of the rig does",
+    )
+
+
+def test_nothing_speaks_against_a_plain_model(
+    guards: Guards, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found(monkeypatch)
+    assert guards.objections(model(np.full(8, 3.0), LEAK)) == ()
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_a_model_that_predicts_as_well_without_its_inputs_is_set_aside(
+    explained: bool, guards: Guards, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[Any] = []
+
+    def explained_channels(budget: Any, c: Any, response: Any, seed: int) -> Any:
+        runs.append(c)
+        return np.array([explained, False])
+
+    found(monkeypatch)
+    monkeypatch.setattr(guards_module, "explained_channels", explained_channels)
+    c = model(np.full(8, 3.0), LEAK)
+    assert guards.ignores_inputs(c) == (not explained)
+    assert any("without" in why for why in guards.objections(c)) == (not explained)
+    assert guards.ignores_inputs(c) == (not explained)
+    assert len(runs) == (2 if explained else 1), "a model is not run twice for the same objection"
