@@ -6,7 +6,7 @@ the family of each effect.
 The rigs are those of benchmarks/rigs/, parameters off by 10 %, sensor noise, open loop. In the two
 tanks and the two masses only what the first two have no port for is planted.
 What the joint's own catalogue serves is in planted_truth.py. Beside "ok" and "MISS" a row may say
-    alike   the planted effect is in the look-alike class of the one named (on a linear rig with one
+    alike   the planted effect ties with the one named (on a linear rig with one
     sensor a delay of
             the command and of the reading are the same thing)
     unseen  the refitted model is within 10 % of the noise floor: retuned parameters do the same, or
@@ -120,8 +120,8 @@ def outcome(
     if first["family"] == family or (not label and found["verdict"] == family):
         return "ok"
     named = {c["effect"] for c in found["causes"]} | {first["effect"]}
-    classes = [set(k) for k in found["look_alikes"] if named & set(k)]
-    if label in named or any(label in k for k in classes):
+    tied = {one["effect"] for step in found["comparison"] for one in step["tied"]}
+    if label in named | tied:
         return "alike"
     return "unseen" if label and far["mae_refitted"] < 1.1 * far["noise_floor"] else "MISS"
 

@@ -88,7 +88,7 @@ def test_no_cause_is_found_in_what_the_input_did_not_make(
     found = diagnosed(folder, nonsense(kind, real, 1), force)
     assert found["verdict"] == "cannot-tell" and found["causes"] == []
     assert "do not show this machine" in found["sentence"] and found["remark"] == found["sentence"]
-    assert all(r["probability"] == 0.0 for r in (*found["ranking"], *found["members"]))
+    assert all(r["probability"] == 0.0 for r in found["ranking"])
     assert found["unknown"] is None and found["next_experiment"] is None, (
         "nothing is described, nothing to tell apart"
     )
@@ -178,18 +178,17 @@ def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
     time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
     replays: list[Any] = []
     for has in (0, 1):
-        y = np.full((4000, 2), np.nan)
-        y[:, has] = np.sin(0.7 * time)
+        y, absolutes = np.full((4000, 2), np.nan), np.full((len(windows), 2), np.nan)
+        y[:, has], absolutes[:, has] = np.sin(0.7 * time), error
         replays.append(
-            SimpleNamespace(track=SimpleNamespace(y=y), scored=np.ones(4000, bool), windows=windows)
+            SimpleNamespace(
+                track=SimpleNamespace(y=y),
+                scored=np.ones(4000, bool),
+                windows=windows,
+                losses=lambda absolutes=absolutes: absolutes,
+            )
         )
-    absolutes = np.full((2 * len(windows), 2), np.nan)
-    absolutes[: len(windows), 0] = absolutes[len(windows) :, 1] = error
-    budget: Any = SimpleNamespace(
-        floor=np.where(np.isnan(absolutes), np.nan, 0.02), settings=DEFAULT
-    )
+    budget: Any = SimpleNamespace(floor=np.full((2 * len(windows), 2), 0.02), settings=DEFAULT)
     rig = SimpleNamespace(states=states)
-    model: Any = SimpleNamespace(
-        absolutes=absolutes, replays=replays, assembly=SimpleNamespace(rig=rig)
-    )
+    model: Any = SimpleNamespace(replays=replays, assembly=SimpleNamespace(rig=rig))
     assert input_response._beats_extrapolation(budget, model, 0) != nothing
