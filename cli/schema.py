@@ -34,7 +34,8 @@ def command(name: str | None) -> frame.Result:
         )
     from pamid.schemas import stem_of
 
-    stem = stem_of(name)
+    numbered = name.removeprefix("pamid.")
+    stem = numbered if numbered in found else stem_of(name)
     if stem not in found:
         raise click.UsageError(
             f"There is no schema {name!r}. {names.suggest(stem, found)}".rstrip()
@@ -46,7 +47,7 @@ def command(name: str | None) -> frame.Result:
 
 
 def schemas() -> dict[str, dict[str, Any]]:
-    """Every schema by name, without `pamid.` and its number."""
-    from pamid.schemas import all_schemas
+    """Every schema by name, without `pamid.` and its number, and earlier ones with theirs."""
+    from pamid.schemas import all_schemas, earlier_schemas
 
-    return all_schemas()
+    return dict(sorted((all_schemas() | earlier_schemas()).items()))

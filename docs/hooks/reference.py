@@ -17,7 +17,7 @@ from pamid.diagnosis.settings import described
 from pamid.model import catalogue
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rig_named, rigs
-from pamid.schemas import all_schemas
+from pamid.schemas import all_schemas, earlier_schemas
 from pamid.schemas.catalogue_files import EffectStory, ParameterRow
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -253,12 +253,46 @@ def _schemas_page() -> str:
         "Every object has a `schema` with its name and version. `pamid schema NAME` prints its",
         "full JSON schema; this page lists the keys at the top of each.",
     ]
+    earlier = earlier_schemas()
     for name, schema in sorted(all_schemas().items()):
         lines += ["", f"## {name}", "", _prose(schema.get("title", "")), ""]
         lines += ["| key | |", "|---|---|"]
         for key, what in schema.get("properties", {}).items():
             lines.append(f"| `{key}` | {_cell(what.get('description', ''))} |")
+        for number in (n for n in earlier if n.partition("/")[0] == name):
+            lines += ["", f"### What became of each key of pamid.{number}", ""]
+            lines += [f"`pamid schema {number}` prints that form; such files are still read.", ""]
+            lines += ["| key | |", "|---|---|"]
+            for key, fate in fates(earlier[number]).items():
+                lines.append(f"| `{key}` | {fate or 'as it was'} |")
     return "\n".join(lines) + "\n"
+
+
+def fates(schema: dict[str, Any]) -> dict[str, str]:
+    """What became of every key at the top of an earlier schema, and of those below it that have
+    changed; "" of one that is as it was."""
+    return {
+        path: fate
+        for path, fate in _commented(schema, schema, "").items()
+        if fate or "." not in path
+    }
+
+
+def _commented(schema: dict[str, Any], root: dict[str, Any], place: str) -> dict[str, str]:
+    """The comment on every key below a place; none below a key that is gone."""
+    found: dict[str, str] = {}
+    for one in schema.get("anyOf", [schema]):
+        one = root["$defs"][one["$ref"].rpartition("/")[2]] if "$ref" in one else one
+        if isinstance(one.get("items"), dict):
+            found |= _commented(one["items"], root, f"{place}[]")
+        if isinstance(one.get("additionalProperties"), dict):
+            found |= _commented(one["additionalProperties"], root, f"{place}.*")
+        for key, what in one.get("properties", {}).items():
+            path = f"{place}.{key}" if place else key
+            found[path] = what.get("$comment", "")
+            if not found[path].startswith("gone"):
+                found |= _commented(what, root, path)
+    return found
 
 
 _PARTS = {

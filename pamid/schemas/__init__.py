@@ -4,7 +4,9 @@ pamid writes, reads and describes it. The folder is scanned: a model with a `sch
 from __future__ import annotations
 
 import importlib
+import json
 import pkgutil
+from importlib.resources import files
 from typing import Any
 
 
@@ -22,6 +24,17 @@ def all_schemas() -> dict[str, dict[str, Any]]:
         if isinstance(kind, type) and issubclass(kind, Model) and "schema_" in kind.model_fields
     }
     return dict(sorted((stem_of(name), one) for name, one in found.items()))
+
+
+def earlier_schemas() -> dict[str, dict[str, Any]]:
+    """Schemas of files that are still read, by name and number: "diagnosis/2". The `$comment` of a
+    key says what became of it."""
+    found = {}
+    for one in sorted(files(__name__).iterdir(), key=lambda path: path.name):
+        if one.name.endswith(".json"):
+            schema = json.loads(one.read_text(encoding="utf-8"))
+            found[str(schema["$id"]).removeprefix("pamid.")] = schema
+    return found
 
 
 def stem_of(name: str) -> str:
