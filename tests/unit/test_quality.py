@@ -13,11 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.frame import run
+from pamid.base.errors import DataError
 from pamid.checks.channel_quality import quantisation_step
 from pamid.checks.recording_quality import QualityIssue, channel_figures, examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import FEWEST_SAMPLES, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
