@@ -13,7 +13,7 @@ Every cause has one probability, a logistic function of the figures of the compa
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -83,15 +83,17 @@ def answer(
     selection: Selection,
     ranking: Sequence[CandidateModel],
     forms: Sequence[FreeForm],
+    set_aside: Collection[str] = (),
 ) -> Answer:
     """The answer to a selection. forms: curves at ports that remove a material share of what it
-    leaves; ranking: models of single effects, the best first."""
+    leaves; ranking: models of single effects, the best first; set_aside: labels of those that
+    physics objects to."""
     settings, best = comparison.budget.settings, selection.best
     removed = comparison.removed(best)
     floors = comparison.floors(best)
-    causes = tuple(_cause(comparison, selection, a, ranking) for a in best.attached)
+    causes = tuple(_cause(comparison, selection, a, ranking, set_aside) for a in best.attached)
     rest = removed.rest.share >= settings.material_rest and not comparison.at_floor(best)
-    leader = next(iter(ranking), None)
+    leader = next((c for c in ranking if c.label not in set_aside), None)
     alike, why = False, ""
     single = selection.instead.get(best.attached[0].label, ()) if len(best.attached) == 1 else ()
     others = [c for c in single if not _same_effect(c, best)]
@@ -103,7 +105,9 @@ def answer(
             verdict, why, causes = "cannot-tell", "many", ()
         else:
             verdict = "ambiguous"
-            causes = tuple(_cause(comparison, selection, c.attached[0], ranking, c) for c in tied)
+            causes = tuple(
+                _cause(comparison, selection, c.attached[0], ranking, set_aside, c) for c in tied
+            )
     elif causes:
         verdict = "partly-explained" if rest else "explained"
     elif leader is not None and _is_open(comparison, leader):
@@ -149,6 +153,7 @@ def _cause(
     selection: Selection,
     a: Attachment,
     ranking: Sequence[CandidateModel],
+    set_aside: Collection[str],
     model: CandidateModel | None = None,
 ) -> NamedCause:
     """The effect with its figures next to the others of the model (default: the selected one)."""
@@ -157,7 +162,8 @@ def _cause(
     rig, own = model.assembly.rig, a.group(model.assembly.rig)
     rivals = list(selection.instead.get(a.label, ()))
     if len(model.attached) == 1:
-        rivals = [c for c in ranking if c is not model and comparison.is_tied(c, model)]
+        others = (c for c in ranking if c is not model and c.label not in set_aside)
+        rivals = [c for c in others if comparison.is_tied(c, model)]
     placed = [
         k.group(rig)
         for c in rivals

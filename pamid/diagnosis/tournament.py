@@ -181,7 +181,8 @@ def diagnose(
     material = rest >= settings.material_rest and not comparison.at_floor(selection.best)
     ports = list(selection.after.classes[0]) if material else []
     forms = free_forms(search, comparison, selection.best, ports)
-    decision = answer(comparison, selection, ranking, forms)
+    set_aside = {c.label: why for c in ranking if (why := guards.objections(c))}
+    decision = answer(comparison, selection, ranking, forms, set_aside)
     # whether the recordings show this machine is a matter of the best model, named or not
     best, leader = decision.model, decision.leader
     if leader and not decision.causes and comparison.removed(leader).share > 0.0:
@@ -195,7 +196,7 @@ def diagnose(
         response,
         located,
         tuple(ranking),
-        {c.label: why for c in ranking if (why := guards.objections(c))},
+        set_aside,
         selection,
         decision,
         tuple(first.failed),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
-from pamid.diagnosis.answer import NamedCause, features, forecast_interval, probability
+from pamid.diagnosis.answer import Answer, NamedCause, features, forecast_interval, probability
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, paired_ratio
 from pamid.diagnosis.family_forms import FreeForm
@@ -225,8 +225,10 @@ def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
     if d.answer and d.cause and d.removed:
         rest = min(max(d.removed.rest.share, 0.0), 1.0)
         found = {group: rest * share for group, share in _shares_of(d.located, rig, left).items()}
-        for c in _causes(d):
-            found[c.port] += (1.0 - rest) * (c.share or 0.0)
+        for cause, share in _parts_of_causes(d.answer):
+            at = dict.fromkeys(rig.group_of(name) for name in cause.effect.ports)
+            for group in at:  # an effect at several ports is reported under what these share
+                found[group] += (1.0 - rest) * share / len(at)
     elif d.answer and d.answer.free_forms:
         forms = d.answer.free_forms
         removed = min(forms[0].removes.share, 1.0)
@@ -260,11 +262,17 @@ def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
     cannot be separated."""
     if d.answer is None or d.cause is None:
         return ()
-    causes = sorted(d.answer.causes, key=lambda c: -c.removes.share)
+    return tuple(_cause(c, part) for c, part in _parts_of_causes(d.answer))
+
+
+def _parts_of_causes(answer: Answer) -> list[tuple[NamedCause, float]]:
+    """Every cause, the one that removes most first, with its part of what they remove one by
+    one."""
+    causes = sorted(answer.causes, key=lambda c: -c.removes.share)
     removed = [max(c.removes.share, 0.0) for c in causes]
     total = sum(removed)
     parts = [r / total if total > 0.0 else 1.0 / len(removed) for r in removed]
-    return tuple(_cause(c, part) for c, part in zip(causes, parts, strict=True))
+    return list(zip(causes, parts, strict=True))
 
 
 def _cause(c: NamedCause, share: float) -> result.Cause:
@@ -384,7 +392,10 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         for i, channel in enumerate(d.evidence.channels)
     }
     first = d.ranking[0]
-    figures = features(d.comparison, c, d.budget.baseline, d.ranking)
+    # an effect that is named has one probability: that of the answer
+    named = {k.effect.label: k.figures for k in d.answer.causes} if d.answer and d.cause else {}
+    label = c.attached[-1].label
+    figures = named.get(label) or features(d.comparison, c, d.budget.baseline, d.ranking)
     return result.Candidate(
         effect=c.attached[-1].label,
         family=c.family,

@@ -146,7 +146,11 @@ def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
     """How far the next family is behind a single cause; empty where there is none. Begins with a
     space, as what follows a sentence does."""
     cause = found.causes[0]
-    others = (r for r in found.ranking if r.family not in (cause.family, "", *cause.instead))
+    others = (
+        r
+        for r in found.ranking
+        if r.family not in (cause.family, "", *cause.instead) and not r.set_aside
+    )
     rival = next((r for r in others if r.removes is not None and r.removes.share > 0.0), None)
     if rival is None or rival.removes is None:
         return ""
@@ -270,7 +274,7 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
             f"{first} removes {percent_text(tied[0].removes.share)} of the gap, but "
             f"{_joined(others, 'and')} remove as much. These recordings cannot separate them."
         )
-    leader = next((r for r in found.ranking if r.removes is not None), None)
+    leader = next((r for r in found.ranking if r.removes and not r.set_aside), None)
     if leader is None or leader.removes is None:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
     removes = leader.removes

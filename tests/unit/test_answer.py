@@ -57,6 +57,7 @@ def answered(
     ranking: list[CandidateModel] | None = None,
     forms: tuple[FreeForm, ...] = (),
     without: dict[str, CandidateModel] | None = None,
+    set_aside: tuple[str, ...] = (),
 ) -> tuple[Comparison, Answer]:
     """The answer where `best` was selected; others: that do as well in the place of its first
     effect."""
@@ -70,7 +71,7 @@ def answered(
     selection = Selection(
         chosen, (), AFTER, without or {a.label: base for a in chosen.attached}, instead
     )
-    return found, answer(found, selection, found.ordered(models), forms)
+    return found, answer(found, selection, found.ordered(models), forms, set_aside)
 
 
 def labels(a: Answer) -> list[str]:
@@ -158,6 +159,15 @@ def test_few_windows_leave_a_large_share_open() -> None:
     assert removed.low > 0.0 and removed.z < 3.0
     assert (a.verdict, a.why, a.causes) == ("cannot-tell", "few", ())
     assert a.leader is leader and a.model is found.budget.baseline
+
+
+def test_what_physics_objects_to_leads_nowhere() -> None:
+    certain, open_one = leaving(0.3, LEAK), leaving(0.6, FRICTION, spread=1.5)
+    _, a = answered(ranking=[certain, open_one], set_aside=("leak@chamber",))
+    assert a.leader is open_one and (a.verdict, a.why) == ("cannot-tell", "few")
+    best, elsewhere = leaving(0.10, FRICTION), leaving(0.11, ELSEWHERE)
+    _, a = answered(best, elsewhere, set_aside=(ELSEWHERE.label,))
+    assert a.causes[0].or_at == ()
 
 
 def test_a_small_share_is_no_cause_however_certain() -> None:

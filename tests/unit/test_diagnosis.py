@@ -115,6 +115,8 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
     assert all(0.0 <= r["probability"] <= 1.0 for r in stored["ranking"])
     cause = stored["causes"][0]
     assert 0.5 <= cause["probability"] <= 1.0
+    row = next(r for r in stored["ranking"] if r["effect"] == cause["effect"])
+    assert row["probability"] == cause["probability"], "one probability per effect and place"
     assert 0.0 < cause["removes"]["low"] <= cause["removes"]["share"] <= cause["removes"]["high"]
     rest = stored["remainder"]
     assert rest["share"] == pytest.approx(1.0 - cause["removes"]["share"], abs=0.05)

@@ -56,6 +56,17 @@ def test_the_next_family_is_none_of_the_alternatives_of_the_cause() -> None:
     assert "another family" not in sentence(changed("explained", ranking=[]))
 
 
+def test_what_is_set_aside_is_neither_the_next_family_nor_the_leader() -> None:
+    ranking = diagnosis_json("explained")["ranking"]
+    ranking[2]["set_aside"] = ["reach_m of bouc-wen-hysteresis ended at a bound"]
+    assert "The best of another family, dead-time, removes 9 %." in sentence(
+        changed("explained", ranking=ranking)
+    )
+    ranking = diagnosis_json("cannot-tell")["ranking"]
+    ranking[0]["set_aside"] = ["torque_n_m of coulomb-friction ended at nothing"]
+    assert sentence(changed("cannot-tell", ranking=ranking)).startswith("lugre-friction may be")
+
+
 def test_a_place_that_the_recordings_cannot_separate_stands_with_the_cause() -> None:
     causes = [cause("coulomb-friction", 0.86, 0.91, or_at=["motor"])]
     assert sentence(changed("explained", causes=causes)).startswith(

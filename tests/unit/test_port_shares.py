@@ -1,0 +1,65 @@
+"""Shares of the gap by port: what causes remove, and what remains where the evidence places it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pamid.diagnosis.comparison import Share
+from pamid.diagnosis.port_evidence import PortEvidence
+from pamid.diagnosis.verdict import _where_shares
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
+
+RIG = rig_named("two-masses")
+
+
+def located(**gains: float) -> PortEvidence:
+    classes = tuple((name,) for name in sorted(gains, key=lambda name: -gains[name]))
+    return PortEvidence(gains, classes, dict(gains), {})
+
+
+def shares(removed: float, **causes: float) -> dict[str, float]:
+    """causes: what each effect removes, by its label with _at_ for @."""
+    answer = SimpleNamespace(
+        causes=tuple(
+            SimpleNamespace(
+                effect=attach(RIG, label.replace("_at_", "@").replace("_", "-", 1), effects()),
+                removes=Share(share, share, share),
+            )
+            for label, share in causes.items()
+        ),
+        free_forms=(),
+    )
+    d: Any = SimpleNamespace(
+        evidence=SimpleNamespace(rig=RIG),
+        answer=answer,
+        cause=object() if causes else None,
+        removed=Share(removed, removed, removed) if causes else None,
+        located=located(carriage_1=3.0, carriage_2=1.0),
+        left_at=located(carriage_1=1.0, carriage_2=1.0),
+    )
+    return {s.port: s.share for s in _where_shares(d)}
+
+
+def test_an_effect_at_ports_that_are_kin_counts_at_each_of_them() -> None:
+    """Both carriages rub alike: it is reported under what their names have in common."""
+    kin = attach(RIG, "coulomb-friction@carriage", effects())
+    assert kin.group(RIG) not in {RIG.group_of(name) for name in RIG.ports}
+    found = shares(0.8, coulomb_friction_at_carriage=0.8)
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert found["carriage_1"] == found["carriage_2"] == pytest.approx(0.5)
+
+
+def test_causes_share_what_is_removed_and_the_evidence_what_remains() -> None:
+    found = shares(0.8, coulomb_friction_at_carriage_1=0.6, coulomb_friction_at_carriage_2=0.2)
+    assert found["carriage_1"] == pytest.approx(0.8 * 0.75 + 0.1)
+    assert found["carriage_2"] == pytest.approx(0.8 * 0.25 + 0.1)
+    assert sum(found.values()) == pytest.approx(1.0)
+
+
+def test_without_a_cause_the_evidence_alone_counts() -> None:
+    found = shares(0.0)
+    assert found["carriage_1"] == found["carriage_2"] == pytest.approx(0.5)
