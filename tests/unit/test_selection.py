@@ -219,7 +219,7 @@ def test_a_model_that_physics_objects_to_is_set_aside() -> None:
 def test_a_model_that_ignores_its_inputs_makes_room_for_the_next() -> None:
     best, next_best = leaving(0.1, "friction"), leaving(0.4, "leak")
     made = step(Objecting(idle=("friction",)), best, next_best)
-    assert made.tied == (next_best,) and made.candidates == (best, next_best)
+    assert made.tied == made.candidates == (next_best,)
 
 
 def test_candidates_are_material_and_ordered_by_loss() -> None:
