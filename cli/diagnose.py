@@ -133,8 +133,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         )
     lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
     lines += _free_forms(found.get("unknown") or {})
-    lines += [*_left(found), *_how_far(found)]
-    lines.append("          (each half of the held-out windows as the other half has chosen)")
+    lines += [*_left(found), *_how_far(found), *_scoring(found)]
     lines += _ranking(found)
     lines += _further(found, output)
     lines += [f"Note      {note}" for note in found.get("notes") or []]
@@ -160,9 +159,7 @@ def _where(where: dict[str, Any]) -> list[str]:
     # where one port holds nearly all of it, there is nothing left to split
     if where.get("sensors") and max((p["share"] for p in where["ports"]), default=0.0) < _SETTLED:
         split = " or ".join(", ".join(g) for g in where["sensors"][0]["splits"][:2])
-        lines.append(
-            f"          a measurement of {where['sensors'][0]['sensor']} would split {split}"
-        )
+        lines.append(f"          measuring {where['sensors'][0]['sensor']} would separate {split}")
     return lines
 
 
@@ -262,12 +259,36 @@ def _further(found: dict[str, Any], output: Path) -> list[str]:
     return lines
 
 
+def _scoring(found: dict[str, Any]) -> list[str]:
+    """Over which time and on which windows the errors are, and the prediction for a new
+    recording."""
+    from pamid.base.share_words import percent_text, percents_text, plain_number
+
+    horizon = f"predicted over up to {plain_number(found['horizon_s'])} s from one estimated state"
+    lines = [f"          {horizon}"]
+    if found["causes"]:
+        lines.append("          each half of the windows scored with the model of the other half")
+    if forecast := found.get("forecast"):
+        interval = percents_text(forecast["low"], forecast["high"])
+        lines.append(
+            f"          on a new recording {percent_text(forecast['share'])} of the error would be "
+            f"removed (95 % interval {interval})"
+        )
+    return lines
+
+
 def _how_far(found: dict[str, Any]) -> list[str]:
-    """Held-out errors of every channel."""
+    """Held-out errors of every channel; those over single windows where the horizon is longer."""
     return [
         ("How far   " if i == 0 else "          ")
         + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
+        + _over_windows(h)
         + (f", {h['mae_with_cause']:.4g} with the cause" if found["causes"] else "")
         + f" (noise floor {h['noise_floor']:.4g})"
         for i, (c, h) in enumerate(found["how_far"].items())
     ]
+
+
+def _over_windows(reach: dict[str, Any]) -> str:
+    short = reach.get("mae_refitted_short")
+    return "" if short is None else f" ({short:.4g} over single windows)"

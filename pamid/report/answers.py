@@ -295,7 +295,7 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> AnswerText:
     if row is None:
         return AnswerText("No channel was scored.")
     what, unit_text = channel_label(row.channel), channel_unit(row.channel)
-    details = _limits(row, unit_text)
+    details = [*_limits(row, unit_text), *_horizon(run, row, unit_text), *_forecast(run)]
     points = (
         [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
     )
@@ -322,7 +322,7 @@ def _cause_label(run: RunData) -> str:
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
-    """Noise floor and black box, and what they mean for the best model so far."""
+    """The noise floor, and what it means for the best model so far."""
     best = row.with_cause if row.with_cause is not None else row.refitted
     texts = []
     if row.noise_floor is not None:
@@ -330,12 +330,36 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
         if best is not None and row.noise_floor > 0:
             times = best / row.noise_floor
             text += (
-                "; what is left is no larger"
+                "; the remaining error is no larger"
                 if times < 1.1
-                else f"; what is left is {times_text(times)} times that"
+                else f"; the remaining error is {times_text(times)} times that"
             )
         texts.append(f"{text}.")
     return texts
+
+
+def _horizon(run: RunData, row: ChannelErrors, unit_text: str) -> list[str]:
+    """The time over which the model predicts, and the error over single windows where that is
+    longer."""
+    diagnosis = run.diagnosis
+    if diagnosis is None or diagnosis.horizon_s is None:
+        return []
+    time = formatting.with_unit_text(diagnosis.horizon_s, "s")
+    texts = [f"The model predicts over up to {time} from one estimated state."]
+    reach = diagnosis.how_far.get(row.channel)
+    if reach is not None and reach.mae_refitted_short is not None:
+        short = formatting.with_unit_text(reach.mae_refitted_short, unit_text)
+        texts.append(f"With a state estimated in every window the refitted error is {short}.")
+    return texts
+
+
+def _forecast(run: RunData) -> list[str]:
+    """The share of the error that the causes would remove on a new recording."""
+    found = run.diagnosis.forecast if run.diagnosis is not None else None
+    if found is None:
+        return []
+    interval = formatting.interval_tail(percent_span(found.low, found.high))
+    return [f"On a new recording {percent(found.share)} of the error would be removed{interval}."]
 
 
 def _channel_point(row: ChannelErrors) -> str:

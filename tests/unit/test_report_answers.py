@@ -236,6 +236,21 @@ def test_two_causes_share_what_they_remove(tmp_path: Path) -> None:
         assert told in text, told
 
 
+def test_horizon_and_forecast_are_told_once_each(tmp_path: Path) -> None:
+    """The gap over the horizon and, next to it, over single windows."""
+    text = text_of(make_run(tmp_path / "RUN", without=NO_TRACES)).replace("\u00a0", " ")
+    for sentence in (
+        "The model predicts over up to 40 s from one estimated state.",
+        "With a state estimated in every window the refitted error is 0.312 deg.",
+        "On a new recording 77 % of the error would be removed (95 % interval 60 to 87 %).",
+    ):
+        assert text.count(sentence) == 1, sentence
+    made = diagnosis_json("explained") | {"horizon_s": None, "forecast": None}
+    made["how_far"]["angle_deg"]["mae_refitted_short"] = None
+    bare = text_of(make_run(tmp_path / "BARE", diagnosis=made, without=NO_TRACES))
+    assert "On a new recording" not in bare and "estimated state" not in bare
+
+
 def test_a_port_that_the_shares_do_not_lead_is_said() -> None:
     shares = [{"port": "joint", "share": 0.81}, {"port": "muscle", "share": 0.12}]
     where = read(Where, {"port": "muscle", "ports": shares})
