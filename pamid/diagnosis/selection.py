@@ -78,9 +78,9 @@ def select_effects(
         if steps[-1].tied:
             extended = with_finer_steps(search, steps[-1].tied[0])
             shorter = _needed_effects(search, comparison, extended)
-            # no larger than before: an effect was replaced, or its gain led out of a local minimum
-            grown = len(shorter.attached) > len(best.attached)
-            if not grown and not comparison.is_material(shorter, best):
+            # of as many effects as before it may still be better: one was replaced, or its gain
+            # led out of a local minimum
+            if not comparison.is_material(shorter, best):
                 break
             best = shorter
             after = _located_after(search, best, located)
