@@ -65,7 +65,7 @@ def quick_examine(case: Any, place: Path) -> dict[str, Any]:
             "verdict": "no-structural-gap",
             "causes": [],
             "ranking": [],
-            "look_alikes": [],
+            "comparison": [],
             "where": {"port": "muscle", "indistinguishable": []},
         },
         "seconds": 1.0,
