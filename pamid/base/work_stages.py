@@ -32,10 +32,9 @@ def _within(stages: Iterable[WorkStage], share: float) -> tuple[WorkStage, ...]:
 _DIAGNOSE = (
     WorkStage("fitting", 0.10),
     WorkStage("noise floor", 0.01),
-    WorkStage("black box", 0.07),
     WorkStage("looking where", 0.08, "where something is missing"),
     WorkStage("screening", 0.33),
-    WorkStage("refitting", 0.28),
+    WorkStage("refitting", 0.35),
     WorkStage("looking for the family", 0.03, "unknown effects"),
     WorkStage("looking for the next experiment", 0.10, "next experiment"),
 )

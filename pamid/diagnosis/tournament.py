@@ -176,7 +176,7 @@ def diagnose(
     selection = select_effects(search, comparison, guards, located, first)
     ranking = comparison.ordered(first.models)
     opposite = [] if selection.best.attached else opposite_signs(search, ranking)
-    progress("fitting free curves to what remains")
+    progress("looking for the family of what remains")
     rest = comparison.removed(selection.best).rest.share
     material = rest >= settings.material_rest and not comparison.at_floor(selection.best)
     ports = list(selection.after.classes[0]) if material else []

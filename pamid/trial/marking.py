@@ -192,8 +192,8 @@ class Marked:
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
-        alike = {top, *(m["effect"] for step in self.found["comparison"][:1] for m in step["tied"])}
-        return bool(exact & {_bare(name) for name in alike})
+        tied = {m["effect"] for step in self.found["comparison"][:1] for m in step["tied"]}
+        return bool(exact & {_bare(name) for name in (tied if top in tied else {top})})
 
     @cached_property
     def port_right(self) -> bool:

@@ -105,7 +105,7 @@ def answer(
                 "port": port or (KNOWN[ranking[0]][1] if ranking else "muscle"),
                 "indistinguishable": [list(tied)] if tied else [],
             },
-            "look_alikes": [list(k) for k in alike],
+            "comparison": [{"tied": [{"effect": name} for name in k]} for k in alike],
         },
     }
 
@@ -188,7 +188,12 @@ def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> Non
         labels,
         [
             answer(0, "explained", "stribeck-friction"),
-            answer(1, "explained", "stribeck-friction", alike=(("leak", "coulomb-friction"),)),
+            answer(
+                1,
+                "explained",
+                "stribeck-friction",
+                alike=(("stribeck-friction", "coulomb-friction"),),
+            ),
             answer(2, "ambiguous", "leak", "coulomb-friction", causes=("leak", "coulomb-friction")),
         ],
     )

@@ -656,7 +656,7 @@ def test_the_number_of_joint_or_muscle_counts() -> None:
                 "verdict": verdict,
                 "causes": [row],
                 "ranking": [row],
-                "look_alikes": [],
+                "comparison": [],
                 "where": {"port": port, "indistinguishable": [["pressure_21", "pressure_22"]]},
             },
         }
