@@ -50,17 +50,15 @@ recording = pamid.simulate(
 # ## 2. Ask
 #  Every effect of the catalogue that fits a port of this rig is a candidate. All are screened; the
 # promising ones are refitted *together with all parameters* and replayed on windows that no fit has
-# seen. Half of these windows choose, the other half report. A cause is named with its probability
-# and the share of the gap that it removes, and what is left is told with its size.
+# seen. Each half of these windows is reported with the model that the other half would have chosen.
+# A cause is named with the share of the gap that it removes and its probability, and what remains
+# with its size.
 
 # %%
 run = pamid.diagnose(recording, rig="one-dof", jobs=2, progress=False)
 print(run)
 print("truth:", TORQUE_N_M, "N m")
-print(
-    "cannot be told apart by this recording:",
-    "; ".join(" = ".join(group) for group in run.look_alikes),
-)
+print("this recording cannot separate:", ", ".join(run.tied))
 run
 
 # %%
