@@ -118,7 +118,7 @@ class Settings:
     horizon_s: float = setting(
         0.0,
         "s",
-        "time that one run predicts, in whole windows (0: see the next two; inf: recordings)",
+        "over which one run predicts, in whole windows (0: by the next two; inf: recordings)",
         "the time over which the model is used",
     )
     horizon_floor: float = setting(
@@ -136,42 +136,54 @@ class Settings:
 
     # ---- cost
     fitted_most: float = setting(
-        500.0, "correlation times", "of recordings that models are fitted to, in all", COST_ONLY
+        500.0, "correlation times", "length of the recordings that models are fitted to", COST_ONLY
     )
     held_out_most: float = setting(
-        215.0, "correlation times", "of recordings that models are compared on, in all", COST_ONLY
+        215.0,
+        "correlation times",
+        "length of the recordings that models are compared on",
+        COST_ONLY,
     )
     effects_most: int = setting(
-        3, "effects", "of a cause at most", "pamid/trial/cases.py plants two at most; " + COST_ONLY
+        3,
+        "effects",
+        "in one answer, at most",
+        "pamid/trial/cases.py plants two at most; " + COST_ONLY,
     )
-    refits: int = setting(8, "candidates", "refitted by their gain in screening", COST_ONLY)
-    refits_further: int = setting(4, "candidates", "refitted on top of a first effect", COST_ONLY)
+    refits: int = setting(
+        8, "candidates", "with the largest gain in screening that are refitted", COST_ONLY
+    )
+    refits_further: int = setting(
+        4, "candidates", "that are refitted on top of a first effect", COST_ONLY
+    )
     family_share: float = setting(
         0.2,
         "share of the largest gain",
-        "least with which the best of a further family, or of a pair, is refitted",
+        "least gain with which the best of a further family, or a pair, is refitted",
         COST_ONLY,
     )
-    subsets: int = setting(6, "combinations of effects", "refitted jointly", COST_ONLY)
+    subsets: int = setting(6, "pairs or triples", "that are refitted jointly, at most", COST_ONLY)
     held_background_from: int = setting(
-        60, "candidates", "above it they are screened with the background held", COST_ONLY
+        60, "candidates", "above which screening holds the background", COST_ONLY
     )
     port_reach: float = setting(
         0.3,
         "share of the largest latent evidence",
-        "of many candidates those whose ports have less are not screened",
+        "of many candidates, those at ports with less are not screened",
         COST_ONLY,
     )
     screen_length: float = setting(
-        16.0, "correlation times", "of fitted recordings, in all, for screening", COST_ONLY
+        16.0, "correlation times", "length of the fitted recordings that screening uses", COST_ONLY
     )
     screen_further: float = setting(
-        10.0, "correlation times", "for screening on top of a first effect", COST_ONLY
+        10.0, "correlation times", "the same on top of a first effect", COST_ONLY
     )
     probe_steps: int = setting(
-        2, "Gauss-Newton steps", "of screening, from every starting point", COST_ONLY
+        2, "Gauss-Newton steps", "of screening from every starting point", COST_ONLY
     )
-    screen_steps: int = setting(4, "Gauss-Newton steps", "more, from the best of them", COST_ONLY)
+    screen_steps: int = setting(
+        4, "Gauss-Newton steps", "further ones from the best starting point", COST_ONLY
+    )
 
     def __post_init__(self) -> None:
         for f in fields(self):
