@@ -123,15 +123,12 @@ class Comparison:
         Within a family the simplest member that is not worse stands for it. Empty where no model
         removes a material share.
         """
-        leaders: dict[frozenset[str], CandidateModel] = {}
         material = [c for c in self.ordered(models) if self.is_material(c, reference)]
-        for c in material:
+        tied = [c for c in material if c is material[0] or self.is_tied(c, material[0])]
+        leaders: dict[frozenset[str], CandidateModel] = {}
+        for c in tied:
             leaders.setdefault(families_of(c), c)
-        if not leaders:
-            return []
-        best = next(iter(leaders.values()))
-        tied = [c for c in leaders.values() if c is best or self.is_tied(c, best)]
-        return [self.simplest(c, material) for c in tied]
+        return [self.simplest(c, tied) for c in leaders.values()]
 
     def simplest(self, best: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
         """The model with the fewest parameters among those of the same families that tie with
