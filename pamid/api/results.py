@@ -290,9 +290,10 @@ class DiagnosisResult(FitResult):
     verdict: "explained", "partly-explained", "ambiguous", "unknown-effect", "no-structural-gap" or
     "cannot-tell"; sentence: the same in words; remark: why nothing can be said, where that is so;
     ports: share of the gap that enters at each, 0 to 1, largest first; causes: strongest first;
-    remainder: what is left of the gap; ranking: every candidate that was refitted; regimes: where
-    in its range the gap shows; unknown: the term that no effect explains; next_experiment: what to
-    measure next.
+    remainder: what remains of the gap; ranking: every candidate that was refitted; tied: effects
+    that these recordings cannot separate from the first, one per family, itself among them;
+    regimes: where in its range the gap shows; unknown: the term that no effect explains;
+    next_experiment: what to measure next.
     """
 
     verdict: str = ""
