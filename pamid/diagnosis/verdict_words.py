@@ -118,8 +118,10 @@ def _curve_text(found: DiagnosisFile, spelling: Spelling) -> str:
         at = _entrance(found.where, spelling) if found.where and found.where.port else ""
         return f"A curve at one of its ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
+    first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
+    elsewhere = f", or equally at the {_joined(others, 'or')} port," if others else ""
     return (
-        f"A curve at the {spelling.port(forms[0].port)} port removes {share} of it. The effect is "
+        f"A curve at the {first} port{elsewhere} removes {share} of it. The effect is "
         f"{free_families(found, spelling)}."
     )
 

@@ -152,6 +152,17 @@ def test_a_curve_of_a_family_is_told_with_its_share() -> None:
     )
 
 
+def test_curves_that_tie_are_told_with_every_port_and_family() -> None:
+    unknown = diagnosis_json("unknown-effect")["unknown"]
+    (form,) = unknown["free_forms"]
+    others = [form | {"port": "joint"}, form | {"port": "joint", "family": "drag"}]
+    found = changed("unknown-effect", unknown=unknown | {"free_forms": [form, *others]})
+    assert sentence(found).endswith(
+        "A curve at the muscle port, or equally at the joint port, removes 77 % of it. The effect "
+        "is of the friction or drag family, in a form that is not in the catalogue."
+    )
+
+
 def test_a_gap_without_a_curve_is_told_with_its_place() -> None:
     found = changed("unknown-effect", unknown=None)
     assert free_families(found) == ""
