@@ -10,7 +10,7 @@ from pamid.report.formatting import effect_label, percent
 from pamid.report.style import Drawing, colour, grid, legend_above
 from pamid.schemas.diagnosis_file import ComparisonStep, DiagnosisFile
 
-MOST_MODELS = 4  # that can be told apart by their lines
+MOST_CURVES = 4  # that a reader can tell apart by colour and line
 _DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (4, 1.5, 1, 1.5)))
 
 
@@ -20,7 +20,7 @@ def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     step = next((one for one in diagnosis.comparison if one.tied), None)
     if step is None or len(step.reference_losses) < 2:
         return None
-    shown = step.tied[:MOST_MODELS]
+    shown = step.tied[:MOST_CURVES]
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
