@@ -31,6 +31,7 @@ from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
 from pamid.correction.residual_data import REFIT_REMEDY, derived
 from pamid.engine.program import Stepping
+from pamid.estimation.baseline_repair import rig_without
 from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
@@ -366,6 +367,7 @@ def _model(
 ) -> Identified:
     periods = [one.period_s for one in recordings if one.period_s]
     rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
+    rig = _with_background_of(rig, saved)
     assembly = Assembly(
         rig, tuple(attach(rig, label, catalogue) for label in saved.effects), background=True
     )
@@ -380,6 +382,15 @@ def _model(
         _refuse(path, "a sampling period or the number of steps is out of range")
     controller = next((one.controller for one in recordings if one.loop == "closed"), {})
     return Identified(rig.name, assembly, p, period, step, controller=controller)
+
+
+def _with_background_of(rig: Rig, saved: FittedModel) -> Rig:
+    """The rig without the background terms that the fit left out."""
+    owners = {key.partition(":")[0] for key in saved.values}
+    for owner, term in Assembly(rig, background=True).background_terms.items():
+        if owner not in owners:
+            rig = rig_without(rig, term)
+    return rig
 
 
 def network_beside(model: Identified, folder: Path, channels: Sequence[str]) -> Identified:

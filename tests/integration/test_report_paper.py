@@ -65,7 +65,7 @@ def test_the_first_page_holds_the_answers(reader: PdfReader) -> None:
     places = [
         first.index(mark)
         for mark in (
-            "Coulomb friction at the joint port (P 0.91) explains 86 % of the gap",
+            "Coulomb friction at the joint port removes 86 % of the gap (P 0.91).",
             "WHERE",
             "At the joint port",
             "WHICH",

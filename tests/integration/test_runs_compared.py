@@ -41,7 +41,7 @@ def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture) ->
     ]
     assert run(["runs", str(tmp_path)]) == 0
     text = capsys.readouterr().out
-    assert "explains 86 % of the gap" in text
+    assert "removes 86 % of the gap" in text
     following = shlex.split(text.partition("Next: pamid ")[2])
     assert following[:2] == ["report", "--compare"]
     assert run([*following, "--output", str(tmp_path / "both.html")]) == 0
