@@ -15,7 +15,7 @@ from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.grey_box import GreyBox, better_of_sheet, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -109,7 +109,7 @@ class _Baseline(ObjectWork[int, GreyBox]):
     progress: Progress = field(compare=False)
 
     def result(self, item: int) -> GreyBox:
-        return better_of_sheet(fit_model(self.evidence, seed=item, progress=self.progress), item)
+        return fit_model(self.evidence, seed=item, progress=self.progress)
 
     def plain_form(self, item: int, found: GreyBox) -> Plain:
         return grey_box_plain(found)

@@ -6,11 +6,10 @@ With the mean absolute error e_wc of a model in window w and channel c, and the 
     share removed = sum_w (loss_w(reference) - loss_w(model)) / sum_w (loss_w(baseline) - floor)
 
 The share is one of the gap between the baseline and the noise floor. Its standard error is that of
-the paired ratio sum_w (loss_w(reference) - loss_w(model)) / sum_w loss_w(reference), by a circular
-block bootstrap over windows: an effect that removes the same share of every window is certain
-although the windows differ. Diebold and Mariano (1995), JBES 13:253, for paired losses; Politis and
-Romano (1992) for the bootstrap. A model need not be true to be compared: no true one may be among
-the candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, chapter 6).
+this paired ratio, by a circular block bootstrap over windows: an effect that removes the same share
+of every window is certain although the windows differ. Diebold and Mariano (1995), JBES 13:253, for
+paired losses; Politis and Romano (1992) for the bootstrap. A model need not be true to be compared:
+no true one may be among the candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, ch. 6).
 """
 
 from __future__ import annotations
@@ -62,10 +61,10 @@ class Comparison:
         return self.budget.channel_losses(model.absolutes)
 
     @cached_property
-    def gap(self) -> float:
-        """Loss of the baseline above the noise floor, summed over the windows."""
+    def gap(self) -> Array:
+        """Loss of the baseline above the noise floor, per window."""
         floor = self.budget.channel_losses(self.budget.floor)
-        return float(self.loss(self.budget.baseline).sum() - floor.sum())
+        return self.loss(self.budget.baseline) - floor
 
     def removed(
         self,
@@ -79,16 +78,12 @@ class Comparison:
         """
         before = self.loss(reference or self.budget.baseline)
         after = self.loss(model) if losses is None else losses
-        if self.gap <= 0.0 or len(before) < 2:
+        if self.gap.sum() <= 0.0 or len(before) < 2:
             return NOTHING
-        share, error = paired_ratio(before - after, before, self.seed)
-        scale = float(before.sum()) / self.gap
+        share, error = paired_ratio(before - after, self.gap, self.seed)
         reach = NORMAL_95 * error
         return Share(
-            min(share * scale, 1.0),
-            min((share - reach) * scale, 1.0),
-            min((share + reach) * scale, 1.0),
-            share / error,
+            min(share, 1.0), min(share - reach, 1.0), min(share + reach, 1.0), share / error
         )
 
     def is_material(self, model: CandidateModel, reference: CandidateModel) -> bool:
@@ -146,8 +141,9 @@ def families_of(model: CandidateModel) -> frozenset[str]:
 def paired_ratio(numerator: Array, denominator: Array, seed: int) -> tuple[float, float]:
     """Ratio of two sums over windows (n,), n >= 2, and its bootstrap standard error."""
     rows = resamples(len(numerator), seed)
-    ratios = numerator[rows].sum(axis=1) / denominator[rows].sum(axis=1)
-    error = float(ratios.std()) * few_entries_factor(len(numerator))
+    above, below = numerator[rows].sum(axis=1), denominator[rows].sum(axis=1)
+    # of a gap near the noise floor some draws hold none
+    error = float((above / below)[below > 0.0].std()) * few_entries_factor(len(numerator))
     return float(numerator.sum() / denominator.sum()), max(error, LEAST_ERROR)
 
 

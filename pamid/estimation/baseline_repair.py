@@ -94,8 +94,11 @@ def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
         if tried is not None and relative_error(best.held_out, tried.held_out) > WORSE:
             best = replace(tried, remark=f"{refit.remark} {tried.remark}".strip())
         if relative_error(best.held_out, sheet) <= WORSE:
-            break
-    return best
+            return best
+    # effects are compared on top of a refit all the same: their models are refits, too
+    worse = f"{relative_error(best.held_out, sheet):.1f} times"
+    remark = f"With its data sheet the model predicts better: the refit errs by {worse} as much."
+    return replace(best, remark=f"{best.remark} {remark}".strip())
 
 
 def _from_draws(refit: Refit, seed: int) -> Refit | None:

@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, Settled, silent
 from pamid.estimation.baseline_repair import (
-    WORSE,
     Refit,
-    fit_held,
     mended,
-    relative_error,
     without_harmful_background,
 )
 from pamid.estimation.intervals import bootstrap, estimates
@@ -149,24 +146,6 @@ def fit_model(
         else None,
         earlier,
         refit.remark,
-    )
-
-
-def better_of_sheet(model: GreyBox, seed: int = 0) -> GreyBox:
-    """Return the model, or its data sheet where this predicts what was held out better than the
-    refit and every attempt to mend it. Its parameters stay free for what is fitted after it."""
-    if not model.fit.residuals or relative_error(model.held_out, model.data_sheet) <= WORSE:
-        return model
-    held = Refit.of(model.evidence, model.assembly, fit_held(model.fit, model.fit.problem.free))
-    if not relative_error(held.held_out, model.held_out) < 1.0:
-        return model
-    remark = "The data sheet predicts what was held out better than any refit: it is the baseline."
-    return replace(
-        model,
-        fit=held.fit,
-        held_out=held.held_out,
-        floor=_floor(model.assembly, held.fit, held.held_out, model.evidence.noise, seed),
-        remark=f"{model.remark} {remark}".strip(),
     )
 
 
