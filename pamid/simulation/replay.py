@@ -35,9 +35,9 @@ WHOLE = 2**31 - 1  # windows per run: one run over the whole recording
 
 
 def replay_windows(track: Track) -> list[Window]:
-    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16. All
-    records together give at least 6 of them, as long as they have 40 samples, or 3 that have 20; an
-    episode among many may be one window."""
+    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
+    least 6 of them, as long as they have 40 samples. Records too short for that give 6 together, or
+    3 that have 20; an episode among many may be one window."""
     own = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
     length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
@@ -45,6 +45,8 @@ def replay_windows(track: Track) -> list[Window]:
         len(track) // max(1, round(track.share * count))
         for count in (FEWEST_USUAL_WINDOWS, FEWEST_WINDOWS)
     )
+    alone = len(track) // FEWEST_WINDOWS
+    sixth = alone if alone >= USUAL_WINDOW_SAMPLES else sixth
     fewest = max(FEWEST_WINDOW_SAMPLES, min(USUAL_WINDOW_SAMPLES, third))
     return cut(len(track), max(fewest, min(length, sixth)))
 

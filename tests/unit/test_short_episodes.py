@@ -96,3 +96,18 @@ def test_an_episode_among_many_may_be_one_window(tmp_path: Path) -> None:
     many = replace(track, share=0.1, timescale_s=slow)
     alone = replace(track, share=1.0, timescale_s=slow)
     assert (len(replay_windows(many)), len(replay_windows(alone))) == (1, 3)
+
+
+def test_two_long_records_give_six_windows_each(tmp_path: Path) -> None:
+    """Only records that are too short for six windows of the usual length share the count."""
+    evidence = split_recordings(rig_named(RIG), episodes(tmp_path, 9, 100), [])
+    track = evidence.tracks(Assembly(evidence.rig, outputs=evidence.channels))[0]
+    rows = np.resize(np.arange(len(track)), 310)
+    long = replace(
+        track,
+        y=track.y[rows],
+        u=track.u[np.append(rows, rows[-1:])[: len(track.u) - len(track) + 310]],
+        share=0.5,
+        timescale_s=300 * track.period_s,
+    )
+    assert len(replay_windows(long)) == 6
