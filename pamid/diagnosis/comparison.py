@@ -6,10 +6,11 @@ With the mean absolute error e_wc of a model in window w and channel c, and the 
     share removed = sum_w (loss_w(reference) - loss_w(model)) / sum_w (loss_w(baseline) - floor)
 
 The share is one of the gap between the baseline and the noise floor. Its standard error is that of
-this paired ratio, by a circular block bootstrap over windows: an effect that removes the same share
-of every window is certain although the windows differ. Diebold and Mariano (1995), JBES 13:253, for
-paired losses; Politis and Romano (1992) for the bootstrap. A model need not be true to be compared:
-no true one may be among the candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, ch. 6).
+the paired ratio to what the reference leaves above the floor, by a circular block bootstrap over
+windows: an effect that removes the same share of that in every window is certain although the
+windows differ. Diebold and Mariano (1995), JBES 13:253, for paired losses; Politis and Romano
+(1992) for the bootstrap. A model need not be true to be compared: no true one may be among the
+candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, ch. 6).
 """
 
 from __future__ import annotations
@@ -77,10 +78,12 @@ class Comparison:
         losses: of the model, where they are reported by windows that had no part in its choice.
         """
         before = self.loss(reference or self.budget.baseline)
+        own = before - self.budget.channel_losses(self.budget.floor)
         after = self.loss(model) if losses is None else losses
-        if self.gap.sum() <= 0.0 or len(before) < 2:
+        if self.gap.sum() <= 0.0 or own.sum() <= 0.0 or len(before) < 2:
             return NOTHING
-        share, error = paired_ratio(before - after, self.gap, self.seed)
+        scale = float(own.sum() / self.gap.sum())
+        share, error = (scale * x for x in paired_ratio(before - after, own, self.seed))
         reach = NORMAL_95 * error
         return Share(
             min(share, 1.0), min(share - reach, 1.0), min(share + reach, 1.0), share / error
