@@ -78,7 +78,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "Coulomb friction removes 86 % of the gap (95 % interval 74 to 98 %).",
             "79 % (69 to 84 %)",
             "What is left No material part of the gap.",
-            "Left over: 14 % of the gap (95 % interval 10 to 20 %), 1.4 times the noise floor in "
+            "Remaining: 14 % of the gap (95 % interval 10 to 20 %), 1.4 times the noise floor in "
             "the worst channel.",
             "Coulomb friction lowers the error in 18 of 18 held-out windows, by 86 % of the gap",
             "rec inertia_kg_m2 0.014, loop open, controller kp_per_deg 0.2 0.610 → 0.200 (67 % "
@@ -88,7 +88,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "Coulomb friction at the joint port removes 64 % of the gap (P 0.91).",
             "36 % of the gap remains, 3.7 times the noise floor. It enters at the muscle port.",
             "What is left 36 % of the gap, at the muscle port.",
-            "Left over: 36 % of the gap (95 % interval 32 to 42 %), 3.7 times the noise floor in "
+            "Remaining: 36 % of the gap (95 % interval 32 to 42 %), 3.7 times the noise floor in "
             "the worst channel.",
             "The missing term at the muscle port is described best, as a function, by",
             "−0.42 sign(velocity) + 0.11 contraction²",
@@ -96,13 +96,13 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         "ambiguous": [
             "Coulomb friction at the joint port removes 86 % of the gap (P 0.91). These recordings "
             "cannot separate it from leak at the pressure port, 85 % (P 0.38).",
-            "These recordings cannot separate Coulomb friction and leak.",
+            "these recordings cannot separate them.",
         ],
         "unknown-effect": [
             "No effect of the catalogue removes a material share of the gap. A curve at the muscle "
             "port removes 77 % of it. The effect is of the friction family, in a form that is not "
             "in the catalogue.",
-            "What is left The whole gap, at the joint port. Left over: 10 times the noise floor",
+            "What is left All of the gap, at the joint port. Remaining: 10 times the noise floor",
             "A function of the velocity at the muscle port removes 77 % of the gap "
             "(95 % interval 66 to 88 %).",
             "−0.42 sign(velocity) + 0.11 contraction²",
@@ -118,7 +118,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "Coulomb friction may be missing. It removes 24 % of the gap (95 % interval 4 to 44 %, "
             "from 18 held-out windows), which is not certain enough. Record for longer, or with "
             "larger motion.",
-            "Which These recordings do not tell.",
+            "Which Undetermined.",
         ],
     }[verdict]
     for sentence in expected:
