@@ -57,8 +57,8 @@ class NamedCause:
 @dataclass(frozen=True, eq=False)
 class Answer:
     """Verdict, causes, and what remains. model: with the causes, the baseline without any; removed:
-    share of the gap that it removes; why: of cannot-tell ("few", "many"); leader: the best
-    candidate, whatever the verdict; alike: whether the causes that tie predict the same."""
+    share of the gap that it removes; why: of cannot-tell ("few", "many", "unexplained"); leader: the
+    best candidate, whatever the verdict; alike: whether the causes that tie predict the same."""
 
     verdict: str
     model: CandidateModel
@@ -112,8 +112,13 @@ def answer(
         verdict = "partly-explained" if rest else "explained"
     elif leader is not None and _is_open(comparison, leader):
         verdict, why = "cannot-tell", "few"
+    elif forms:
+        verdict = "unknown-effect"
+    elif comparison.floors(comparison.budget.baseline) > settings.unexplained_floors:
+        # nothing known explains it, but it is too large to be denied
+        verdict, why = "cannot-tell", "unexplained"
     else:
-        verdict = "unknown-effect" if forms else "no-structural-gap"
+        verdict = "no-structural-gap"
     if not causes:
         best, removed, rest = comparison.budget.baseline, NOTHING, bool(forms)
         floors = comparison.floors(best)

@@ -62,6 +62,13 @@ class Settings:
         0.10, "share of the noise floor", "a model nearer to the floor is at the floor", BY_TRIAL
     )
 
+    unexplained_floors: float = setting(
+        10.0,
+        "noise floors",
+        "a model farther off that nothing explains is left open, not called complete",
+        "docs/measured/comparison.md: machines with rough maps alone are left at 2 to 6",
+    )
+
     # ---- do the recordings show this machine?
     naive_margin: float = setting(
         0.10,

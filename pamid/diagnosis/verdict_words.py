@@ -277,6 +277,14 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
             f"{_joined(others, 'and')} remove as much. These recordings cannot separate them."
         )
     leader = next((r for r in found.ranking if r.removes and not r.set_aside), None)
+    rest = found.remainder
+    nothing = leader is None or leader.removes is None or leader.removes.low <= 0.0
+    if nothing and rest is not None and rest.floors is not None:
+        return (
+            f"The refitted model leaves {times_text(rest.floors)} times the noise floor. No effect "
+            "of the catalogue, and no curve at a port, removes a material share of it. Something "
+            "else may be missing, or a map or a parameter may be far off."
+        )
     if leader is None or leader.removes is None:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
     removes = leader.removes
