@@ -56,9 +56,14 @@ class NamedCause:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Verdict, causes, and what remains. model: with the causes, the baseline without any; removed:
-    share of the gap that it removes; why: of cannot-tell ("few", "many", "unexplained"); leader: the
-    best candidate, whatever the verdict; alike: whether the causes that tie predict the same."""
+    """Verdict, causes, and what remains.
+
+    model    with the causes, the baseline without any
+    removed  share of the gap that it removes
+    why      of cannot-tell: "few", "many" or "unexplained"
+    leader   the best candidate, whatever the verdict
+    alike    whether the causes that tie predict the same
+    """
 
     verdict: str
     model: CandidateModel

@@ -172,8 +172,8 @@ def test_what_physics_objects_to_leads_nowhere() -> None:
 
 def test_a_small_share_is_no_cause_however_certain() -> None:
     _, a = answered(ranking=[leaving(0.9, FRICTION)])
-    assert (a.verdict, a.material_rest, a.left_over) == ("no-structural-gap", False, False)
-    assert a.removed == NOTHING
+    assert (a.verdict, a.why) == ("cannot-tell", "unexplained")
+    assert (a.material_rest, a.left_over, a.removed) == (False, False, NOTHING)
 
 
 def test_a_curve_at_a_port_is_an_unknown_effect() -> None:
@@ -182,9 +182,12 @@ def test_a_curve_at_a_port_is_an_unknown_effect() -> None:
     assert a.material_rest and a.left_over
 
 
-def test_without_any_candidate_there_is_no_structural_gap() -> None:
-    _, a = answered(ranking=[])
-    assert a.verdict == "no-structural-gap" and a.leader is None
+@pytest.mark.parametrize(("scale", "verdict"), [(0.2, "no-structural-gap"), (1.0, "cannot-tell")])
+def test_a_large_gap_that_nothing_explains_is_not_denied(scale: float, verdict: str) -> None:
+    found = comparison(scale * BEFORE)
+    selection = Selection(found.budget.baseline, (), AFTER, {}, {})
+    a = answer(found, selection, [], ())
+    assert a.verdict == verdict and a.leader is None
 
 
 # ---- probability --------------------------------------------------------------------------------
