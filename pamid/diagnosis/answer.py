@@ -216,7 +216,9 @@ def features(
     families = families_of(model)
     others = (c for c in ranking if not families_of(c) & families)
     rival = next(others, comparison.budget.baseline)
-    lead = comparison.removed(model, rival)
+    lead = comparison.removed(model, rival).z
+    if comparison.loss(rival).sum() < comparison.loss(model).sum():
+        lead = -comparison.removed(rival, model).z
     rest = comparison.removed(model).rest.share
     windows = len(comparison.loss(model))
     return {
@@ -224,7 +226,7 @@ def features(
         "rest": float(np.clip(rest, 0.0, 1.0)),
         "floors": float(np.log10(np.clip(comparison.floors(model), 1.0, 1000.0))),
         "sure": signed_decades(removed.z),
-        "lead": signed_decades(lead.z if lead.share > 0.0 else min(lead.z, 0.0)),
+        "lead": signed_decades(lead),
         "windows": float(np.log10(windows)),
     }
 

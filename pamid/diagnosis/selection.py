@@ -48,8 +48,8 @@ class SelectionStep:
 @dataclass(frozen=True, eq=False)
 class Selection:
     """The model with every effect that was added. without: by effect, the model less this effect;
-    instead: by effect, models with another one in its place that tie; after: the latent evidence
-    that is left at the ports."""
+    instead: by effect, models with another one in its place that tie; after: the latent evidence at
+    the ports next to the effects where a material part of the gap is left, else that before them."""
 
     best: CandidateModel
     steps: tuple[SelectionStep, ...]
@@ -83,10 +83,12 @@ def select_effects(
             if not comparison.is_material(shorter, best):
                 break
             best = shorter
-            after = _located_after(search, best, located)
         rest = 1.0 - comparison.removed(best).share
-        full = len(best.attached) >= settings.effects_most
-        if full or rest < settings.material_rest or comparison.at_floor(best):
+        if rest < settings.material_rest or comparison.at_floor(best):
+            break
+        if best.attached:
+            after = _located_after(search, best, located)
+        if len(best.attached) >= settings.effects_most:
             break
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
