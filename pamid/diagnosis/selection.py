@@ -49,7 +49,7 @@ class SelectionStep:
 class Selection:
     """The model with every effect that was added. without: by effect, the model less this effect;
     instead: by effect, models with another one in its place that tie; after: the latent evidence at
-    the ports next to the effects where a material part of the gap is left, else that before them."""
+    the ports next to the effects if a material part of the gap is left, else before them."""
 
     best: CandidateModel
     steps: tuple[SelectionStep, ...]
