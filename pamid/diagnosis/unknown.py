@@ -74,11 +74,6 @@ def left_over(d: Diagnosis) -> bool:
     return d.answer is not None and not d.silent and d.answer.left_over
 
 
-def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
-    """`described` of what `find_missing` finds; None where no more is left than tolerances."""
-    return described(d, find_missing(d, seed=seed)) if left_over(d) else None
-
-
 def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
     """The missing term beside the causes, at the port with the largest latent evidence, or where a
     free form takes it up; of ports that the recordings cannot tell apart, at the one whose own
