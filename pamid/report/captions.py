@@ -71,12 +71,16 @@ def over_channels(diagnosis: DiagnosisFile) -> str:
 
 
 def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
-    """The best candidate that is neither a cause nor tied with one; else the best that is no
+    """The best candidate of a family that is neither named nor tied; else the best that is no
     cause."""
     named = {cause.effect for cause in diagnosis.causes}
-    alike = set(diagnosis.tied)
+    families = {cause.family for cause in diagnosis.causes}
     others = [one for one in diagnosis.ranking if one.effect not in named]
-    different = [one for one in others if one.effect not in alike]
+    different = [
+        one
+        for one in others
+        if one.family not in families and one.effect not in diagnosis.tied and not one.set_aside
+    ]
     return (different or others or [None])[0]  # type: ignore[list-item]
 
 
@@ -229,11 +233,11 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
             f"the most probable candidate, {effect_label(best.effect)}, removes "
             f"{percent(best.shrinkage)} of the held-out error{over_channels(diagnosis)}; {tail}"
         ).removesuffix(".")
-    first = effect_label(best.effect)
+    first = effect_label(diagnosis.causes[0].effect)
     text = (
         f"{first} is the only candidate that was refitted"
         if second is None
-        else f"{first} leads the ranking; the runner-up is {effect_label(second.effect)}"
+        else f"{first} is named; the best of the others is {effect_label(second.effect)}"
     )
     return formatting.sentence(text).removesuffix(".")
 
