@@ -137,7 +137,7 @@ class Comparison:
 
 
 def families_of(model: CandidateModel) -> frozenset[str]:
-    """Families of a model's effects, each with the ports where these recordings may show it."""
+    """Families of a model's effects."""
     return frozenset(a.family(model.assembly.rig) for a in model.attached)
 
 

@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, families_of
@@ -32,6 +35,8 @@ from pamid.estimation.grey_box import model_with
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,12 +206,13 @@ def _joint_start(
 
 
 def _start_from(
-    attached: tuple[Attachment, ...], assembly: Assembly, sources: Sequence[tuple[Assembly, object]]
+    attached: tuple[Attachment, ...], assembly: Assembly, sources: Sequence[tuple[Assembly, Array]]
 ) -> RefitStart:
     """A model refitted from the parameters of others, in ranges as wide as theirs."""
     wide = as_wide(assembly, *(other for other, _ in sources))
-    p = transferred(wide, *sources)  # type: ignore[arg-type]
-    return RefitStart(attached, p, ranges=dict(wide.ranges), assembly=assembly)
+    return RefitStart(
+        attached, transferred(wide, *sources), ranges=dict(wide.ranges), assembly=assembly
+    )
 
 
 def refitted_with(
