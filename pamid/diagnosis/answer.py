@@ -250,7 +250,7 @@ def signed_decades(value: float) -> float:
 
 @cache
 def _learnt() -> dict[str, Any]:
-    """What the calibration cases have taught: see `pamid.trial.calibration`."""
+    """Weights and spread learnt from calibration cases: see `pamid.trial.calibration`."""
     text = files("pamid.diagnosis").joinpath("calibration.json").read_text(encoding="utf-8")
     learnt: dict[str, Any] = json.loads(text)
     return learnt

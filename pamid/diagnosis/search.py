@@ -48,7 +48,7 @@ MIRRORED_MOST, MIRRORED_SHARE = 3, 0.2
 
 @dataclass(frozen=True)
 class Search:
-    """What every step of a diagnosis needs."""
+    """Data, candidates and means of one diagnosis, shared by all of its steps."""
 
     evidence: DataSplit
     budget: Budget
@@ -161,17 +161,14 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What a round has found. models: refitted and replayed; failed: candidates that could not be,
-    and why; first_family: of the screen's own first choice; reference: what was screened against;
-    screened: all candidates that stayed stable in the screening; passed_over: those of them that
-    were not refitted."""
+    """Candidates screened and refitted on top of a model. models: refitted and replayed; failed:
+    candidates that could not be, and why; reference: of the screening; screened: all candidates
+    that stayed stable in it."""
 
     models: list[CandidateModel]
     failed: list[tuple[str, str]]
-    first_family: str
     reference: ScreeningBaseline
     screened: list[Screened]
-    passed_over: list[Screened]
 
 
 def run_round(search: Search, base: CandidateModel, candidates: list[Attachment]) -> Round:
@@ -187,16 +184,7 @@ def run_round(search: Search, base: CandidateModel, candidates: list[Attachment]
     leading = promising({a.label: search.family(a) for a in candidates}, found, reference)
     models, failed = refit_screened(search, base, leading)
     hopeless = [(s.attachment.label, s.why) for s in found if not s.usable]
-    taken = {s.attachment.label for s in leading}
-    usable = [s for s in found if s.usable]
-    return Round(
-        models,
-        hopeless + failed,
-        search.family(leading[0].attachment) if leading else "",
-        reference,
-        usable,
-        [s for s in usable if s.attachment.label not in taken],
-    )
+    return Round(models, hopeless + failed, reference, [s for s in found if s.usable])
 
 
 def refit_screened(

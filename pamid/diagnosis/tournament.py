@@ -52,7 +52,6 @@ class Diagnosis:
     selection: Selection | None = None
     answer: Answer | None = None
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
-    screened: str = ""  # family that the screen alone would have named
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
     # candidates that act on a signal that the recordings do not determine, and the reason
@@ -200,7 +199,6 @@ def diagnose(
         selection,
         decision,
         tuple(first.failed),
-        first.first_family,
         tuple(opposite),
         tuple(left_out.items()),
     )

@@ -258,8 +258,8 @@ def _shares_of(
 
 
 def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
-    """What the verdict names, the one that removes most first; for "ambiguous" the members that
-    cannot be separated."""
+    """Causes that the verdict names, the one that removes most first; for "ambiguous" the members
+    that cannot be separated."""
     if d.answer is None or d.cause is None:
         return ()
     return tuple(_cause(c, part) for c, part in _parts_of_causes(d.answer))
@@ -377,7 +377,11 @@ def _shrinkage(d: Diagnosis, c: CandidateModel) -> tuple[float, float, float]:
     base = d.comparison.loss(d.budget.baseline)
     if len(base) < 2:
         return 0.0, 0.0, 0.0
-    share, error = paired_ratio(base - d.comparison.loss(c), base, d.seed)
+    return _interval(*paired_ratio(base - d.comparison.loss(c), base, d.seed))
+
+
+def _interval(share: float, error: float) -> tuple[float, float, float]:
+    """A share of the error with the 95 % interval of its standard error, at most 1."""
     return share, share - NORMAL_95 * error, min(share + NORMAL_95 * error, 1.0)
 
 
@@ -421,7 +425,8 @@ def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
     channel, b = d.evidence.channels[i], d.budget
     rows, left = ~np.isnan(b.floor[:, i]), d.reported(d.cause or b.baseline)
     before, after = b.baseline.absolutes[rows, i], left[rows, i]
-    share, error = paired_ratio(before - after, before, seed) if len(before) > 1 else (0.0, 1.0)
+    ratio = paired_ratio(before - after, before, seed) if len(before) > 1 else (0.0, 1.0)
+    share, low, high = _interval(*ratio)
     short = None if b.short is None else column_size(channel, b.short[rows, i].mean())
     return result.Reach(
         mae_data_sheet=column_size(channel, b.data_sheet[rows, i].mean()),
@@ -430,8 +435,8 @@ def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
         noise_floor=column_size(channel, b.floor[rows, i].mean()),
         mae_refitted_short=short,
         shrinkage=share,
-        low=share - NORMAL_95 * error,
-        high=min(share + NORMAL_95 * error, 1.0),
+        low=low,
+        high=high,
     )
 
 

@@ -183,7 +183,7 @@ def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
 
 
 def _rest_text(found: DiagnosisFile, spelling: Spelling) -> str:
-    """What remains: size and place; begins with a space."""
+    """Size and place of the remainder; begins with a space."""
     rest = found.remainder
     if rest is None or rest.share is None:
         return ""
@@ -221,7 +221,7 @@ def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
 
 
 def size_of(rest: Remainder, *, beside: bool) -> str:
-    """What remains, in figures: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
+    """Size of the remainder: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
     floor in the worst channel"; beside: causes, without which it is the gap itself."""
     texts = []
     if beside and rest.share is not None:
@@ -235,8 +235,8 @@ def size_of(rest: Remainder, *, beside: bool) -> str:
 
 
 def amount_of(rest: Remainder) -> str:
-    """What the fitted model lacks at the port, in the port's unit, and what passes there; "" where
-    that is not known."""
+    """Size of the missing value at the port, in its unit, and of all that passes there; "" if
+    unknown."""
     if rest.missing_rms is None or not rest.passing_rms:
         return ""
     share = rest.missing_rms / rest.passing_rms

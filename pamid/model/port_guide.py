@@ -119,7 +119,7 @@ TOLERANCES = "tolerances"  # the finding of a rig that states none
 
 
 def stated_roughness(rig: Rig, *names: str) -> str:
-    """What has to be offered first at ports that pass a balance, with their maps; then the line of
+    """Signals to be offered first at ports that pass a balance, with their maps; then the line of
     a rig file that states an ordinary roughness of what passes the other ports."""
     of = {name: _of(rig, name) for name in names}
     maps = {name: _rough_map(rig.ports[name], name, signal) for name, signal in of.items()}
@@ -135,7 +135,7 @@ def stated_roughness(rig: Rig, *names: str) -> str:
 
 
 def taken_up(rig: Rig, *names: str) -> str:
-    """What maps at these ports can take up besides roughness."""
+    """Effects that maps at these ports can absorb besides roughness."""
     along = {_along(rig.ports[name]) for name in names}
     return "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
 

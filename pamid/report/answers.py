@@ -254,7 +254,7 @@ def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _free_forms(one: Unknown) -> list[str]:
-    """What each family's free form removes, and what its curve is fitted together with."""
+    """Share that each family's free form removes, and the parameters fitted with its curve."""
     texts = []
     for form in one.free_forms:
         share = form.removes or form
@@ -372,7 +372,7 @@ def _channel_point(row: ChannelErrors) -> str:
 
 
 def left_answer(run: RunData) -> AnswerText | None:
-    """What remains of the gap with the causes, or the gap without any: size, place and form. None
+    """Remainder of the gap with the causes, or the gap without any: size, place and form. None
     without a remainder."""
     diagnosis = run.diagnosis
     rest = diagnosis.remainder if diagnosis is not None else None

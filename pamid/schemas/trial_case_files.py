@@ -30,7 +30,7 @@ class ShrinkageForecast(ChannelForecast):
 
 
 class PlantedTruth(Model):
-    """What counts as the right answer to a planted fault."""
+    """Right answer to a planted fault."""
 
     fault: Text
     family: Text

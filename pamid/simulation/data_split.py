@@ -291,7 +291,7 @@ def shortfall_alone(recording: Recording) -> str:
 
 
 def _divided(rig: Rig, recordings: Sequence[Recording]) -> tuple[list[Span], list[Span]]:
-    """What is fitted and what is held out of recordings in a given order."""
+    """Fitted and held-out spans of recordings, in the order given."""
     fit, held = list[Span](), list[Span]()
     for recording in recordings:
         if len(recording) >= FEWEST_SAMPLES:

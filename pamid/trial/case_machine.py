@@ -57,7 +57,7 @@ class RecordedCase:
 
     @property
     def data(self) -> DataSplit:
-        """What the tool is given of the recordings."""
+        """Data that the tool is given."""
         return split_recordings(self.rig, [*self.fitted], [*self.held_out])
 
 
@@ -147,7 +147,7 @@ class CaseMachine:
 
     @cached_property
     def acting(self) -> tuple[ActingEffect, ...]:
-        """What acts, the one first without which the held-out readings change most."""
+        """Effects that act, the one first without which the held-out readings change most."""
         found = [
             ActingEffect(
                 **self.case.machine.truth(site),
@@ -183,7 +183,7 @@ class CaseMachine:
 
     @cached_property
     def _commands(self) -> Any:
-        """What the healthy machine's actuators are sent in the held-out recording."""
+        """Command to the healthy machine's actuators in the held-out recording."""
         return self._signal(HELD_OUT, "open")
 
     @cached_property
@@ -211,7 +211,7 @@ class CaseMachine:
         return int(first), int(noise)
 
     def _signal(self, number: int, loop: str) -> Any:
-        """What is sent, from before the recording starts; loop: "open" also where the case is
+        """Command, from before the recording starts; loop: "open" also where the case is
         closed."""
         c = self.case.conditions
         seconds = c.seconds + self._warm_up * self.machine.period_s

@@ -134,7 +134,7 @@ class Fault:
 
     @property
     def truth(self) -> dict[str, Any]:
-        """What counts as the right answer where it is planted."""
+        """Right answer where the fault is planted."""
         return {
             "fault": self.name,
             "family": self.family,

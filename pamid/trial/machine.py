@@ -58,7 +58,7 @@ class Machine(Protocol):
         ...
 
     def truth(self, site: str) -> dict[str, Any]:
-        """What counts as the right answer to a planted fault."""
+        """Right answer to a planted fault."""
         ...
 
     def known(self, c: Any) -> dict[str, float]:

@@ -53,7 +53,7 @@ class Marked:
 
     @property
     def lead(self) -> dict[str, Any]:
-        """What is to be named first: the planted effect or, in an open case, the one that removes
+        """Effect to be named first: the planted effect or, in an open case, the one that removes
         most. IndexError where nothing acts."""
         found: dict[str, Any] = (self.result["acting"] if self.opened else self.truth)[0]
         return found
@@ -112,7 +112,7 @@ class Marked:
 
     @cached_property
     def open_answer(self) -> str:
-        """What became of the effect that removes most, in an open case.
+        """Kind of answer to the effect that removes most, in an open case.
 
         "leader": named first, or in a set; a set of more than two families is named as one group
         that predicts the same. "lesser": only effects of other families that act were named.
