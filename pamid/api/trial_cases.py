@@ -197,23 +197,31 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     run = diagnosed(recorded, place / "run")
     seconds = time.process_time() - begun
     planted = list(case.planted)
-    leading = [recorded.acting[0].fault] if recorded.acting else planted
-    # without what is to be named; of two faults, with the other one alone
-    twins = [leading, *([k for k in planted if k != one] for one in planted)]
-    seen: list[float] = []
-    if planted:
-        with_all = _refit_errors(recorded)
-        for without in twins if planted[1:] else twins[:1]:
-            faults = {k: v for k, v in bench.faults.items() if k not in without}
-            twin = bench.recorded(place / "twin", faults, fresh=0)
-            seen.append(float((with_all / _refit_errors(twin)).max()))
+    with_all = _refit_errors(recorded) if planted else np.zeros(0)
+
+    def visibility(*sites: str) -> float:
+        """Refitted error over that without these effects, in the worst channel."""
+        twin = bench.recorded(place / "twin", bench.without(*sites), fresh=0)
+        return float((with_all / _refit_errors(twin)).max())
+
+    # what the refitted parameters take up removes nothing, however much it moves
+    removes = {a.fault: 1.0 - 1.0 / visibility(a.fault) for a in recorded.acting}
+    acting = sorted(recorded.acting, key=lambda a: -removes[a.fault])
+    leading = [acting[0].fault] if acting else planted
+    seen = visibility(*leading) if planted else None
+    # of two faults each with the other one alone
+    each = [visibility(*(k for k in planted if k != one)) for one in planted if planted[1:]]
     return {
         "diagnosis": run.to_dict(),
         "seconds": seconds,
-        "visibility": seen[0] if seen else None,
-        "visibility_each": min(seen[1:] or seen, default=None),
+        "visibility": seen,
+        "visibility_each": min(each, default=seen),
         "shrinkage": _shrinkage(run, recorded),
-        **({"acting": recorded.acting} if case.world == OPEN else {}),
+        **(
+            {"acting": tuple(a.model_copy(update={"removes": removes[a.fault]}) for a in acting)}
+            if case.world == OPEN
+            else {}
+        ),
     }
 
 

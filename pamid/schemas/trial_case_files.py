@@ -43,10 +43,12 @@ class ActingEffect(PlantedTruth):
 
     planted: Flag = Field(description="or a further, lesser one")
     change: Number = Field(
-        description="of the held-out readings if it acts alone: root mean square in their standard "
-        "deviations"
+        description="of the held-out readings if it is taken out of all that act: root mean square "
+        "in their standard deviations"
     )
-    removes: Number = Field(description="... if it is taken out of all that act")
+    removes: Annotated[Number | None, MAY_LACK] = Field(
+        default=None, description="share of the refitted model's held-out error that goes with it"
+    )
 
 
 class TrialCaseFile(Model):

@@ -152,14 +152,15 @@ class CaseMachine:
             ActingEffect(
                 **self.case.machine.truth(site),
                 planted=site in self.case.planted,
-                change=self.change({site: self.faults[site]}),
-                removes=self.change(
-                    self.faults, {k: v for k, v in self.faults.items() if k != site}
-                ),
+                change=self.change(self.faults, self.without(site)),
             )
             for site in self.faults
         ]
-        return tuple(sorted(found, key=lambda one: -one.removes))
+        return tuple(sorted(found, key=lambda effect: -effect.change))
+
+    def without(self, *sites: str) -> dict[str, dict[str, float]]:
+        """All that acts, less these."""
+        return {site: sizes for site, sizes in self.faults.items() if site not in sites}
 
     def change(self, faults: Faults, others: Faults | None = None) -> float:
         """Change of the held-out readings from `others` (default: nothing planted) to `faults`:
@@ -277,8 +278,8 @@ def study_case(
     Returns
     -------
     RecordedCase
-        `acting[k].removes` is the change of the held-out readings without effect k, in their
-        standard deviations, and `acting[0]` the effect that is to be named.
+        `acting[k].change` is that of the held-out readings without effect k, in their standard
+        deviations; `acting[0]` is the effect without which they change most.
     """
     case = draw_case(part, number, seed, rig, world=OPEN)
     return CaseMachine.of(case).recorded(folder, fresh=fresh)

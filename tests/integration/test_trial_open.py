@@ -104,8 +104,8 @@ def test_further_effects_change_10_to_60_percent_as_much(rig: str, number: int) 
         assert low <= ratio <= high, (site, ratio)
     families = [m.machine.truth(site)["family"] for site in m.faults]
     assert len(set(families)) == len(families)
-    removed = [a.removes for a in m.acting]
-    assert removed == sorted(removed, reverse=True) and {a.fault for a in m.acting} == set(m.faults)
+    changes = [a.change for a in m.acting]
+    assert changes == sorted(changes, reverse=True) and {a.fault for a in m.acting} == set(m.faults)
 
 
 def test_what_removes_most_leads_even_where_it_was_not_planted() -> None:
@@ -148,7 +148,7 @@ def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path: Pa
         assert all(np.array_equal(mine.columns[k], again.columns[k]) for k in mine.columns)
     pumped = [r.columns["pump_v"] for r in recordings]
     assert not any(np.array_equal(a, b) for i, a in enumerate(pumped) for b in pumped[:i])
-    assert one.acting[0].removes >= one.acting[-1].removes > 0.0
+    assert one.acting[0].change >= one.acting[-1].change > 0.0
     given = [r.path.with_suffix(".toml").read_text() + repr(list(r.columns)) for r in recordings]
     for word in (*(a.fault.partition("@")[0] for a in one.acting), "single", OPEN + " world"):
         assert word not in repr(given), "the tool sees nothing of the truth"
