@@ -10,6 +10,10 @@ order). Their median absolute value over 0.6745 is the robust estimate of their 
 uniform variable, step/sqrt(12). Both results are in the channel's unit: the same samples in another
 unit give the same answer, scaled.
 
+Under a controller the noise of a sensor enters the inputs, and these move the machine at the rate
+of the samples. Such motion looks like noise to every order of differences. It is linear in the
+latest inputs, so that least squares on their differences remove it.
+
 A reading that repeats to the last digit is not a new reading: the sensor rests, clings, is at its
 limit, or was filled in. Differences over such repeats measure no noise and are left out. A reading
 that clings while the machine moves lags behind by up to the leap h that follows. The error grows
@@ -55,6 +59,7 @@ LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not 
 # from a recording may be several times too large, but not a hundred times.
 NEGLIGIBLE_ERROR = 0.01
 MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
+INPUT_LAGS, INPUT_ORDER = 4, 4  # latest inputs, and the order of the differences that are fitted
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
 LAG = 1.0 / np.sqrt(3.0)  # root mean square of an error that grows from 0 to 1
 # plateaus further apart than the recorder's own steps: cycles of their spacing in the span of a
@@ -235,6 +240,10 @@ def sensor_noise(
         )
         noise = np.maximum(noise, UNIFORM * steps)
     given = [None] * len(parts) if inputs is None else inputs
+    if inputs is not None:
+        still = [_without_inputs(part, u) for part, u in zip(parts, inputs, strict=True)]
+        without, exact = _noise_and_steps(np.concatenate(still))[0], steps > 0.0
+        noise = np.where(exact, noise, np.minimum(noise, without))
     holds = [[hold_error(c, u) for c in part.T] for part, u in zip(parts, given, strict=True)]
     # a converter's steps explain repeats by themselves
     lag = np.where(steps > 0.0, 0.0, np.sqrt(np.mean(np.square(holds), axis=0)))
@@ -245,6 +254,18 @@ def sensor_noise(
     # whoever states a noise knows the sensor; what a reading clings by is an estimate
     used = np.where(stated > 0.0, np.maximum(noise, stated), np.hypot(noise, lag))
     return SensorNoise(np.where(shows, noise, used), noise, lag, stated)
+
+
+def _without_inputs(y: Array, inputs: Array) -> Array:
+    """Channels (samples x channels) less what is linear in the latest inputs (samples x inputs),
+    by least squares on the differences of both."""
+    rows = np.maximum(np.arange(len(y))[:, None] - np.arange(INPUT_LAGS), 0)
+    latest = inputs[rows].reshape(len(y), -1)
+    changes = np.diff(latest, n=INPUT_ORDER, axis=0)
+    if len(changes) <= FEW_MOVING + changes.shape[1] or not changes.any():
+        return y
+    response = np.linalg.lstsq(changes, np.diff(y, n=INPUT_ORDER, axis=0), rcond=None)[0]
+    return np.asarray(y - latest @ response)
 
 
 def hold_error(values: Array, inputs: Array | None = None) -> float:

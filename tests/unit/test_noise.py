@@ -321,3 +321,20 @@ def test_a_recorders_own_step_is_no_plateau(motion: str, channel: str) -> None:
         assert plateau_spacing(rounded(MOTIONS[motion] + more * step * noise, step)) == 0.0
     assert plateau_spacing(MOTIONS[motion] + 0.05 * noise) == 0.0
     assert plateau_spacing(np.zeros(SAMPLES)) == 0.0
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_noise_of_a_feedback_in_the_input_is_not_the_sensor_s(unit: float) -> None:
+    """A current answers a voltage that carries an encoder's noise within two samples."""
+    random = np.random.default_rng(3)
+    voltage = 3.0 * np.sin(np.arange(4000) / 90.0) + 0.4 * random.standard_normal(4000)
+    current = 0.2 * voltage + 0.15 * np.roll(voltage, 1) + 0.02 * random.standard_normal(4000)
+    read, sent = unit * current[1:, None], voltage[1:, None]
+    assert noise_level(read)[0] > 0.04 * unit
+    noise = sensor_noise([read], np.array([0.02 * unit]), [sent])
+    assert noise.used[0] == pytest.approx(0.02 * unit, rel=0.1)
+    assert not noise.contradicts[0]
+    # an input of steps explains no noise
+    steps = np.repeat(random.uniform(-3.0, 3.0, 40), 100)[1:, None]
+    plain = 0.02 * random.standard_normal((3999, 1))
+    assert sensor_noise([plain], np.zeros(1), [steps]).used[0] == pytest.approx(0.02, rel=0.1)
