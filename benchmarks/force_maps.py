@@ -32,11 +32,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import Replay
+from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
@@ -183,7 +183,7 @@ def run_case(name: str, data: Path = DATA, jobs: int = 1) -> tuple[Outcome, Diag
         split_recordings(rig_named(str(RIG)), fitted, held_out), effects(), jobs=jobs
     )
     base = diagnosed.budget.baseline
-    found = diagnosis_json(diagnosed, None, 0)
+    found = diagnosis_file(diagnosed).as_json()
     return Outcome(found, rms(base.replays), rms((diagnosed.cause or base).replays)), diagnosed
 
 

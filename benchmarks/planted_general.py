@@ -26,13 +26,13 @@ from typing import Any
 import numpy as np
 
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.verdict_figures import diagnosis_file
 
 RIGS = Path(__file__).resolve().parent / "rigs"
 # rig -> (samples, centre and amplitude of the command, hold in samples, parameters of the specimen)
@@ -91,7 +91,7 @@ def main() -> int:
                 target = Path(folder) / "rec.csv"
                 write_recording(target, period * np.arange(len(signal)), made.columns, made.meta)
                 evidence = split_recordings(rig, [read_recording(target)], [])
-            found = diagnosis_json(diagnose(evidence, effects(), jobs=2), None, 0)
+            found = diagnosis_file(diagnose(evidence, effects(), jobs=2)).as_json()
             first = (
                 found["ranking"][0]
                 if found["ranking"]

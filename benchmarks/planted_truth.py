@@ -17,13 +17,13 @@ import time
 from pathlib import Path
 
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.verdict_figures import diagnosis_file
 
 MISTUNED = {
     "scale": 1.10,
@@ -86,7 +86,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             recording = read_recording(plant(label, options.seed, Path(folder), options.seconds))
         evidence = split_recordings(rig, [recording], [])
-        found = diagnosis_json(diagnose(evidence, catalogue, jobs=options.jobs), None, 0)
+        found = diagnosis_file(diagnose(evidence, catalogue, jobs=options.jobs)).as_json()
         first = (
             found["ranking"][0]
             if found["ranking"]

@@ -184,9 +184,9 @@ def _removed(share: dict[str, float]) -> str:
 
 def _left(found: dict[str, Any]) -> list[str]:
     """What remains: how much, whether it is more than tolerances, where, and what it looks like."""
-    from pamid.diagnosis.verdict_words import amount_of, size_of, weight_of
     from pamid.schemas.diagnosis_file import Remainder
     from pamid.schemas.model import read
+    from pamid.verdict.verdict_words import amount_of, size_of, weight_of
 
     if not found["remainder"]:
         return []
@@ -223,7 +223,7 @@ def _free_forms(unknown: dict[str, Any]) -> list[str]:
 def _ranking(found: dict[str, Any]) -> list[str]:
     """The candidates, the one that removes most first, after the meaning of the figures."""
     from pamid.base.share_words import percent_text, percents_text
-    from pamid.diagnosis.verdict_words import chance_figure
+    from pamid.verdict.verdict_words import chance_figure
 
     rows = [r for r in found["ranking"] if r["removes"]][:8]
     return [

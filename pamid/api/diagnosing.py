@@ -19,12 +19,12 @@ from pamid.base.errors import FileError, UsageError, nearest
 from pamid.base.files import PathLike
 from pamid.base.progress import Progress, ShowProgress
 from pamid.base.run_folder import Run
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.settings import DEFAULT, Settings, settings_from
 from pamid.estimation.memory_needed import memory_warning
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, effects_with
 from pamid.parallel.jobs import WorkerPool
+from pamid.verdict.diagnosis_run import diagnose_into
 
 
 def diagnose(

@@ -20,7 +20,6 @@ from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
 from pamid.base.share_words import chance_text, percent_text, percents_text
 from pamid.base.units import split_column
-from pamid.diagnosis.verdict_words import size_of, weight_of
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
@@ -37,6 +36,7 @@ from pamid.schemas.diagnosis_file import (
 )
 from pamid.schemas.estimates import Interval
 from pamid.schemas.fit_file import FitFile, RecordingUsed
+from pamid.verdict.verdict_words import size_of, weight_of
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure

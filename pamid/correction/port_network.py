@@ -49,9 +49,9 @@ from pamid.correction.output_network import (
 )
 from pamid.correction.residual_data import RESIDUAL_RUNS, ResidualData, derived
 from pamid.diagnosis.candidate_model import candidate_from, transferred
-from pamid.diagnosis.smoother import SMOOTHER_STEPS, Latent, Smoother, size_at
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
+from pamid.estimation.smoother import SMOOTHER_STEPS, Latent, Smoother, size_at
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect

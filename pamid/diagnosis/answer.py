@@ -27,8 +27,8 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import NOTHING, Comparison, Share, families_of
 from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.look_alikes import all_alike
-from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.selection import Selection
+from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
 from pamid.schemas.diagnosis_file import CAUSED
 

@@ -89,6 +89,13 @@ class Comparison:
             min(share, 1.0), min(share - reach, 1.0), min(share + reach, 1.0), share / error
         )
 
+    def shrinkage(self, model: CandidateModel) -> tuple[float, float, float]:
+        """Share of the baseline's held-out error that a model removes, with its 95 % interval."""
+        before = self.loss(self.budget.baseline)
+        if len(before) < 2:
+            return 0.0, 0.0, 0.0
+        return error_removed(before, self.loss(model), self.seed)
+
     def is_material(self, model: CandidateModel, reference: CandidateModel) -> bool:
         """Whether a model removes a material share of the gap beyond its reference, by enough
         standard errors."""
@@ -148,6 +155,13 @@ def paired_ratio(numerator: Array, denominator: Array, seed: int) -> tuple[float
     # of a gap near the noise floor some draws hold none
     error = float((above / below)[below > 0.0].std()) * few_entries_factor(len(numerator))
     return float(numerator.sum() / denominator.sum()), max(error, LEAST_ERROR)
+
+
+def error_removed(before: Array, after: Array, seed: int) -> tuple[float, float, float]:
+    """Share of an error that is removed, with its 95 % interval, from errors per window before and
+    after (n,), n >= 2."""
+    share, error = paired_ratio(before - after, before, seed)
+    return share, share - NORMAL_95 * error, min(share + NORMAL_95 * error, 1.0)
 
 
 DRAWS, BLOCK_WINDOWS = 1000, 2  # resamples, and neighbouring windows that are drawn together

@@ -19,7 +19,6 @@ from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.effect_subsets import ScreenedResponses, Subset, best_subsets, responses_of
 from pamid.diagnosis.guards import Guards
-from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import as_wide
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
@@ -32,6 +31,7 @@ from pamid.diagnosis.search import (
 )
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import model_with
+from pamid.estimation.port_evidence import PortEvidence, locate
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed
@@ -128,7 +128,7 @@ def compared(
 
 def _located_after(search: Search, best: CandidateModel, located: PortEvidence) -> PortEvidence:
     leaders = [k[0] for k in located.classes]
-    return locate(search.evidence, best, search.pool, leaders, settings=search.settings)
+    return locate(search.evidence, best, search.pool, leaders, alike=search.settings.port_alike)
 
 
 def _larger(

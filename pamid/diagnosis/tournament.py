@@ -18,12 +18,12 @@ from pamid.diagnosis.comparison import Comparison, Share
 from pamid.diagnosis.family_forms import free_forms
 from pamid.diagnosis.guards import Guards
 from pamid.diagnosis.input_response import explained_channels, silent_channels
-from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import Search, opposite_signs, run_round
 from pamid.diagnosis.selection import Selection, select_effects
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
+from pamid.estimation.port_evidence import PortEvidence, locate
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
@@ -67,6 +67,11 @@ class Diagnosis:
     def cause(self) -> CandidateModel | None:
         """The model with the causes that the verdict names."""
         return self.answer.model if self.answer and self.verdict in CAUSED else None
+
+    @property
+    def left_over(self) -> bool:
+        """Is a material part of the gap left, with the causes or because there is none?"""
+        return self.answer is not None and not self.silent and self.answer.left_over
 
     @property
     def settings(self) -> Settings:
@@ -169,7 +174,7 @@ def diagnose(
         response,
     )
     progress("looking where something is missing")
-    located = locate(evidence, base, pool, settings=settings)
+    located = locate(evidence, base, pool, alike=settings.port_alike)
     first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first)

@@ -32,7 +32,6 @@ from pamid.correction.output_network import (
 from pamid.correction.residual_data import ResidualData, Segment, derived
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.closed_loop import loop_run
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs
@@ -66,6 +65,7 @@ from pamid.replications.joint_twin import (
 from pamid.report.paper_figure import steps_picture
 from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import split_recordings
+from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
 
@@ -319,7 +319,7 @@ def explain(
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()
     found = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, progress=progress)
-    write_json(run.path("diagnosis.json"), diagnosis_json(found, None, plan.seed))
+    write_json(run.path("diagnosis.json"), diagnosis_file(found).as_json())
     if found.cause is not None:
         rows += named_rows(records, found.budget.model, found.cause, time.perf_counter() - begun)
     return rows, found
@@ -355,7 +355,7 @@ def reproduce(
     (refitted, *named), diagnosis = explain(run, records, plan, progress)
     rows = [analytic, refitted, elman, *named]
     table = tuple(table_row(row, analytic) for row in rows)
-    named_ones = diagnosis_json(diagnosis, None, plan.seed)
+    named_ones = diagnosis_file(diagnosis).as_json()
     found = result.PaperFile(
         quick=plan.quick,
         plan=result.JointPlanUsed(**asdict(plan)),

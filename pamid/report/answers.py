@@ -8,7 +8,6 @@ from pathlib import Path
 
 from pamid.base.errors import quoted
 from pamid.base.share_words import minutes_text, times_text
-from pamid.diagnosis import verdict_words
 from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
@@ -41,6 +40,7 @@ from pamid.schemas.diagnosis_file import (
     Unknown,
     Where,
 )
+from pamid.verdict import verdict_words
 
 PROBABILITY_MEANS = (
     "A probability is how often, among virtual machines with figures like these, an effect of that "
@@ -404,7 +404,7 @@ def next_answer(run: RunData) -> AnswerText:
     experiment = run.diagnosis.next_experiment
     if experiment is None:
         none = "The diagnosis asks for no further experiment."
-        return AnswerText(formatting.clean(verdict_words.withheld(run.diagnosis)) or none)
+        return AnswerText(formatting.clean(run.diagnosis.withheld) or none)
     separated = formatting.join(map(effect_label, experiment.separates))
     details = [
         sentence(reason_text(experiment)),

@@ -8,7 +8,6 @@ import re
 
 import numpy as np
 
-from pamid.diagnosis.verdict_words import Spelling, free_families, sentence
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow, headline
 from pamid.report.formatting import (
@@ -30,6 +29,7 @@ from pamid.schemas.diagnosis_file import (
     Where,
 )
 from pamid.schemas.network_file import NetworkFile
+from pamid.verdict.verdict_words import Spelling, free_families, sentence
 
 #: where the reason for an experiment goes on with its settings, or with what it was weighed by
 _WEIGHED = re.compile(r"; (?:with \w+ =|simulated on )")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from pamid.base.share_words import minutes_text
-from pamid.diagnosis import verdict_words
-from pamid.diagnosis.verdict_words import chance_figure
 from pamid.report import formatting
 from pamid.report.captions import SPELLING, closest, regime_label, set_figures
 from pamid.report.channel_errors import ChannelErrors, headline
@@ -20,6 +18,8 @@ from pamid.report.formatting import (
 from pamid.report.load import RunData
 from pamid.report.rig_texts import first_parameter
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
+from pamid.verdict import verdict_words
+from pamid.verdict.verdict_words import chance_figure
 
 _MOST_PORTS, _MOST_CAUSES, _NOTHING = 3, 3, 0.005
 
@@ -43,7 +43,7 @@ def todo_of(run: RunData) -> str:
     if diagnosis.remark:
         return "Check the recordings and their units first; no verdict means anything before."
     experiment = diagnosis.next_experiment
-    if experiment is None and verdict_words.withheld(diagnosis):
+    if experiment is None and diagnosis.withheld:
         return "Hold the rig by a loop and record again: without one each experiment leads too far."
     if experiment is None:
         return "Nothing more needs to be measured for this answer."

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column
-from pamid.diagnosis.localise import SMOOTHED
 from pamid.report import formatting
 from pamid.report.captions import regime_label
 from pamid.report.formatting import channel_label, channel_unit
@@ -20,6 +19,7 @@ from pamid.report.reading import FloatArray
 from pamid.report.samples import Stretch, channels_of, inputs_of
 from pamid.schemas.diagnosis_file import Regime
 from pamid.simulation.correlation_time import correlation_samples
+from pamid.verdict.localise import SMOOTHED
 
 WORST = 5
 MOST_BANDS = 2000

@@ -3,7 +3,6 @@ gap, the effects that act there, what was tried, what cannot be told apart."""
 
 from __future__ import annotations
 
-from pamid.diagnosis.verdict_words import chance_figure
 from pamid.model.effect import KINDS
 from pamid.report import formatting
 from pamid.report.block_diagram import BlockText
@@ -12,6 +11,7 @@ from pamid.report.formatting import channel_label, channel_unit, effect_label, p
 from pamid.report.formula import formula_text
 from pamid.schemas.diagnosis_file import Cause, CauseParameter, DiagnosisFile
 from pamid.schemas.rig_map import RigMap
+from pamid.verdict.verdict_words import chance_figure
 
 PIN, DOUBT = "◆ ", "? "
 _MOST_TRIED = 4

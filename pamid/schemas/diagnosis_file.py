@@ -43,6 +43,8 @@ Verdict = Literal[
     "no-structural-gap",
     "cannot-tell",
 ]
+#: how the note begins that stands in the place of an experiment
+WITHHELD = "No next experiment is proposed"
 CAUSED = ("explained", "partly-explained", "ambiguous")  # verdicts that name a cause
 ERROR = "mean absolute error, in the unit of the channel"
 
@@ -428,6 +430,11 @@ class DiagnosisFile(Model):
         (), description="what a reader should know before believing a figure, in words"
     )
     failed_jobs: Sometimes[ListOf[FailedJob]] = None
+
+    @property
+    def withheld(self) -> str:
+        """The note on why no experiment is proposed although models are in question, or ""."""
+        return next((note for note in self.notes if note.startswith(WITHHELD)), "")
 
     @property
     def tied(self) -> tuple[str, ...]:

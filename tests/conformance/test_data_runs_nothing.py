@@ -113,7 +113,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.replications.demonstration.run_demo",
         "pamid.correction.force_map.judge",
         "pamid.estimation.grey_box.fit_model",
-        "pamid.diagnosis.diagnosis_run.diagnose_into",
+        "pamid.verdict.diagnosis_run.diagnose_into",
         "pamid.correction.output_network.train_correction",
         "pamid.correction.run_score.split_recordings",
     ):

@@ -23,14 +23,15 @@ from small_cart import others, record_cart
 import pamid.api.trial_cases as trial_work
 from pamid.authoring.column_match import examples
 from pamid.base.errors import PamidError
-from pamid.diagnosis.next_experiment import bench_of, sent_with
-from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_result
 from pamid.excitation.experiments import MENU, Bench, Experiment, menu
 from pamid.model.registry import rig_named
+from pamid.planning.experiment_ways import NEXT_FILES
+from pamid.planning.next_experiment import Proposal, bench_of, sent_with
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.report.answers import next_answer
 from pamid.report.load import load_run
 from pamid.rigs.muscle_experiments import EXPERIMENTS
+from pamid.schemas.diagnosis_file import NextExperiment
 from pamid.simulation.data_split import DataSplit, split_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -271,24 +272,25 @@ def proposed(rig: str, recording: Recording, e: Experiment, folder: Path) -> lis
     evidence = split_recordings(rig_named(rig), [recording], [])
     bench = bench_of(evidence)
     columns = e.signals(bench)
-    p = Proposal(
-        e.name,
-        e.why,
-        ("a", "b"),
-        1.0,
-        e.minutes_on(bench),
-        columns,
-        sent_with(evidence, bench, columns),
-        tuple(s for s in e.settings(bench) if s),
+    settings = tuple(s for s in e.settings(bench) if s)
+    files = NEXT_FILES[: max(len(settings), 1)]
+    experiment = NextExperiment(
+        name=e.name,
+        why=e.why,
+        separates=("a", "b"),
+        expected_separation=1.0,
+        minutes=e.minutes_on(bench),
+        excitation=files[0],
+        excitations=files,
+        settings=settings,
+        cautions=(),
     )
+    p = Proposal(experiment, columns, sent_with(evidence, bench, columns))
     p.write(lambda *names: [folder / name for name in names])
-    said = proposal_result(p).as_json()
-    assert said is not None and len(said["excitations"]) == max(1, len(said["settings"]))
-    assert said["excitation"] == said["excitations"][0]
-    files = [folder / name for name in said["excitations"]]
-    for path, setting in zip(files, said["settings"], strict=False):
+    paths = [folder / name for name in files]
+    for path, setting in zip(paths, settings, strict=False):
         assert read_recording(path).known.items() >= setting.items()
-    return files
+    return paths
 
 
 OF_MUSCLES = (*EXPERIMENTS, *MENU)

@@ -22,11 +22,11 @@ from small_cart import FEW, RIG, cart_evidence, others, record_cart
 from pamid.base.errors import FileError
 from pamid.base.json_file import read_json
 from pamid.base.run_folder import Run
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.model.registry import effects
 from pamid.parallel.dask_backend import Cluster, Patience, cluster
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Store
+from pamid.verdict.diagnosis_run import diagnose_into
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 

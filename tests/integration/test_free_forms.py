@@ -23,8 +23,6 @@ from pamid.diagnosis.family_forms import FreeForm, _span, free_forms, reached_at
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.unknown import described, find_missing
-from pamid.diagnosis.verdict import diagnosis_file
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach, attachments
 from pamid.model.effect import Effect
@@ -35,6 +33,8 @@ from pamid.recording.recording import recording_of
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.symbolic.vocabulary import Expr, Number, absolute, exp, stop, tanh, where
+from pamid.verdict.remainder import find_missing
+from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
 #: none of them of a family that is planted
@@ -197,7 +197,7 @@ each = pytest.mark.parametrize("planted", CASES, ids=lambda c: c.__name__)
 def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
     family, port, _, _ = CASES[planted]
     d = diagnosed(planted)
-    found = diagnosis_file(d, described(d, find_missing(d)), 0)
+    found = diagnosis_file(d, find_missing(d))
     assert found.verdict == "unknown-effect" and not found.causes and found.unknown is not None
     first = found.unknown.free_forms[0]
     assert (first.family, first.port, found.where.port) == (family, port, port)
@@ -211,7 +211,7 @@ def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
 def test_its_size_is_told_beside_what_passes(planted: type[Effect]) -> None:
     """The missing value is that of the curve, smoothed, so that jumps come out lower."""
     d = diagnosed(planted)
-    rest = diagnosis_file(d, described(d, find_missing(d)), 0).remainder
+    rest = diagnosis_file(d, find_missing(d)).remainder
     assert rest is not None and rest.missing_rms is not None and rest.passing_rms is not None
     spread = float(np.std(forms_of(d)[0].curve.y))
     assert 0.4 * spread < rest.missing_rms < 1.2 * spread
@@ -303,7 +303,7 @@ def test_forms_that_do_as_well_are_all_said() -> None:
     (form,), (other, *_) = forms_of(d), forms_of(diagnosed(TwoSlips))
     assert d.answer is not None
     both = replace(d, answer=replace(d.answer, free_forms=(form, other)))
-    said = diagnosis_file(both, described(d, find_missing(d)), 0)
+    said = diagnosis_file(both, find_missing(d))
     assert "of the stiffness or hysteresis family" in said.sentence
     assert said.unknown is not None and len(said.unknown.free_forms) == 2
     shown = diagnosis_text(said.as_json(), Path("run")).splitlines()

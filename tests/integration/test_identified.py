@@ -27,7 +27,6 @@ from pamid.correction.identified_model import (
     simulate_identified,
 )
 from pamid.correction.port_network import Corrected, entry_of
-from pamid.diagnosis.diagnosis_run import models_json
 from pamid.estimation.closed_loop import loop_motion
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.quantities import agreed
@@ -38,6 +37,7 @@ from pamid.networks.narx import Narx
 from pamid.networks.network import Network
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.free_runs import free_run
+from pamid.verdict.diagnosis_run import models_json
 
 Made = tuple[Path, Recording, GreyBox]
 Copy = Callable[[], Path]

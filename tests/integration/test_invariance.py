@@ -20,12 +20,12 @@ from one_cart import FRICTION, PLAIN, SAMPLES, Written, cart, part, recorded, tu
 
 from pamid.api.given import evidence_of
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_file
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.verdict_figures import diagnosis_file
 
 #: one of every kind of size: of the value, of the position, of the velocity, of the time that the
 #: recordings remember, of the sampling period
@@ -44,7 +44,7 @@ def diagnosed(
     """As `pamid.diagnose` does it, checks included, without what to measure next."""
     given = evidence_of(recordings, cart(written), held_out, warn=lambda _: None)
     catalogue = {name: effects()[name] for name in FEW}
-    return diagnosis_file(diagnose(given.evidence, catalogue), None, 0)
+    return diagnosis_file(diagnose(given.evidence, catalogue))
 
 
 @cache
@@ -71,7 +71,7 @@ def elsewhere(
     del type(kept).period_s
     given = evidence_of([recording_of(time * stamps, made.columns)], kept, warn=lambda _: None)
     known = {name: effects()[name] for name in catalogue}
-    return diagnosis_file(diagnose(given.evidence, known), None, 0)
+    return diagnosis_file(diagnose(given.evidence, known))
 
 
 def piece(k: int, of: int) -> Recording:
@@ -240,7 +240,7 @@ def late(every: int) -> DiagnosisFile:
     recordings = [recording_of(stamps[::every], columns, name="late")]
     given = evidence_of(recordings, kept, warn=lambda _: None)
     known = {name: effects()[name] for name in ("dead-time", "first-order-lag", "coulomb-friction")}
-    return diagnosis_file(diagnose(given.evidence, known), None, 0)
+    return diagnosis_file(diagnose(given.evidence, known))
 
 
 def test_a_dead_time_is_as_long_however_fast_it_is_sampled() -> None:

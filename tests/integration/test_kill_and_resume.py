@@ -143,7 +143,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
 ) -> None:
     """Every job is worked out once and no more; after a failure in the end only the damaged ones
     are repeated."""
-    import pamid.diagnosis.diagnosis_run as whole
+    import pamid.verdict.diagnosis_run as whole
 
     def broken(*_: Any) -> None:
         raise RuntimeError("in the end")

@@ -14,13 +14,13 @@ from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
 from pamid.diagnosis.candidate_model import slopes_along
-from pamid.diagnosis.smoothed_trajectory import SlicedTrack, slices_of, start_trajectory
 from pamid.engine import known_slopes
 from pamid.engine.known_slopes import FAR, FORETOLD, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.smoother import SlicedTrack, slices_of, start_trajectory
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments

@@ -13,7 +13,6 @@ from small_cart import PERIOD_S
 from pamid.base.run_folder import Run
 from pamid.checks.recording_quality import examine
 from pamid.diagnosis.candidate_model import candidate_from
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.screening import starting_points
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.effects.saturation import Saturation
@@ -26,6 +25,7 @@ from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import replay_track
+from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
 MASS, DRAG, NOISE = 1.1, 2.3, 5e-4  # kg, N s/m, m

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
+from pamid.verdict.verdict_figures import diagnosis_file
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ROOT.parent / "shared" / "data"
@@ -25,7 +25,7 @@ def found(rig: str, fitted: list[str], held_out: list[str]) -> dict[str, Any]:
     """diagnosis.json of recordings (paths below the folder of measured ones)."""
     read = [[read_recording(MEASURED / name) for name in part] for part in (fitted, held_out)]
     evidence = split_recordings(rig_named(str(ROOT / "data" / "rigs" / rig)), *read)
-    return diagnosis_json(diagnose(evidence, effects(), jobs=2), None, 0)
+    return diagnosis_file(diagnose(evidence, effects(), jobs=2)).as_json()
 
 
 def test_the_seal_of_a_piston_rubs_more_under_pressure() -> None:

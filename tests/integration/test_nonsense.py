@@ -17,7 +17,6 @@ from pamid.base.progress import silent
 from pamid.base.run_folder import Run
 from pamid.diagnosis import input_response
 from pamid.diagnosis.budget import gap_budget
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.input_response import explained_channels
 from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.lagged_linear import lagged_response
@@ -28,6 +27,7 @@ from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.simulation.windows import cut
+from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")

@@ -13,10 +13,10 @@ from small_cart import FEW, cart_evidence, record_cart
 from pamid.diagnosis import selection
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.verdict import diagnosis_file, diagnosis_json
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
 from pamid.parallel.result_store import Store
+from pamid.verdict.verdict_figures import diagnosis_file
 
 LATE_AND_RUBBING = ("coulomb-friction", "dead-time")
 
@@ -32,7 +32,7 @@ def steps_of(d: Diagnosis) -> tuple[selection.SelectionStep, ...]:
 
 
 def named(d: Diagnosis) -> set[str]:
-    return {c.effect for c in diagnosis_file(d, None, 0).causes}
+    return {c.effect for c in diagnosis_file(d).causes}
 
 
 def test_a_pair_without_a_first_effect_to_build_on(tmp_path: Path) -> None:
@@ -68,10 +68,10 @@ def test_none_planted_is_none_named(tmp_path: Path) -> None:
 def test_the_same_pair_from_two_processes_and_read_back(tmp_path: Path) -> None:
     catalogue = {k: v for k, v in effects().items() if k in FEW}
     evidence = cart_evidence(record_cart(tmp_path, LATE_AND_RUBBING))
-    alone = diagnosis_json(diagnose(evidence, catalogue), None, 0)
+    alone = diagnosis_file(diagnose(evidence, catalogue)).as_json()
     for _ in range(2):
         pool = WorkerPool(2, Store(tmp_path / "store"))
-        assert diagnosis_json(diagnose(evidence, catalogue, pool=pool), None, 0) == alone
+        assert diagnosis_file(diagnose(evidence, catalogue, pool=pool)).as_json() == alone
     assert pool.worked == 0 < pool.from_store
 
 

@@ -22,8 +22,8 @@ from pamid.diagnosis.answer import (
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import NOTHING, Comparison
 from pamid.diagnosis.family_forms import FreeForm
-from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.selection import Selection
+from pamid.estimation.port_evidence import PortEvidence
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,10 @@ from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.conformance import rig_findings
 from pamid.checks.recording_quality import examine
 from pamid.checks.scale_slips import ScaleSlip
-from pamid.diagnosis.notes import _signs as notes_of
 from pamid.model.port_guide import driven_by_speed
 from pamid.model.registry import rig_named, rigs
 from pamid.recording.recording import Recording, match_column, recording_of
+from pamid.verdict.notes import _signs as notes_of
 
 RIG = '''
 from pamid import Parameter, Port, Rig, State

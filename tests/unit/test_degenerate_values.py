@@ -21,7 +21,6 @@ from pamid.base.run_folder import Run
 from pamid.checks.channel_quality import CheckedSignal, shortest_repeat
 from pamid.checks.recording_quality import examine
 from pamid.correction.residual_data import read_columns
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.engine.program import Stepping
 from pamid.excitation.aprbs import coverage
 from pamid.model.assembly import Assembly
@@ -31,6 +30,7 @@ from pamid.recording.noise import NEGLIGIBLE_ERROR, noise_level, plateau_spacing
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import replay_track, spread_of
+from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
 Call = dict[str, Any]

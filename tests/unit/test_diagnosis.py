@@ -12,12 +12,12 @@ import pytest
 from virtual_joint import record
 
 from pamid.base.run_folder import Run
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.settings import Settings
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
+from pamid.verdict.diagnosis_run import diagnose_into
+from pamid.verdict.verdict_figures import diagnosis_file
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "emps"
@@ -285,7 +285,7 @@ def test_the_measured_drive_rubs() -> None:
 
     # every candidate refitted, the tempting wrong ones among them
     everything = Settings(refits=len(effects()))
-    found = diagnosis_json(diagnose(evidence, effects(), jobs=2, settings=everything), None, 0)
+    found = diagnosis_file(diagnose(evidence, effects(), jobs=2, settings=everything)).as_json()
     # a drive has more than friction in it: what is left is told, whatever it is called
     assert found["verdict"] in {"explained", "partly-explained"}
     assert found["causes"][0]["probability"] > 0.5 and found["remainder"]["share"] < 0.6

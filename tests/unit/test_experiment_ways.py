@@ -12,8 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.diagnosis import experiment_ways
-from pamid.diagnosis.experiment_ways import (
+from pamid.estimation.grey_box import fit_model
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.experiments import Experiment, menu
+from pamid.excitation.washout import washed_out
+from pamid.excitation.waveforms import amplitude_sweep, odd_multisine, slow_reversals, speed_runs
+from pamid.model.registry import rig_named
+from pamid.planning import experiment_ways
+from pamid.planning.experiment_ways import (
     LEEWAY,
     Predictions,
     Way,
@@ -23,13 +29,7 @@ from pamid.diagnosis.experiment_ways import (
     reaches,
     ways_to_run,
 )
-from pamid.diagnosis.next_experiment import bench_of
-from pamid.estimation.grey_box import fit_model
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import Experiment, menu
-from pamid.excitation.washout import washed_out
-from pamid.excitation.waveforms import amplitude_sweep, odd_multisine, slow_reversals, speed_runs
-from pamid.model.registry import rig_named
+from pamid.planning.next_experiment import bench_of
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.free_runs import virtual_recording

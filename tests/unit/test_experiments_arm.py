@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from cli import frame
 from pamid.base.errors import DataError
-from pamid.diagnosis.next_experiment import bench_of
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import MENU, Bench, menu, odd_multisine
 from pamid.model.registry import rig_named
+from pamid.planning.next_experiment import bench_of
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS, PULSES_S, muscle_pulses
 from pamid.simulation.data_split import split_recordings

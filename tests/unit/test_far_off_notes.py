@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from pamid.diagnosis import notes
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.background import Gain
+from pamid.verdict import notes
 
 
 def test_a_background_that_stands_far_off_is_named_with_what_looks_like_it() -> None:

@@ -9,11 +9,11 @@ import pytest
 from small_cart import FEW, RIG, record_cart
 
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_file
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.verdict.verdict_figures import diagnosis_file
 
 TRUE_MASS_KG = 1.2  # of `record_cart`
 
@@ -36,5 +36,5 @@ def test_a_rig_without_fitted_parameters_is_diagnosed(
     model = fit_model(evidence)
     assert model.fit.converged and not model.fit.problem.free
     found = diagnose(evidence, {name: effects()[name] for name in FEW})
-    result = diagnosis_file(found, None, 0)
+    result = diagnosis_file(found)
     assert {c.effect for c in result.causes} == set(planted)

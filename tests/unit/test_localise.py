@@ -14,7 +14,13 @@ from counted import calls_of
 from virtual_joint import SPECIMEN, record
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
-from pamid.diagnosis.localise import (
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.replay import replay_track
+from pamid.verdict.localise import (
     REGIMES_MOST,
     _followed,
     _since_reversal,
@@ -23,12 +29,6 @@ from pamid.diagnosis.localise import (
     recorded_units,
     regimes,
 )
-from pamid.engine.program import Stepping
-from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
-from pamid.recording.recording import read_recording
-from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.replay import replay_track
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 EXAMPLE_RIGS = Path(__file__).resolve().parents[2] / "data" / "rigs"
@@ -77,10 +77,10 @@ def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, CandidateMo
     r = base.replays[0]
     assert (
         regimes(evidence, replace(base, replays=(replace(r, full_outputs=r.full_track.y),)), None)
-        == []
+        == ()
     )
     everywhere = with_gap(joint, np.ones(len(r.track), bool))
-    assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
+    assert regimes(evidence, everywhere, None) == (), "a gap that is everywhere is in no regime"
 
 
 def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, CandidateModel]) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from small_cart import PERIOD_S, RIG, cart_evidence, record_cart
 
-from pamid.diagnosis.notes import notes
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import diagnose
 from pamid.estimation import memory_needed as memory
@@ -21,6 +20,7 @@ from pamid.simulation import data_split
 from pamid.simulation.data_split import STRETCHES, DataSplit, Span, split_recordings
 from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.notes import notes
 
 LONG_S = 40.0
 LEAST = 1.2  # correlation times of a stretch, so that a small recording is a long one

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
-from pamid.diagnosis.port_evidence import (
+from pamid.diagnosis.screening import _free
+from pamid.diagnosis.tournament import candidates_to_screen
+from pamid.estimation.port_evidence import (
     MANY_PORTS,
     OUTSTANDING,
     PortEvidence,
     _found_at,
     _Smoothing,
 )
-from pamid.diagnosis.screening import _free
-from pamid.diagnosis.smoother import Smoothed
-from pamid.diagnosis.tournament import candidates_to_screen
 from pamid.estimation.problem import free_parameters
+from pamid.estimation.smoother import Smoothed
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach, attachments
 from pamid.model.registry import effects, rig_named

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.diagnosis.unknown import MISSING_ROWS, Missing, missing_csv, parity, regressors
 from pamid.report.reading import read_columns
+from pamid.verdict.remainder import MISSING_ROWS, Missing, missing_csv, parity, regressors
 
 
 def missing(count: int) -> Missing:

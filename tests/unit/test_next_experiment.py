@@ -14,20 +14,7 @@ from numpy.typing import NDArray
 
 from cli import frame
 from pamid.base.run_folder import Run
-from pamid.diagnosis import experiment_ways
-from pamid.diagnosis.diagnosis_run import diagnose_into
-from pamid.diagnosis.experiment_ways import Predictions, Way, ways_to_run
-from pamid.diagnosis.next_experiment import (
-    Proposing,
-    bench_of,
-    models_to_keep,
-    next_experiment,
-    pairs_to_separate,
-    separations,
-)
-from pamid.diagnosis.proposal import FILE, Proposal, WithheldExperiment, proposal_result
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.verdict import diagnosis_file
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import (
@@ -43,10 +30,24 @@ from pamid.excitation.experiments import (
 )
 from pamid.model.registry import effects, rig_named, rig_of, rigs
 from pamid.model.rig import Rig
+from pamid.planning import experiment_ways
+from pamid.planning.experiment_ways import NEXT_FILES, Predictions, Way, ways_to_run
+from pamid.planning.next_experiment import (
+    Proposal,
+    Proposing,
+    WithheldExperiment,
+    bench_of,
+    models_to_keep,
+    next_experiment,
+    pairs_to_separate,
+    separations,
+)
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.diagnosis_run import diagnose_into
+from pamid.verdict.verdict_figures import diagnosis_file, with_experiment
 
 Array = NDArray[np.float64]
 
@@ -105,11 +106,11 @@ def test_it_separates_more_than_the_same_excitation_again(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
 ) -> None:
     _, _, _, d, p = rubbing
-    assert p.separates == RIVALS
+    assert p.experiment.separates == RIVALS
     again = Experiment(
         "aprbs", 1.0, "", lambda b: {"force_n": aprbs(20.0, PERIOD_S, 4.0, (0.1, 0.4), seed=3)}
     )
-    assert p.expected_separation > 1.2 * apart(d, Way(bench_of(d.evidence), again))
+    assert p.experiment.expected_separation > 1.2 * apart(d, Way(bench_of(d.evidence), again))
 
 
 def test_what_it_expects_is_what_comes(
@@ -133,7 +134,7 @@ def test_what_it_expects_is_what_comes(
     missed, met = (
         float(np.sqrt((left**2).mean()) / d.evidence.noise[0]) for left in (wrong, right)
     )
-    assert 0.5 < np.sqrt(missed**2 - 1.0) / p.expected_separation < 2.0
+    assert 0.5 < np.sqrt(missed**2 - 1.0) / p.experiment.expected_separation < 2.0
     assert met < 0.2 * missed
 
 
@@ -157,8 +158,9 @@ def test_no_other_entry_is_better(
         name = way.experiment.name
         score = apart(d, way) / np.sqrt(way.minutes)
         scores[name] = max(scores.get(name, 0.0), score)
-    assert max(scores, key=lambda name: scores[name]) == p.name
-    assert scores[p.name] == pytest.approx(p.expected_separation / np.sqrt(p.minutes))
+    assert max(scores, key=lambda name: scores[name]) == p.experiment.name
+    expected = p.experiment.expected_separation / np.sqrt(p.experiment.minutes)
+    assert scores[p.experiment.name] == pytest.approx(expected)
 
 
 def test_a_cart_is_offered_no_air(
@@ -167,7 +169,7 @@ def test_a_cart_is_offered_no_air(
     _, _, made, d, p = rubbing
     offered = {e.name for e in menu(bench_of(d.evidence))}
     assert offered == {"odd-multisine", "slow-reversals", "constant-speed-runs", "amplitude-sweep"}
-    assert p.name in offered and set(p.columns) == {"force_n"}
+    assert p.experiment.name in offered and set(p.columns) == {"force_n"}
     assert np.abs(p.columns["force_n"]).max() <= np.abs(made.signal("force_n")).max()
 
 
@@ -179,12 +181,12 @@ def test_the_file_reads_back_and_simulates(
     stored = diagnose_into(
         run, split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
     )
-    assert stored["next_experiment"] == proposal_result(p).as_json()
-    assert stored["next_experiment"]["excitation"] == FILE
-    back = read_recording(run.path(FILE))
+    assert stored["next_experiment"] == p.experiment.as_json()
+    assert stored["next_experiment"]["excitation"] == NEXT_FILES[0]
+    back = read_recording(run.path(NEXT_FILES[0]))
     assert back.loop == "open" and back.sampling_period_s == PERIOD_S
     np.testing.assert_allclose(back.signal("force_n"), p.columns["force_n"], rtol=1e-8, atol=1e-12)
-    assert len(back) * PERIOD_S / 60.0 == pytest.approx(p.minutes)
+    assert len(back) * PERIOD_S / 60.0 == pytest.approx(p.experiment.minutes)
     assert (
         frame.run(
             [
@@ -192,7 +194,7 @@ def test_the_file_reads_back_and_simulates(
                 "--rig",
                 str(rig),
                 "--excitation",
-                str(run.path(FILE)),
+                str(run.path(NEXT_FILES[0])),
                 "--output",
                 str(folder / "simulated.csv"),
             ]
@@ -215,7 +217,6 @@ def test_nothing_in_question_nothing_to_do(
         replace(d, silent=("position_m",)),
     ):
         assert next_experiment(found) is None
-    assert proposal_result(None) is None
 
 
 def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(
@@ -242,13 +243,12 @@ def test_nothing_is_proposed_that_leads_away(
 ) -> None:
     """Where every way leads beyond what was recorded, that is said instead, in a note."""
     _, _, _, d, p = rubbing
-    assert any("recorded were" in text for text in p.cautions)
+    assert any("recorded were" in text for text in p.experiment.cautions)
     monkeypatch.setattr(experiment_ways, "WAYS", ((1000.0, 1),))
     found = next_experiment(d)
     assert isinstance(found, WithheldExperiment) and "position_m from 0 to" in found.why
     assert Proposing().restored(d, vars(found)) == found
-    assert proposal_result(found) is None
-    said = diagnosis_file(d, None, 0, found)
+    said = with_experiment(diagnosis_file(d), found)
     assert said.next_experiment is None and found.why in said.notes
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from made_models import comparison, effect, model
 
-from pamid.diagnosis.notes import _between, _fits, _instead, _set_aside, _windows, roughness
 from pamid.diagnosis.settings import DEFAULT
 from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Remainder
+from pamid.verdict.notes import _between, _fits, _instead, _set_aside, _windows, roughness
 
 
 def told(late_periods: float, between: dict[str, str]) -> list[str]:

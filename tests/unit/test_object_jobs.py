@@ -17,12 +17,12 @@ from pamid.base.progress import silent
 from pamid.diagnosis.budget import _Baseline
 from pamid.diagnosis.search import RefitStart, Refitting
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
 from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
 from pamid.parallel.result_store import Store, digest, plain
 from pamid.simulation.data_split import DataSplit
+from pamid.verdict.verdict_figures import diagnosis_file
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_a_diagnosis_converts_recordings_once_per_model(
 
     def answer(pool: WorkerPool) -> dict[str, Any]:
         count.clear()
-        return diagnosis_json(diagnose(evidence, catalogue, pool=pool), None, 0)
+        return diagnosis_file(diagnose(evidence, catalogue, pool=pool)).as_json()
 
     alone = answer(WorkerPool())
     once = dict(count)

@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
 
-from pamid.diagnosis.notes import notes
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict_words import remark
 from pamid.estimation.fit_files import residual_table
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.notes import notes
+from pamid.verdict.verdict_words import remark
 
 Array = NDArray[np.float64]
 TIME = PERIOD_S * np.arange(1000)

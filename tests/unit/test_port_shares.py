@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from pamid.diagnosis.comparison import Share
-from pamid.diagnosis.port_evidence import PortEvidence
-from pamid.diagnosis.verdict import _where_shares
+from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
+from pamid.verdict.verdict_figures import _port_shares
 
 RIG = rig_named("two-masses")
 
@@ -41,7 +41,7 @@ def shares(removed: float, **causes: float) -> dict[str, float]:
         located=located(carriage_1=3.0, carriage_2=1.0),
         left_at=located(carriage_1=1.0, carriage_2=1.0),
     )
-    return {s.port: s.share for s in _where_shares(d)}
+    return {s.port: s.share for s in _port_shares(d)}
 
 
 def test_an_effect_at_ports_that_are_kin_counts_at_each_of_them() -> None:

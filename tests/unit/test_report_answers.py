@@ -14,14 +14,13 @@ from synthetic_run import cause, diagnosis_json, fit_json, make_run, network_jso
 
 from pamid import DiagnosisResult, open_run
 from pamid.base.errors import FileError
-from pamid.diagnosis.verdict_words import WITHHELD
 from pamid.report.captions import ports_title
 from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, ranking_drawing, regimes_drawing
 from pamid.report.load import load_run
 from pamid.report.style import render
 from pamid.report.writing import drawings_of
-from pamid.schemas.diagnosis_file import CAUSED, Verdict, Where
+from pamid.schemas.diagnosis_file import CAUSED, WITHHELD, Verdict, Where
 from pamid.schemas.model import read
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")

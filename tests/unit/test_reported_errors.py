@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pamid.diagnosis.answer import Answer
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import NOTHING
-from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.selection import Selection, SelectionStep
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.port_evidence import PortEvidence
 
 WINDOWS = 16
 FIRST = np.arange(WINDOWS) < WINDOWS // 2

@@ -13,8 +13,8 @@ from made_models import RIG, comparison, effect, model
 
 import pamid.diagnosis.selection as selection_module
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.selection import Selection, compared, select_effects
+from pamid.estimation.port_evidence import PortEvidence
 
 WINDOWS = 24
 BEFORE = np.random.default_rng(0).uniform(9.0, 30.0, WINDOWS)

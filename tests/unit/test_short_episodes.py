@@ -12,13 +12,13 @@ from small_cart import FEW, PERIOD_S, RIG
 from pamid.base.errors import DataError
 from pamid.checks.recording_quality import examine
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.verdict import diagnosis_file
 from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import FEWEST_SAMPLES, shortfall_alone, split_recordings
 from pamid.simulation.replay import replay_windows
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.verdict_figures import diagnosis_file
 
 
 def episodes(folder: Path, count: int, samples: int) -> list[Recording]:
@@ -51,7 +51,7 @@ def test_nine_episodes_of_100_samples_are_900_samples(tmp_path: Path) -> None:
     found = diagnose(evidence, {name: effects()[name] for name in FEW})
     windows = [len(replay_windows(r.track)) for r in found.budget.baseline.replays]
     assert sum(windows) >= 6 and max(windows) <= 4
-    assert [c.effect for c in diagnosis_file(found, None, 0).causes] == ["coulomb-friction"]
+    assert [c.effect for c in diagnosis_file(found).causes] == ["coulomb-friction"]
 
 
 def test_the_same_episodes_are_held_out_in_any_order(tmp_path: Path) -> None:

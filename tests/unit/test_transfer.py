@@ -11,9 +11,9 @@ import pytest
 from virtual_joint import record
 
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.transfer import differences, transfer
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import split_recordings
+from pamid.verdict.verdict_figures import differences, transfer
 
 SENSORS = ("reference_deg", "command", "angle_deg")
 
@@ -61,21 +61,19 @@ def told(tmp_path: Path, heavy: dict[str, float]) -> Progress:
 def test_another_inertia_is_elsewhere(tmp_path: Path) -> None:
     found = transfer(told(tmp_path, {"inertia_kg_m2": 0.0896}))
     assert len(found) == 1
-    assert found[0]["differs"] == {"inertia_kg_m2": 0.0896}
-    angle = found[0]["angle_deg"]
-    assert angle["mae_refitted"] == pytest.approx(1.5), "the mean over its windows"
-    assert angle["mae_with_cause"] == pytest.approx(0.375) and angle["shrinkage"] == pytest.approx(
-        0.75
-    )
+    assert found[0].differs == {"inertia_kg_m2": 0.0896}
+    angle = found[0].channels["angle_deg"]
+    assert angle.mae_refitted == pytest.approx(1.5), "the mean over its windows"
+    assert angle.mae_with_cause == pytest.approx(0.375) and angle.shrinkage == pytest.approx(0.75)
 
 
 def test_the_same_conditions_are_not(tmp_path: Path) -> None:
     d = told(tmp_path, {"inertia_kg_m2": 0.014})
     assert "inertia_kg_m2" not in differences(d, d.evidence.held_out[0])  # type: ignore[arg-type]
-    assert all("inertia_kg_m2" not in row["differs"] for row in transfer(d))  # type: ignore[arg-type]
+    assert all("inertia_kg_m2" not in row.differs for row in transfer(d))  # type: ignore[arg-type]
 
 
 def test_without_a_cause_nothing_is_transferred(tmp_path: Path) -> None:
     d = told(tmp_path, {"inertia_kg_m2": 0.0896})
     d.cause = None
-    assert transfer(d) == []  # type: ignore[arg-type]
+    assert transfer(d) == ()  # type: ignore[arg-type]

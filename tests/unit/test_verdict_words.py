@@ -8,7 +8,9 @@ import pytest
 from report_pages import VERDICTS
 from synthetic_run import diagnosis_json
 
-from pamid.diagnosis.verdict_words import (
+from pamid.schemas.diagnosis_file import DiagnosisFile, PortShare, Remainder, Where
+from pamid.schemas.model import read
+from pamid.verdict.verdict_words import (
     AS_IN_FILE,
     _entrance,
     amount_of,
@@ -16,8 +18,6 @@ from pamid.diagnosis.verdict_words import (
     sentence,
     size_of,
 )
-from pamid.schemas.diagnosis_file import DiagnosisFile, PortShare, Remainder, Where
-from pamid.schemas.model import read
 
 FORM = "of the friction family, in a form that is not in the catalogue"
 

@@ -12,10 +12,11 @@ of that bound, and the search ends when a re-adjusted one exceeds the bounds of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,16 @@ from numpy.typing import NDArray
 
 from pamid.base.share_words import times_text
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.experiment_ways import (
+from pamid.diagnosis.tournament import Diagnosis
+from pamid.engine.program import Stepping
+from pamid.estimation.multiple_shooting import fit, initial_states
+from pamid.estimation.problem import Problem
+from pamid.estimation.weights import Weights, residual_weights
+from pamid.excitation.experiments import MOST_EXPERIMENT_SAMPLES, PASS_S, Bench, Experiment, menu
+from pamid.parallel.jobs import Work
+from pamid.parallel.result_store import Plain
+from pamid.planning.experiment_ways import (
+    NEXT_FILES,
     Predictions,
     Way,
     carried,
@@ -34,16 +44,8 @@ from pamid.diagnosis.experiment_ways import (
     reference_recording,
     ways_to_run,
 )
-from pamid.diagnosis.proposal import Proposal, WithheldExperiment
-from pamid.diagnosis.tournament import Diagnosis
-from pamid.diagnosis.verdict_words import WITHHELD
-from pamid.engine.program import Stepping
-from pamid.estimation.multiple_shooting import fit, initial_states
-from pamid.estimation.problem import Problem
-from pamid.estimation.weights import Weights, residual_weights
-from pamid.excitation.experiments import MOST_EXPERIMENT_SAMPLES, PASS_S, Bench, Experiment, menu
-from pamid.parallel.jobs import Work
-from pamid.parallel.result_store import Plain
+from pamid.recording.recording import write_recording
+from pamid.schemas.diagnosis_file import WITHHELD, NextExperiment
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.tracks import Track, track_of
@@ -57,6 +59,34 @@ RECORDED_TAIL = 2.0  # per cent of the samples at either end of what was recorde
 # Gauss-Newton steps of either fit, share of the cost that ends them
 OLD_STRETCH, ADJUSTING_STEPS, ADJUSTING_TOLERANCE = 16.0, 3, 0.02
 VISIBLE_SEPARATION = 1.0  # standard deviations of the noise: less is no clear separation
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An experiment to make. columns, meta: its excitation, as `write_recording` takes it."""
+
+    experiment: NextExperiment
+    columns: dict[str, Array] = field(repr=False)
+    meta: dict[str, Any] = field(repr=False)
+
+    def write(self, claim: Callable[..., list[Path]]) -> None:
+        """Write the excitation once per setting, each with the TOML beside it; claim: where those
+        of these names go (`Run.claim`)."""
+        period_s = float(self.meta["recording"]["sampling_period_s"])
+        time = period_s * np.arange(len(next(iter(self.columns.values()))), dtype=np.float64)
+        settings = self.experiment.settings or ({},)
+        for name, setting in zip(self.experiment.excitations, settings, strict=True):
+            known = {**self.meta.get("known", {}), **setting}
+            meta = {**self.meta, "known": known} if known else self.meta
+            path, _ = claim(name, str(Path(name).with_suffix(".toml")))
+            write_recording(path, time, self.columns, meta)
+
+
+@dataclass(frozen=True)
+class WithheldExperiment:
+    """No experiment, although models are in question. why: a note for the reader."""
+
+    why: str
 
 
 def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
@@ -102,13 +132,14 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 
     def __call__(self, item: Diagnosis) -> Plain:
         found = next_experiment(item)
-        return {} if found is None else vars(found)
+        if isinstance(found, Proposal):
+            return {**vars(found), "experiment": found.experiment.as_json()}
+        return vars(found) if found else {}
 
     def restored(self, item: Diagnosis, found: Plain) -> Proposal | WithheldExperiment | None:
-        if "name" not in found:
+        if "experiment" not in found:
             return WithheldExperiment(**found) if found else None
-        lists = ("separates", "settings", "cautions")
-        return Proposal(**{**found, **{key: tuple(found[key]) for key in lists}})
+        return Proposal(**{**found, "experiment": NextExperiment(**found["experiment"])})
 
     def name(self, item: Diagnosis) -> str:
         return ""
@@ -330,22 +361,22 @@ def _proposal(
     pairs: list[tuple[CandidateModel, CandidateModel]],
     separation: Array,
 ) -> Proposal:
-    bench, e = way.bench, way.experiment
-    names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
-    columns, settings = way.columns, tuple(s for s in way.settings if s)
+    bench, columns, settings = way.bench, way.columns, tuple(s for s in way.settings if s)
     models = models_to_keep(d, pairs)
     predicted = "" if bench.command else predicted_text(predictions, way, models)
-    return Proposal(
-        e.name,
-        _why(d, e, settings, separation),
-        names,
-        _rms(separation),
-        way.minutes,
-        columns,
-        sent_with(d.evidence, bench, columns),
-        settings,
-        tuple(filter(None, (*carried_texts(bench), predicted))),
+    files = NEXT_FILES[: max(len(settings), 1)]
+    experiment = NextExperiment(
+        name=way.experiment.name,
+        why=_why(d, way.experiment, settings, separation),
+        separates=tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair)),
+        expected_separation=_rms(separation),
+        minutes=way.minutes,
+        excitation=files[0],
+        excitations=files,
+        settings=settings,
+        cautions=tuple(filter(None, (*carried_texts(bench), predicted))),
     )
+    return Proposal(experiment, columns, sent_with(d.evidence, bench, columns))
 
 
 def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:

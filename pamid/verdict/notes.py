@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
 from pamid.base.share_words import percent_text
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
@@ -14,6 +16,7 @@ from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.schemas.diagnosis_file import Remainder
 from pamid.simulation.tracks import noise_remarks
+from pamid.verdict.verdict_words import joined
 
 FEW_WINDOWS = 12  # with fewer held out a note says so
 # an effect looks like what stands far off if it takes so many tolerances off it; so many are named
@@ -21,7 +24,50 @@ EASED, EASING_MOST = 0.5, 3
 ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
 
 
-def notes(d: Diagnosis) -> list[str]:
+def remark(d: Diagnosis) -> str:
+    """What is wrong with the recordings, or with how they were read, where no verdict on the model
+    means anything."""
+    if not d.silent:
+        return ""
+    sent, channels, one = _moving_inputs(d), joined(d.silent, "and"), len(d.silent) == 1
+    if d.response is None:
+        shown = f"The model predicts {channels} no better than the mean or a straight line does."
+    elif d.response.is_reversed:
+        shown = (
+            f"{channels} {'precedes' if one else 'precede'} {sent}: the rows seem to be in reverse "
+            "order of time."
+        )
+    else:
+        hardly = not d.response.absent.any()
+        respond = ("responds" if one else "respond") if hardly else "respond"
+        negation = "hardly" if hardly else f"{'does' if one else 'do'} not"
+        shown = (
+            f"{channels} {negation} {respond} to {sent}: the model predicts no better with the "
+            "recorded input than without it."
+        )
+    rest = (
+        " Without it the others can be diagnosed."
+        if len(d.silent) < len(d.evidence.channels)
+        else ""
+    )
+    return (
+        f"The recordings do not show this machine. {shown} Check that every column is the channel "
+        "in its name, that one clock recorded all of them, and that the input acted on the rig."
+        f"{rest}"
+    )
+
+
+def _moving_inputs(d: Diagnosis) -> str:
+    """Names of the recorded inputs that move in any recording, joined; empty without any."""
+    moving = (
+        name
+        for name in d.evidence.rig.inputs
+        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
+    )
+    return joined(moving, "or")
+
+
+def notes_of(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
     kinds = (
         _signs,

@@ -1,29 +1,18 @@
-"""A verdict in words: the sentence that opens terminal, page and JSON, and the remark that goes
-before it where nothing can be said.
+"""A verdict in words: the sentence that opens terminal, page and JSON, and its parts.
 
-The sentence is made of what stands in diagnosis.json and of nothing else, so that whoever reads the
-file can say the same, with names spelt in another way.
+It is made of diagnosis.json alone, so that a reader of the file can spell its names in another way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
-if TYPE_CHECKING:
-    from pamid.diagnosis.tournament import Diagnosis
-
 RECORD_MORE = "Record for longer, or with larger motion."
 NOT_IN_CATALOGUE = "No effect of the catalogue removes a material share of the gap."
-
-#: how the note begins that stands in the place of an experiment
-WITHHELD = "No next experiment is proposed"
 
 
 @dataclass(frozen=True)
@@ -35,49 +24,6 @@ class Spelling:
 
 
 AS_IN_FILE = Spelling()
-
-
-def remark(d: Diagnosis) -> str:
-    """What is wrong with the recordings, or with how they were read, where no verdict on the model
-    means anything."""
-    if not d.silent:
-        return ""
-    sent, channels, one = _moving_inputs(d), _joined(d.silent, "and"), len(d.silent) == 1
-    if d.response is None:
-        shown = f"The model predicts {channels} no better than the mean or a straight line does."
-    elif d.response.is_reversed:
-        shown = (
-            f"{channels} {'precedes' if one else 'precede'} {sent}: the rows seem to be in reverse "
-            "order of time."
-        )
-    else:
-        hardly = not d.response.absent.any()
-        respond = ("responds" if one else "respond") if hardly else "respond"
-        negation = "hardly" if hardly else f"{'does' if one else 'do'} not"
-        shown = (
-            f"{channels} {negation} {respond} to {sent}: the model predicts no better with the "
-            "recorded input than without it."
-        )
-    rest = (
-        " Without it the others can be diagnosed."
-        if len(d.silent) < len(d.evidence.channels)
-        else ""
-    )
-    return (
-        f"The recordings do not show this machine. {shown} Check that every column is the channel "
-        "in its name, that one clock recorded all of them, and that the input acted on the rig."
-        f"{rest}"
-    )
-
-
-def _moving_inputs(d: Diagnosis) -> str:
-    """Names of the recorded inputs that move in any recording, joined; empty without any."""
-    moving = (
-        name
-        for name in d.evidence.rig.inputs
-        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
-    )
-    return _joined(moving, "or")
 
 
 def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
@@ -92,7 +38,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
         return _unsure(found, spelling)
     if found.verdict == "ambiguous":
         return f"{_set_text(found, spelling)}{_rest_text(found, spelling)}"
-    removing = _joined((_with_share(c, spelling) for c in found.causes), "and")
+    removing = joined((_with_share(c, spelling) for c in found.causes), "and")
     further = (
         _next_family(found, spelling) if len(found.causes) == 1 else _together(found.remainder)
     )
@@ -119,7 +65,7 @@ def _curve_text(found: DiagnosisFile, spelling: Spelling) -> str:
         return f"A curve at one of its ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
     first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
-    elsewhere = f", or equally at the {_joined(others, 'or')} port," if others else ""
+    elsewhere = f", or equally at the {joined(others, 'or')} port," if others else ""
     return (
         f"A curve at the {first} port{elsewhere} removes {share} of it. The effect is "
         f"{free_families(found, spelling)}."
@@ -135,7 +81,7 @@ def _with_share(c: Cause, spelling: Spelling) -> str:
 def _named(c: Cause, spelling: Spelling) -> str:
     """ "play at the camera port", with the ports at which it does as well."""
     place = f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
-    ports = _joined((spelling.port(port) for port in c.or_at), "or")
+    ports = joined((spelling.port(port) for port in c.or_at), "or")
     elsewhere = f", or equally at the {ports} port," if ports else ""
     return f"{spelling.effect(c.effect)}{place}{elsewhere}"
 
@@ -176,7 +122,7 @@ def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
             f"{_with_share(first, spelling)}. These recordings cannot separate it from "
             f"{_named(other, spelling)}{share}{_chance_of(other)}."
         )
-    names = _joined((spelling.effect(c.effect) for c in found.causes), "and")
+    names = joined((spelling.effect(c.effect) for c in found.causes), "and")
     removes = found.causes[0].removes
     size = f" Each removes about {percent_text(removes.share)} of the gap." if removes else ""
     return f"On these recordings {names} predict the same and cannot be separated.{size}"
@@ -204,19 +150,13 @@ def _floors_text(floors: float) -> str:
     return "at the noise floor" if times == "1" else f"{times} times the noise floor"
 
 
-def withheld(found: DiagnosisFile) -> str:
-    """The note on why no experiment is proposed although models are in question; empty where there
-    is none."""
-    return next((note for note in found.notes if note.startswith(WITHHELD)), "")
-
-
 def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     """ "of the friction family, in a form that is not in the catalogue"; empty where no free form
     takes it up."""
     forms = found.unknown.free_forms if found.unknown is not None else ()
     if not forms:
         return ""
-    names = _joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
+    names = joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
     return f"of the {names} family, in a form that is not in the catalogue"
 
 
@@ -263,7 +203,7 @@ def _entrance(where: Where, spelling: Spelling) -> str:
     first = f" It enters at the {spelling.port(where.port)} port"
     if not others:
         return f"{first}."
-    rest = _joined([spelling.port(p) for p in others], "or")
+    rest = joined([spelling.port(p) for p in others], "or")
     return f"{first}, or at {rest}: these sensors cannot separate them."
 
 
@@ -274,7 +214,7 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
         first, *others = (spelling.effect(m.effect) for m in tied)
         return (
             f"{first} removes {percent_text(tied[0].removes.share)} of the gap, but "
-            f"{_joined(others, 'and')} remove as much. These recordings cannot separate them."
+            f"{joined(others, 'and')} remove as much. These recordings cannot separate them."
         )
     leader = next((r for r in found.ranking if r.removes and not r.set_aside), None)
     rest = found.remainder
@@ -303,6 +243,6 @@ def chance_figure(probability: float) -> str:
     return chance_text(probability).replace("above", ">").replace("below", "<")
 
 
-def _joined(parts: Iterable[str], last: str) -> str:
+def joined(parts: Iterable[str], last: str) -> str:
     words = list(parts)
     return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))

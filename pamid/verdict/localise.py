@@ -72,7 +72,7 @@ def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
 
 def regimes(
     evidence: DataSplit, base: CandidateModel, after: CandidateModel | None
-) -> list[Regime]:
+) -> tuple[Regime, ...]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
     befores = base.replays
@@ -83,7 +83,7 @@ def regimes(
         ]
     )
     if gap.sum() <= 0.0:
-        return []
+        return ()
     inner, own = port_signals(base), recorded_units(evidence)
     tables = [measured_signals(evidence, r) | _followed(base, r, inner, own) for r in befores]
     found = []
@@ -97,7 +97,7 @@ def regimes(
         new = all(s.overlap(other) <= REGIME_OVERLAP for other in best)
         if len(best) < REGIMES_MOST and new:
             best.append(s)
-    return [s.regime for s in best]
+    return tuple(s.regime for s in best)
 
 
 def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
@@ -265,7 +265,9 @@ def _since_reversal(velocity: Array) -> Array:
 # ---- bands and windows -------------------------------------------------------------------------
 
 
-def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Array) -> list[float]:
+def frequency_band(
+    before: list[Replay], after: list[Replay] | None, noise: Array
+) -> tuple[float, ...]:
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
     from scipy.signal import welch  # see `measured_signals`
 
@@ -286,24 +288,20 @@ def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Arra
         here = np.maximum(here, 0.0)  # where the cause makes it worse, none of the gap was
         power = here if power is None or len(power) != len(here) else power + here
     if power is None or axis is None or power.sum() <= 0.0:
-        return []
+        return ()
     share = np.cumsum(power[1:]) / power[1:].sum()
     outside = round(0.5 * (1.0 - BAND_SHARE), 12)  # on either side
     low, high = np.searchsorted(share, [outside, 1.0 - outside])
-    return [float(axis[1:][low]), float(axis[1:][min(high, len(share) - 1)])]
+    return float(axis[1:][low]), float(axis[1:][min(high, len(share) - 1)])
 
 
-def worst_windows(before: list[Replay], budget: Budget) -> list[list[float]]:
+def worst_windows(before: list[Replay], budget: Budget) -> tuple[tuple[float, float], ...]:
     """The held-out windows with the largest gap, s within their recording."""
-    losses, at, spans = budget.channel_losses(budget.baseline.absolutes), 0, []
-    for b in before:
-        for w in b.windows:
-            first = b.track.first
-            spans.append(
-                (
-                    float(losses[at]),
-                    [(first + w.start) * b.track.period_s, (first + w.stop) * b.track.period_s],
-                )
-            )
-            at += 1
-    return [s for _, s in sorted(spans, key=lambda e: -e[0])[:WORST_WINDOWS]]
+    losses = budget.channel_losses(budget.baseline.absolutes)
+    spans = [
+        ((b.track.first + w.start) * b.track.period_s, (b.track.first + w.stop) * b.track.period_s)
+        for b in before
+        for w in b.windows
+    ]
+    ordered = sorted(zip(losses, spans, strict=True), key=lambda e: -e[0])
+    return tuple(span for _, span in ordered[:WORST_WINDOWS])

@@ -2,7 +2,7 @@
 
 At port g an unknown value d_g(t) is added to the model, an Ornstein-Uhlenbeck process of standard
 deviation s and time constant T. Its log evidence, with the states x and parameters p integrated out
-by Laplace's approximation (`pamid.diagnosis.smoother`), is maximised over a grid of s and T:
+by Laplace's approximation (`pamid.estimation.smoother`), is maximised over a grid of s and T:
 
     v(g) = max_(s,T) log p(y | d_g ~ OU(s, T)) - log p(y | no latent value)   [nats]
 
@@ -21,9 +21,7 @@ from math import factorial
 import numpy as np
 
 from pamid.base.errors import PamidError
-from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.smoother import Smoother
+from pamid.estimation.smoother import ReplayedModel, Smoother
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -51,15 +49,16 @@ class PortEvidence:
     worth: dict[str, float]
     smoothers: dict[str, Smoother] = field(compare=False, repr=False)
 
-    def shares(self, rig: Rig, *named: str) -> dict[str, float]:
-        """Every port group's share of the Shapley values: the groups of a class divide its value
-        equally, or it all goes to those that are named."""
+    def shares(self, rig: Rig) -> dict[str, float]:
+        """Every port group's share of the Shapley values, which the groups of a class divide
+        equally; without these, of the evidence."""
         out = {rig.group_of(name): 0.0 for name in rig.ports}
-        for members in self.classes:
-            groups = list(dict.fromkeys(rig.group_of(name) for name in members))
-            groups = [group for group in groups if group in named] or groups
+        for members in self.classes if self.worth else ():
+            groups = dict.fromkeys(rig.group_of(name) for name in members)
             for group in groups:
                 out[group] += self.worth.get(members[0], 0.0) / len(groups)
+        for name, gain in self.gains.items() if not self.worth else ():
+            out[rig.group_of(name)] += gain
         total = sum(out.values())
         return {k: v / total if total > 0.0 else 1.0 / len(out) for k, v in out.items()}
 
@@ -67,11 +66,6 @@ class PortEvidence:
     def most(self) -> float:
         """The largest evidence, nats."""
         return max(self.gains.values(), default=0.0)
-
-    @property
-    def port(self) -> str:
-        """The port with the largest evidence."""
-        return self.classes[0][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +75,7 @@ class _Smoothing(Work[Ports, Found]):
 
     what = "looking for what is missing at"
     evidence: DataSplit
-    base: CandidateModel
+    base: ReplayedModel
     moving: bool
     smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
@@ -102,11 +96,11 @@ class _Smoothing(Work[Ports, Found]):
 
 def locate(
     evidence: DataSplit,
-    base: CandidateModel,
+    base: ReplayedModel,
     pool: WorkerPool,
     ports: list[str] | None = None,
     *,
-    settings: Settings = DEFAULT,
+    alike: float,
 ) -> PortEvidence:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
@@ -128,7 +122,7 @@ def locate(
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
-        leader = next((k for k in classes if gains[name] >= settings.port_alike * gains[k]), name)
+        leader = next((k for k in classes if gains[name] >= alike * gains[k]), name)
         classes.setdefault(leader, []).append(name)
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +18,14 @@ from numpy.typing import NDArray
 from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
-from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.smoother import SMOOTHER_STEPS, Smoothed, Smoother, size_at
+from pamid.diagnosis.comparison import Share
+from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.smoother import SMOOTHER_STEPS, ReplayedModel, Smoothed, Smoother, size_at
 from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
+from pamid.schemas import diagnosis_file as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Expr
@@ -69,12 +70,7 @@ class Missing:
     passing: float
 
 
-def left_over(d: Diagnosis) -> bool:
-    """Is a material part of the gap left, with the causes or because there is none?"""
-    return d.answer is not None and not d.silent and d.answer.left_over
-
-
-def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
+def find_missing(d: Diagnosis, *, pool: WorkerPool | None = None) -> Missing | None:
     """The missing term beside the causes, at the port with the largest latent evidence, or where a
     free form takes it up; of ports that the recordings cannot tell apart, at the one whose own
     signals describe it best. None where nothing is missing, or no function of these signals
@@ -86,7 +82,7 @@ def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None)
     if not names:
         return None
     base = located.smoothers[names[0]].base
-    work = _Describing(d.evidence, base, seed, located.smoothers)
+    work = _Describing(d.evidence, base, d.seed, located.smoothers)
     found = [
         m
         for m in (pool or WorkerPool()).run(work, names)
@@ -101,7 +97,7 @@ class _Describing(Work[str, Missing | None]):
 
     what = "describing what is missing at"
     evidence: DataSplit
-    base: CandidateModel
+    base: ReplayedModel
     seed: int
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
@@ -114,44 +110,64 @@ class _Describing(Work[str, Missing | None]):
         return Missing(**found) if found else None
 
 
-def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
-    """Port, formula, variables, inclusion frequency, parity, dissipation, memory and amount of the
-    missing term."""
-    located = d.left_at
+def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
+    """Port, formula, nature and free forms of what remains; None where the smoother finds
+    nothing."""
+    located, group_of = d.left_at, d.evidence.rig.group_of
     if located is None or located.most <= 0.0:
         return None
-    rig = d.evidence.rig
+    forms = tuple(_family_form(d, f) for f in (d.answer.free_forms if d.answer else ()))
     if best is None:
-        return {
-            "port": rig.group_of(d.nameless_at[0]),
-            "formula": "",
-            "variables": [],
-            "inclusion": 0.0,
-            "described": 0.0,
-            "dissipative": False,
-            "parity": "none",
-            "memory": False,
-            "amount": {},
-        }
+        return result.Unknown(
+            port=group_of(d.nameless_at[0]),
+            formula="",
+            variables=(),
+            inclusion=0.0,
+            described=0.0,
+            dissipative=False,
+            parity="none",
+            memory=False,
+            free_forms=forms,
+        )
     terms = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
     size, unit = best.values.std(), best.units["value"]
-    few = len(terms) <= MOST_TERMS
     formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in terms)
     speed = best.signals.get("velocity")
-    return {
-        "port": rig.group_of(best.port),
+    return result.Unknown(
+        port=group_of(best.port),
         # a longer one describes the points, and nothing that a reader would recognise
-        "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}" if few else "",
-        "variables": list(
+        formula=f"missing [{unit or '1'}] = {formula.lstrip('+')}"
+        if len(terms) <= MOST_TERMS
+        else "",
+        variables=tuple(
             dict.fromkeys(w for i in terms for w in best.signals if w in best.names[i])
         ),
-        "inclusion": float(min(best.inclusion[i] for i in terms)),
-        "described": best.fit,
-        "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
-        "parity": parity(best),
-        "memory": bool(best.fit < DESCRIBED),
-        "amount": {"missing_rms": best.amount, "passing_rms": best.passing, "unit": unit},
-    }
+        inclusion=float(min(best.inclusion[i] for i in terms)),
+        described=best.fit,
+        dissipative=bool(speed is not None and np.mean(best.values * speed) < 0.0),
+        parity=parity(best),
+        memory=bool(best.fit < DESCRIBED),
+        free_forms=forms,
+    )
+
+
+def _family_form(d: Diagnosis, f: FreeForm) -> result.FamilyForm:
+    share, low, high = d.comparison.shrinkage(f.model)
+    return result.FamilyForm(
+        effect=f.attachment.label,
+        family=f.family,
+        port=f.port,
+        known_by=f.known_by,
+        removes=gap_share(f.removes),
+        shrinkage=share,
+        low=low,
+        high=high,
+        curve=f.curve,
+    )
+
+
+def gap_share(s: Share) -> result.GapShare:
+    return result.GapShare(share=s.share, low=s.low, high=s.high, standard_errors=s.z)
 
 
 def missing_csv(m: Missing) -> bytes:

@@ -10,17 +10,16 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
-from pamid.diagnosis.next_experiment import Proposing
-from pamid.diagnosis.proposal import Proposal
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.unknown import Missing, described, find_missing, left_over, missing_csv
-from pamid.diagnosis.verdict import completed, drafted
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
+from pamid.planning.next_experiment import Proposal, Proposing
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.simulation.data_split import DataSplit
+from pamid.verdict.remainder import Missing, find_missing, missing_csv
+from pamid.verdict.verdict_figures import diagnosis_file, with_experiment
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +45,11 @@ def diagnosed(
     found = diagnose(
         evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
     )
-    unknown, missing = None, None
-    if left_over(found):
+    missing = None
+    if found.left_over:
         progress("describing the missing term")
-        missing = find_missing(found, seed=seed, pool=pool)
-        unknown = described(found, missing)
-    return Diagnosed(found, missing, drafted(found, unknown, seed))
+        missing = find_missing(found, pool=pool)
+    return Diagnosed(found, missing, diagnosis_file(found, missing))
 
 
 def diagnose_into(
@@ -78,8 +76,8 @@ def diagnose_into(
     progress(Settled(f"verdict: {draft.remark or draft.sentence}"))
     progress("looking for the next experiment")
     proposal = pool.one(Proposing(), found)
-    content = completed(found, draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
-    write_json(run.path(FIT_FILE), models_json(found, seed))
+    content = with_experiment(draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
+    write_json(run.path(FIT_FILE), models_json(found))
     write_atomically(
         run.path(RESIDUAL_FILE),
         residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
@@ -92,11 +90,11 @@ def diagnose_into(
     return content
 
 
-def models_json(d: Diagnosis, seed: int) -> dict[str, Any]:
+def models_json(d: Diagnosis) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it."""
     model = d.budget.model
     if d.cause is None:
-        return fit_json(model, seed)
+        return fit_json(model, d.seed)
     with_cause = replace(model, assembly=d.cause.assembly, fit=d.cause.fit)
     cause = {"cause": model_json(d.cause.assembly, d.cause.fit)}
-    return fit_json(model, seed, with_cause) | cause
+    return fit_json(model, d.seed, with_cause) | cause

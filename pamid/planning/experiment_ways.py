@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from pamid.base.metrics import motion
 from pamid.base.units import split_column, to_si
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.proposal import FILE
 from pamid.excitation.experiments import EXTERNAL, Bench, Experiment
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
@@ -31,6 +30,9 @@ Array = NDArray[np.float64]
 WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))
 WASHOUTS = (0.3, 0.1, 0.03)  # shares of the length, whose mean is taken off one that leaves it
 LEEWAY = 0.05  # of the recorded span, by which a rig without a loop may leave it
+
+# of an experiment that is made in several settings
+NEXT_FILES = ("next-experiment.csv", "next-experiment-2.csv")
 
 Models = Sequence[CandidateModel]
 
@@ -287,7 +289,7 @@ def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
     return [
         Recording(
             "experiment",
-            Path(FILE),
+            Path(NEXT_FILES[0]),
             "",
             time,
             columns,
