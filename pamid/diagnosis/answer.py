@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import NOTHING, Comparison, Share, families_of
+from pamid.diagnosis.comparison import Comparison, Share, families_of
 from pamid.diagnosis.family_forms import FreeForm
-from pamid.diagnosis.look_alikes import all_alike
 from pamid.diagnosis.selection import Selection
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
@@ -58,24 +57,21 @@ class NamedCause:
 class Answer:
     """Verdict, causes, and what remains.
 
-    model    with the causes, the baseline without any
-    removed  share of the gap that it removes
-    why      of cannot-tell: "few", "many" or "unexplained"
-    leader   the best candidate, whatever the verdict
-    alike    whether the causes that tie predict the same
+    model          with the causes, the baseline without any
+    material_rest  whether a material share of the gap remains
+    floors         error over the noise floor, worst channel
+    left_at        latent evidence at the ports next to the causes
+    leader         the best candidate, whatever the verdict
     """
 
     verdict: str
     model: CandidateModel
     causes: tuple[NamedCause, ...]
-    removed: Share
     material_rest: bool
     floors: float
     left_at: PortEvidence
     free_forms: tuple[FreeForm, ...] = ()
-    why: str = ""
     leader: CandidateModel | None = None
-    alike: bool = False
 
     @property
     def left_over(self) -> bool:
@@ -94,20 +90,16 @@ def answer(
     leaves; ranking: models of single effects, the best first; set_aside: labels of those that
     physics objects to."""
     settings, best = comparison.budget.settings, selection.best
-    removed = comparison.removed(best)
-    floors = comparison.floors(best)
     causes = tuple(_cause(comparison, selection, a, ranking, set_aside) for a in best.attached)
-    rest = removed.rest.share >= settings.material_rest and not comparison.at_floor(best)
+    share_left = comparison.removed(best).rest.share
+    rest = share_left >= settings.material_rest and not comparison.at_floor(best)
     leader = next((c for c in ranking if c.label not in set_aside), None)
-    alike, why = False, ""
     single = selection.instead.get(best.attached[0].label, ()) if len(best.attached) == 1 else ()
     others = [c for c in single if not _same_effect(c, best)]
     if others:
         tied = [best, *others]
-        evidence, base = comparison.budget.model.evidence, comparison.budget.baseline
-        alike = all_alike(evidence, base, tied, settings)
-        if len(tied) > settings.tied_most and not alike:
-            verdict, why, causes = "cannot-tell", "many", ()
+        if len(tied) > settings.tied_most and not comparison.predict_the_same(tied):
+            verdict, causes = "cannot-tell", ()
         else:
             verdict = "ambiguous"
             causes = tuple(
@@ -116,30 +108,18 @@ def answer(
     elif causes:
         verdict = "partly-explained" if rest else "explained"
     elif leader is not None and _is_open(comparison, leader):
-        verdict, why = "cannot-tell", "few"
+        verdict = "cannot-tell"
     elif forms:
         verdict = "unknown-effect"
     elif comparison.floors(comparison.budget.baseline) > settings.unexplained_floors:
         # nothing known explains it, but it is too large to be denied
-        verdict, why = "cannot-tell", "unexplained"
+        verdict = "cannot-tell"
     else:
         verdict = "no-structural-gap"
     if not causes:
-        best, removed, rest = comparison.budget.baseline, NOTHING, bool(forms)
-        floors = comparison.floors(best)
-    return Answer(
-        verdict,
-        best,
-        causes,
-        removed,
-        rest,
-        floors,
-        selection.after,
-        tuple(forms),
-        why,
-        leader,
-        alike,
-    )
+        best, rest = comparison.budget.baseline, bool(forms)
+    floors = comparison.floors(best)
+    return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
 
 
 def _same_effect(one: CandidateModel, other: CandidateModel) -> bool:

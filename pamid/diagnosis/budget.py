@@ -60,14 +60,11 @@ class Budget:
             if (windows := r.windows[k : k + r.per_run])
         )
 
-    def shrinkage(
-        self, absolutes: Array, rows: NDArray[np.bool_] | NDArray[np.intp] | slice = slice(None)
-    ) -> float:
-        """1 - error/baseline error over these held-out windows (default: all), channels weighed by
-        their floors."""
+    def shrinkage(self, absolutes: Array) -> float:
+        """1 - error/baseline error, channels weighed by their floors."""
         floor = seen_mean(self.floor)
-        before = np.nansum(seen_mean(self.baseline.absolutes[rows]) / floor)
-        return float(1.0 - np.nansum(seen_mean(absolutes[rows]) / floor) / before)
+        before = np.nansum(seen_mean(self.baseline.absolutes) / floor)
+        return float(1.0 - np.nansum(seen_mean(absolutes) / floor) / before)
 
     def channel_losses(self, absolutes: Array) -> Array:
         """One loss per window: channels added in units of their floors."""

@@ -29,6 +29,7 @@ from pamid.estimation.intervals import NORMAL_95
 
 Array = NDArray[np.float64]
 
+ALIKE_NOISE = 0.5  # standard deviations of the noise: no sensor shows less
 LEAST_ERROR = 1e-6  # standard error of a share, for losses that are equal to rounding
 
 
@@ -119,6 +120,32 @@ class Comparison:
     def ordered(self, models: Sequence[CandidateModel]) -> list[CandidateModel]:
         """The lowest held-out loss first; among equal ones by name."""
         return sorted(models, key=lambda c: (float(self.loss(c).sum()), c.label))
+
+    def predict_the_same(self, models: Sequence[CandidateModel]) -> bool:
+        """Whether the recordings cannot tell any of these models from the first of them.
+
+        With predictions y_i and noise s_c of channel c, over the held-out samples that are scored,
+
+            D(i, j) = max_c sqrt(mean_t ((y_i - y_j) / s_c)^2),
+
+        i and j predict the same where D(i, j) < max(a min(D(i, 0), D(j, 0)), b): 0 is the baseline,
+        a and b are the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb what they
+        can of the difference, as in the T-criterion: Atkinson and Fedorov (1975), Biometrika 62:57.
+        """
+        noise, base = self.budget.model.evidence.noise, self.budget.baseline
+
+        def distance(i: CandidateModel, j: CandidateModel) -> float:
+            gaps = [
+                ((a.model - b.model) / noise)[a.scored] for a, b in zip(i.runs, j.runs, strict=True)
+            ]
+            return float(np.sqrt((np.concatenate(gaps) ** 2).mean(axis=0)).max())
+
+        first, *others = models
+        share, reach = self.budget.settings.alike_share, distance(first, base)
+        return all(
+            distance(first, c) < max(share * min(reach, distance(c, base)), ALIKE_NOISE)
+            for c in others
+        )
 
     def confidence_set(
         self, models: Sequence[CandidateModel], reference: CandidateModel

@@ -1,18 +1,37 @@
 """Physical reasons for which a model is set aside, however well it predicts.
 
 A parameter ended at a bound that physics did not set; an amount ended at nothing, so that the model
-is a plainer one; the effect duplicates a term of the rig; the effect switches the input off.
+is a plainer one; the effect switches the input off; the effect duplicates a term of the rig. Where
+a rig has a term for the drag of its guide, viscous friction there is that term once more, and so is
+a damping that depends on the direction and came out the same in both. Such an effect takes up
+nothing that refitted parameters could not. Where the model with it is better all the same,
+something else changes with the term: a rough map, stated as a share of what passes the port, then
+applies to less.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.input_response import explained_channels
-from pamid.diagnosis.own_terms import own_terms
 from pamid.diagnosis.ranges import at_bounds, vanished
 from pamid.diagnosis.search import Search
+from pamid.diagnosis.settings import Settings
+from pamid.estimation.intervals import estimates
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.model.trace import Passage, trace
+from pamid.symbolic.expression import substitute, symbol, symbols
+from pamid.symbolic.vocabulary import Expr, Number, expression
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +55,7 @@ class Guards:
                 found.append(f"{', '.join(ended)} of {a.label} ended at a bound")
             if gone := vanished(model, a.label):
                 found.append(f"{', '.join(gone)} of {a.label} ended at nothing")
-            if terms := own_terms(model, a.label, base, settings):
+            if terms := duplicated_terms(model, a.label, base, settings):
                 found.append(f"{a.label} does what {', '.join(terms)} of the rig does")
         return found
 
@@ -49,3 +68,132 @@ class Guards:
         if ignores:
             self._objections[model] = (*self.objections(model), reason)
         return ignores
+
+
+# ---- terms of the rig ----------------------------------------------------------------------------
+
+
+def duplicated_terms(
+    model: CandidateModel, label: str, base: CandidateModel, settings: Settings
+) -> tuple[str, ...]:
+    """The rig's own fitted parameters, by their names outside, whose terms at the same port do what
+    one of the model's effects does there; empty where they do not.
+
+    With e(t) what the effect adds to the value that passes, d_j(t) the derivative of that value by
+    parameter j with the states as they are, along the fitted windows: what the best combination of
+    the d_j leaves of e is no more than `settings.own_terms` of it. A parameter that acts elsewhere,
+    too, does something else: what a pipe takes out of one tank comes into the next, what a leak
+    takes does not. Nor does one that would have to leave its data sheet for it: a ruler does not
+    err by a third. base: the model without effects; a parameter that ended at a bound there could
+    do no more, and does not count.
+    """
+    (attached,) = (a for a in model.attached if a.label == label)
+    passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
+    own = _own_parameters(model, passed, base)
+    bounds = model.assembly.parameters
+    null = {
+        symbol("parameter", b.key): expression(b.null)
+        for b in bounds
+        if b.owner == label and b.null is not None
+    }
+    if not own or not null:
+        return ()
+    # what the effect remembers is the effect's, too: gone with it
+    null |= {
+        symbol(space, name): expression(0.0)
+        for space, name in symbols([q.result for q in passed])
+        if space == "state" and name.startswith(f"{label}.")
+    }
+    added, terms = _along_fit(model, passed, null, own)
+    size = np.sqrt((terms**2).mean(axis=0))
+    own = [i for i, s in zip(own, size, strict=True) if s > 0.0]
+    terms, size = terms[:, size > 0.0], size[size > 0.0]
+    all_of_it = float(np.sqrt((added**2).mean()))
+    if not own or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
+        return ()
+    weight = np.linalg.lstsq(terms / size, added, rcond=None)[0]
+    left = float(np.sqrt(((added - terms / size @ weight) ** 2).mean()))
+    least = settings.own_terms * all_of_it
+    if left > least or _leaves_its_prior(model, own, weight / size, settings):
+        return ()
+    return tuple(bounds[i].name for i, w in zip(own, weight, strict=True) if abs(w) > least)
+
+
+def _own_parameters(
+    model: CandidateModel, passed: list[Passage], base: CandidateModel
+) -> list[int]:
+    """Places of the rig's fitted parameters that act at the port of these passages alone, and ended
+    at no bound without the effect."""
+    if len({q.port for q in passed}) != 1:
+        return []
+    bounds = model.assembly.parameters
+    entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
+    own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
+    if not own:
+        return []
+    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
+    other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
+    return [i for i in own if bounds[i].key not in other]
+
+
+def _along_fit(
+    model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], own: list[int]
+) -> tuple[Array, Array]:
+    """What the effect adds to these passages along the fit, and the derivatives of what enters them
+    by these parameters (samples; samples x own)."""
+    bounds, p = model.assembly.parameters, model.fit.p
+    # relative: by which a parameter is moved to see its term
+    least = float(np.finfo(float).eps) ** 0.25
+    steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
+    moves = [
+        {at: at + step}
+        for at, step in zip((symbol("parameter", bounds[i].key) for i in own), steps, strict=True)
+    ]
+    wanted: list[Expr] = []
+    for q in passed:
+        (without,) = substitute([q.result], null)
+        wanted.append(q.result - without)
+        for move, step in zip(moves, steps, strict=True):
+            (moved,) = substitute([q.value], move)
+            wanted.append((moved - q.value) * (1.0 / step))
+    rows = model.along_fit(wanted).reshape(-1, 1 + len(own))
+    return rows[:, 0], rows[:, 1:]
+
+
+def _leaves_its_prior(model: CandidateModel, own: list[int], by: Array, settings: Settings) -> bool:
+    """Would one of these parameters, moved by so much (SI) from where the model has it, be farther
+    off its data sheet than what is called far off, and farther than it is?"""
+    scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
+    before = scale.inside(p[free])
+    p[own] += by
+    after = scale.inside(p[free])
+    most = np.maximum(settings.far_off, np.abs(before))
+    return bool((np.abs(after) > most).any())
+
+
+class _Closed(Effect):
+    """Nothing comes out of the port."""
+
+    name = "closed"
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return 0.0
+
+
+@lru_cache(maxsize=64)  # asked of every effect that leads
+def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
+    """By port: parameters that the rig's equations read beside what passes it. The port is closed
+    for this, not its value left out: what a sensor reads may act in the machine as well."""
+    found = {}
+    for closed in rig.ports:
+
+        def effects_at(port: str, _: str, closed: str = closed) -> list[tuple[str, Effect]]:
+            return [("", _Closed())] if port == closed else []
+
+        try:
+            rest = trace(rig, effects_at, {})
+        except FileError:  # not defined there: nothing can be said of the port
+            rest = trace(rig, lambda *_: [], {})
+        read = symbols([*rest.rates.values(), *rest.outputs.values()])
+        found[closed] = frozenset(name for space, name in read if space == "parameter")
+    return found

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from made_models import comparison, effect, model
 from numpy.typing import NDArray
 
-from pamid.diagnosis.comparison import LEAST_ERROR, NOTHING, Share, paired_ratio
+from pamid.diagnosis.comparison import (
+    ALIKE_NOISE,
+    LEAST_ERROR,
+    NOTHING,
+    Comparison,
+    Share,
+    paired_ratio,
+)
 from pamid.diagnosis.settings import Settings
 
 Array = NDArray[np.float64]
@@ -240,3 +250,39 @@ def test_pairs_of_the_same_families_are_one_entry_whatever_their_order() -> None
     one = model(0.30 * before, FRICTION, LEAK)
     turned = model(0.31 * before, LEAK, LUGRE, parameters=9)
     assert found.confidence_set([one, turned], found.budget.baseline) == [one]
+
+
+# ---- models that predict the same ---------------------------------------------------------------
+
+
+def predicting(offset: float) -> Any:
+    """A model whose prediction is off by as many standard deviations of the noise."""
+    samples = np.arange(50.0)[:, None]
+    return SimpleNamespace(
+        runs=(SimpleNamespace(model=samples + offset, scored=np.ones(50, bool)),)
+    )
+
+
+@pytest.mark.parametrize(
+    ("apart", "same"), [(0.9 * ALIKE_NOISE, True), (2.4, True), (2.6, False), (-20.0, False)]
+)
+def test_models_predict_the_same_within_a_share_of_what_they_change(
+    apart: float, same: bool
+) -> None:
+    evidence = SimpleNamespace(noise=np.array([1.0]))
+    budget: Any = SimpleNamespace(
+        model=SimpleNamespace(evidence=evidence),
+        baseline=predicting(0.0),
+        settings=Settings(alike_share=0.25),
+    )
+    found = Comparison(budget, 0).predict_the_same([predicting(10.0), predicting(10.0 + apart)])
+    assert found is same
+
+
+def test_error_removed_has_the_interval_of_the_windows() -> None:
+    before = uneven()
+    found = comparison(before)
+    share, low, high = found.shrinkage(model(noisy(0.4 * before, 0.5), FRICTION))
+    assert share == pytest.approx(0.6) and low < 0.6 < high < 1.0
+    alone = comparison(np.array([5.0]))
+    assert alone.shrinkage(model(np.array([2.0]), FRICTION)) == (0.0, 0.0, 0.0)

@@ -24,7 +24,7 @@ def guards() -> Guards:
 
 def found(patch: pytest.MonkeyPatch, **by_label: dict[str, tuple[str, ...]]) -> None:
     """What each check finds, by the label of an effect."""
-    for name in ("at_bounds", "vanished", "own_terms"):
+    for name in ("at_bounds", "vanished", "duplicated_terms"):
         answers = by_label.get(name, {})
 
         def check(c: Any, *more: Any, answers: Any = answers) -> tuple[str, ...]:
@@ -44,7 +44,7 @@ def test_every_effect_of_a_model_is_held_against_physics(
         monkeypatch,
         at_bounds={"leak@tank": ("exponent",)},
         vanished={"drag@joint": ("drag_n_s2_per_m2",)},
-        own_terms={"drag@joint": ("viscous", "offset")},
+        duplicated_terms={"drag@joint": ("viscous", "offset")},
     )
     assert guards.objections(model(np.full(8, 3.0), LEAK, DRAG)) == (
         "exponent of leak@tank ended at a bound",

@@ -10,7 +10,8 @@ import pytest
 from small_cart import PERIOD_S, record_cart
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, refit, replayed
-from pamid.diagnosis.own_terms import _acting_elsewhere, own_terms
+from pamid.diagnosis.guards import _acting_elsewhere, duplicated_terms
+from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.background import RoughMap
@@ -81,10 +82,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Candi
     return evidence, candidate_from(model.assembly, model.fit, model.held_out)
 
 
-def with_effect(
+def duplicated(
     recorded: tuple[DataSplit, CandidateModel], name: str, **amounts: float
-) -> CandidateModel:
-    """The model with an effect of these amounts (SI), not fitted."""
+) -> tuple[str, ...]:
+    """Terms of the rig that an effect of these amounts (SI) duplicates, not fitted."""
     evidence, base = recorded
     effect = attach(evidence.rig, name, effects() | {CreepingDrag.name: CreepingDrag})
     assembly = model_with(evidence, (effect,), base.assembly.sizes)
@@ -92,7 +93,8 @@ def with_effect(
     p = np.array(fitted.p)
     for key, value in amounts.items():
         p[assembly.keys[f"{name}:{key}"]] = value
-    return replayed(evidence, assembly, replace(fitted, p=p))
+    model = replayed(evidence, assembly, replace(fitted, p=p))
+    return duplicated_terms(model, name, base, DEFAULT)
 
 
 @pytest.mark.parametrize(
@@ -105,8 +107,7 @@ def with_effect(
 def test_drag_once_more_is_told(
     recorded: tuple[DataSplit, CandidateModel], name: str, amounts: dict[str, float]
 ) -> None:
-    model = with_effect(recorded, name, **amounts)
-    assert own_terms(model, name, recorded[1]) == ("drag_n_s_per_m",)
+    assert duplicated(recorded, name, **amounts) == ("drag_n_s_per_m",)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +123,7 @@ def test_drag_once_more_is_told(
 def test_what_no_parameter_of_the_rig_does_is_an_effect(
     recorded: tuple[DataSplit, CandidateModel], name: str, amounts: dict[str, float]
 ) -> None:
-    assert own_terms(with_effect(recorded, name, **amounts), name, recorded[1]) == ()
+    assert duplicated(recorded, name, **amounts) == ()
 
 
 def test_what_a_data_sheet_rules_out_is_an_effect(
@@ -130,8 +131,8 @@ def test_what_a_data_sheet_rules_out_is_an_effect(
 ) -> None:
     """Drag once more, by many times what the rig's own is uncertain by."""
     name = "viscous-friction"
-    assert own_terms(with_effect(recorded, name, damping=4.0), name, recorded[1])
-    assert own_terms(with_effect(recorded, name, damping=20.0), name, recorded[1]) == ()
+    assert duplicated(recorded, name, damping=4.0)
+    assert duplicated(recorded, name, damping=20.0) == ()
 
 
 @pytest.mark.parametrize("name", list(rigs()))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.answer import Answer
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import NOTHING
 from pamid.diagnosis.selection import Selection, SelectionStep
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.port_evidence import PortEvidence
@@ -42,7 +41,7 @@ def diagnosis(best: CandidateModel, *candidates: CandidateModel) -> Diagnosis:
     """best: the answer; candidates: of the step that has chosen it."""
     budget = comparison(BEFORE).budget
     steps = (SelectionStep(budget.baseline, candidates, (best,)),)
-    found = Answer("explained", best, (), NOTHING, False, 1.0, NOWHERE)
+    found = Answer("explained", best, (), False, 1.0, NOWHERE)
     return Halved(
         cast(Any, None),
         budget,
