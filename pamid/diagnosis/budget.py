@@ -14,7 +14,7 @@ from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
-from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.settings import Settings
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import ObjectWork, WorkerPool
@@ -38,7 +38,7 @@ class Budget:
     baseline: CandidateModel
     data_sheet: Array
     floor: Array
-    settings: Settings = DEFAULT
+    settings: Settings
 
     @property
     def sizes(self) -> Sizes:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.settings import Settings
 from pamid.estimation.lagged_linear import LaggedResponse, inputs_move
 from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
 from pamid.simulation.tracks import Track
@@ -172,7 +172,7 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     return False
 
 
-def _is_better(own: Array, guess: Array, seed: int, settings: Settings = DEFAULT) -> bool:
+def _is_better(own: Array, guess: Array, seed: int, settings: Settings) -> bool:
     """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
     guess is exact say nothing of a model."""
     most = 1.0 - settings.naive_margin

@@ -1,4 +1,4 @@
-"""Where something is missing: the evidence for a latent value at each port, and its Shapley shares.
+"""Where something is missing: the evidence for a latent value at each port, and its Shapley values.
 
 At port g an unknown value d_g(t) is added to the model, an Ornstein-Uhlenbeck process of standard
 deviation s and time constant T. Its log evidence, with the states x and parameters p integrated out
@@ -10,13 +10,16 @@ A port at which a small, slow value explains every channel has more evidence tha
 has to follow each sensor's error by itself: the evidence charges for size and speed. Rogers,
 Worden and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
 180:109426, for latent forces; Kass and Raftery (1995), JASA 90:773, for the scale of nats.
+
+The two classes of ports with most evidence share what both together explain by their Shapley values
+(Shapley 1953, A value for n-person games): with v(gh) of both,
+
+    worth(g) = v(g) / 2 + (v(gh) - v(h)) / 2
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import combinations
-from math import factorial
 
 import numpy as np
 
@@ -27,7 +30,6 @@ from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
-PLAYERS = 2  # classes of ports whose joint evidence is computed for Shapley shares
 # of more ports than this only those with this share of the largest evidence, computed with the
 # parameters held, are looked at with the parameters moving, which is several times as slow
 MANY_PORTS, OUTSTANDING = 20, 0.15
@@ -127,19 +129,18 @@ def locate(
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:
         return PortEvidence(gains, found, {}, smoothers)
-    players = [leader for leader in classes if gains[leader] > 0.0][:PLAYERS]
-    value: dict[frozenset[str], float] = {frozenset(): 0.0} | {
-        frozenset((k,)): gains[k] for k in players
-    }
-    for size in range(2, len(players) + 1):
-        together = list(combinations(players, size))
-        for members, joint in zip(together, _gains(work, together, pool, known), strict=True):
-            # a latent value of size zero is free to take: more ports are never worth less, though
-            # the coarse grid of sizes may say so
-            value[frozenset(members)] = max(
-                [joint, *(value[frozenset(members) - {m}] for m in members)]
-            )
-    return PortEvidence(gains, found, shapley(players, value), smoothers)
+    leaders = [leader for leader in classes if gains[leader] > 0.0][:2]
+    worth = {leader: gains[leader] for leader in leaders}
+    if len(leaders) == 2:
+        one, other = leaders
+        # a latent value of size zero is free to take: more ports are never worth less, though the
+        # coarse grid of sizes may say so
+        joint = max(*_gains(work, [(one, other)], pool, known), gains[one], gains[other])
+        worth = {
+            one: shapley_value(gains[one], gains[other], joint),
+            other: shapley_value(gains[other], gains[one], joint),
+        }
+    return PortEvidence(gains, found, worth, smoothers)
 
 
 def _found_at(
@@ -182,23 +183,6 @@ def _gains(
     ]
 
 
-def shapley(players: list[str], value: dict[frozenset[str], float]) -> dict[str, float]:
-    """Shapley values of a game given by the value v of every coalition of its n players:
-
-        phi_i = sum over S without i of  |S|! (n - |S| - 1)! / n! * [v(S + i) - v(S)]
-
-    They add up to v(everyone). Shapley (1953), A value for n-person games.
-    """
-    n = len(players)
-    out = {}
-    for one in players:
-        others = [q for q in players if q != one]
-        out[one] = sum(
-            factorial(k)
-            * factorial(n - k - 1)
-            / factorial(n)
-            * (value[frozenset((*c, one))] - value[frozenset(c)])
-            for k in range(n)
-            for c in combinations(others, k)
-        )
-    return out
+def shapley_value(alone: float, other: float, joint: float) -> float:
+    """Worth of one of two players, from what each is worth alone and both together."""
+    return 0.5 * alone + 0.5 * (joint - other)

@@ -210,6 +210,8 @@ def bench_of(evidence: DataSplit) -> Bench:
         values = np.concatenate([r.signal(like) for r in recordings])
         low, high = np.percentile(values, [RECORDED_TAIL, 100.0 - RECORDED_TAIL])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
+    # as before, but nothing that only holds for a test without commands
+    known = model.known if all(model.has(q.command) for q in rig.loops) else {}
     longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
     bench = Bench(
         rig,
@@ -217,17 +219,10 @@ def bench_of(evidence: DataSplit) -> Bench:
         period,
         tuple(q.command for q in rig.loops) if closed else (),
         tuple(n for n in rig.optional if n.startswith("external_")),
-        _settings(evidence),
+        known,
         1.0 if closed else longest / PASS_S,
     )
     return replace(bench, carried=carried(evidence, bench))
-
-
-def _settings(evidence: DataSplit) -> dict[str, float]:
-    """[known] of an experiment: as before, but nothing that only holds for a test without
-    commands."""
-    model = reference_recording(evidence)
-    return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
 # ---- separation ---------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,7 +233,7 @@ def _followed(
     base: CandidateModel,
     r: Replay,
     inner: _PortSignals,
-    own: Mapping[str, str] = MappingProxyType({}),
+    own: Mapping[str, str],
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, in the units that quantities were recorded in where
     they were (`own`), and the time since the last reversal."""

@@ -29,7 +29,13 @@ def remark(d: Diagnosis) -> str:
     means anything."""
     if not d.silent:
         return ""
-    sent, channels, one = _moving_inputs(d), joined(d.silent, "and"), len(d.silent) == 1
+    channels, one = joined(d.silent, "and"), len(d.silent) == 1
+    moving = (
+        name
+        for name in d.evidence.rig.inputs
+        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
+    )
+    sent = joined(moving, "or")
     if d.response is None:
         shown = f"The model predicts {channels} no better than the mean or a straight line does."
     elif d.response.is_reversed:
@@ -57,16 +63,6 @@ def remark(d: Diagnosis) -> str:
     )
 
 
-def _moving_inputs(d: Diagnosis) -> str:
-    """Names of the recorded inputs that move in any recording, joined; empty without any."""
-    moving = (
-        name
-        for name in d.evidence.rig.inputs
-        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
-    )
-    return joined(moving, "or")
-
-
 def notes_of(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
     kinds = (
@@ -81,8 +77,7 @@ def notes_of(d: Diagnosis) -> list[str]:
         _background,
         _strained,
         _sizes,
-        _noise,
-        _idle_background,
+        _noise_and_background,
         _left_out,
     )
     return [note for of_kind in kinds for note in of_kind(d)]
@@ -282,11 +277,9 @@ def _sizes(d: Diagnosis) -> list[str]:
     ]
 
 
-def _noise(d: Diagnosis) -> list[str]:
-    """Channels whose noise in fits and floors is not what the rig or the samples suggest."""
+def _noise_and_background(d: Diagnosis) -> list[str]:
+    """Channels whose noise in fits and floors is not what the rig or the samples suggest, and
+    background terms that these recordings do not need."""
     e = d.evidence
-    return [f"{r.text}." for r in noise_remarks(e.rig, e.recordings, e.channels)]
-
-
-def _idle_background(d: Diagnosis) -> list[str]:
-    return [f"{term.text}." for term in d.evidence.left_out]
+    found = (*noise_remarks(e.rig, e.recordings, e.channels), *e.left_out)
+    return [f"{one.text}." for one in found]

@@ -59,7 +59,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Candidat
 def signals(joint: tuple[DataSplit, CandidateModel]) -> dict[str, np.ndarray]:
     evidence, base = joint
     found = measured_signals(evidence, base.replays[0])
-    found |= _followed(base, base.replays[0], port_signals(base))
+    found |= _followed(base, base.replays[0], port_signals(base), {})
     return {name: values for name, (values, _) in found.items()}
 
 

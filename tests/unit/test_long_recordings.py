@@ -20,7 +20,7 @@ from pamid.simulation import data_split
 from pamid.simulation.data_split import STRETCHES, DataSplit, Span, split_recordings
 from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict.notes import notes
+from pamid.verdict.notes import notes_of
 
 LONG_S = 40.0
 LEAST = 1.2  # correlation times of a stretch, so that a small recording is a long one
@@ -91,7 +91,7 @@ def test_a_diagnosis_of_stretches_finds_the_cause_and_says_what_was_used(
     used_s, all_s = found.evidence.used_s
     assert used_s < 0.5 * all_s
     assert sum(len(t) for t in found.budget.model.fit.problem.tracks) < 0.5 * 0.7 * 100.0 * all_s
-    assert any(f"{used_s:.4g} s were used" in note for note in notes(found))
+    assert any(f"{used_s:.4g} s were used" in note for note in notes_of(found))
 
 
 def test_memory_is_that_of_the_stretches(whole: DataSplit) -> None:

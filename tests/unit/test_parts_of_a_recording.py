@@ -16,8 +16,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict.notes import notes
-from pamid.verdict.verdict_words import remark
+from pamid.verdict.notes import notes_of, remark
 
 Array = NDArray[np.float64]
 TIME = PERIOD_S * np.arange(1000)
@@ -97,7 +96,7 @@ def test_a_step_response_is_judged(tmp_path: Path) -> None:
     evidence = split_recordings(rig_named(RIG), [recording], [])
     assert evidence.spread == [recording]
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
-    assert remark(found) == "" and any("three tenths spread" in note for note in notes(found))
+    assert remark(found) == "" and any("three tenths spread" in note for note in notes_of(found))
     assert found.ranking[0].label == "coulomb-friction"
     header, rows = residual_table(fit_model(evidence))
     columns = dict(zip(header, rows.T, strict=True))
@@ -119,5 +118,5 @@ def test_what_was_held_out_and_rests_is_said_to_judge_little(tmp_path: Path) -> 
     )
     assert evidence.held_out_rests and evidence.spread == []
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
-    assert any(note.startswith("The held-out part moves by less") for note in notes(found))
+    assert any(note.startswith("The held-out part moves by less") for note in notes_of(found))
     assert remark(found) == "", "the model follows what it was fitted to"

@@ -13,7 +13,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.grey_box import fit_model
-from pamid.estimation.port_evidence import PortEvidence, locate, shapley
+from pamid.estimation.port_evidence import PortEvidence, locate, shapley_value
 from pamid.estimation.smoother import Smoother, SmoothingProblem
 from pamid.model.registry import rig_named
 from pamid.parallel.jobs import WorkerPool
@@ -38,14 +38,10 @@ def test_elimination_equals_the_dense_solution() -> None:
     assert log_det == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
 
 
-def test_shapley_by_hand() -> None:
-    """Gloves: one left, two right ones; a pair is worth 1. The left one gets 2/3, each right one
-    1/6."""
-    value = {
-        frozenset(s): float("l" in s and len(s) > 1)
-        for s in ("", "l", "r", "s", "lr", "ls", "rs", "lrs")
-    }
-    assert shapley(["l", "r", "s"], value) == pytest.approx({"l": 2 / 3, "r": 1 / 6, "s": 1 / 6})
+def test_two_classes_share_what_they_explain_together() -> None:
+    values = shapley_value(3.0, 1.0, 3.5), shapley_value(1.0, 3.0, 3.5)
+    assert values == (2.75, 0.75) and sum(values) == 3.5
+    assert shapley_value(3.0, 3.0, 3.0) == 1.5, "what either explains is shared equally"
 
 
 def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
