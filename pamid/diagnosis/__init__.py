@@ -1,2 +1,2 @@
-"""The diagnosis: where the gap lies, which effect causes it, how far it shrinks. One file per
-question."""
+"""The comparison of models with and without an effect, and the decision: which effect causes the
+gap."""

@@ -1,1 +1,1 @@
-"""Parameters from recordings: fit, weights, priors, intervals, combinations."""
+"""Parameters and latent values from recordings: fit, weights, priors, intervals, smoothing."""

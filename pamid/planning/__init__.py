@@ -1,1 +1,1 @@
-"""Before measuring: what an experiment would show of every effect, and what it would confuse."""
+"""Experiments: which effects one would show or confuse before it is made, and which to make next."""
