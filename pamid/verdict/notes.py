@@ -281,5 +281,5 @@ def _noise_and_background(d: Diagnosis) -> list[str]:
     """Channels whose noise in fits and floors is not what the rig or the samples suggest, and
     background terms that these recordings do not need."""
     e = d.evidence
-    found = (*noise_remarks(e.rig, e.recordings, e.channels), *e.left_out)
-    return [f"{one.text}." for one in found]
+    noise = [r.text for r in noise_remarks(e.rig, e.recordings, e.channels)]
+    return [f"{text}." for text in (*noise, *(term.text for term in e.left_out))]
