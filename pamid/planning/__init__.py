@@ -1,1 +1,1 @@
-"""Experiments: which effects one would show or confuse before it is made, and which to make next."""
+"""Experiments: which effects one would show or confuse before it is made, and which comes next."""
