@@ -131,8 +131,8 @@ def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
     found."""
     _, recording, fitted = made
     plain = fitted_run(tmp_path / "plain", recording.path)
-    found: Any = SimpleNamespace(budget=SimpleNamespace(model=plain), cause=fitted)
-    write_json(tmp_path / "plain" / "fit.json", models_json(found, 0))
+    found: Any = SimpleNamespace(budget=SimpleNamespace(model=plain), cause=fitted, seed=0)
+    write_json(tmp_path / "plain" / "fit.json", models_json(found))
     best, refitted = (load_identified(tmp_path / "plain", which=w) for w in ("best", "refitted"))
     np.testing.assert_array_equal(best.values, agreed(fitted.fit))
     np.testing.assert_array_equal(refitted.values, agreed(plain.fit))
