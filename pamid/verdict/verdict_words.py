@@ -38,11 +38,10 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
         return _unsure(found, spelling)
     if found.verdict == "ambiguous":
         return f"{_set_text(found, spelling)}{_rest_text(found, spelling)}"
-    removing = joined((_with_share(c, spelling) for c in found.causes), "and")
-    further = (
-        _next_family(found, spelling) if len(found.causes) == 1 else _together(found.remainder)
-    )
-    return f"{removing}.{further}{_rest_text(found, spelling)}"
+    if len(found.causes) > 1:
+        return f"{_together(found, spelling)}{_rest_text(found, spelling)}"
+    removing = _with_share(found.causes[0], spelling)
+    return f"{removing}.{_next_family(found, spelling)}{_rest_text(found, spelling)}"
 
 
 def _no_gap(found: DiagnosisFile) -> str:
@@ -106,11 +105,26 @@ def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
     return f" The best of another family, {spelling.effect(rival.effect)}, removes {share}."
 
 
-def _together(rest: Remainder | None) -> str:
-    """The share that several causes remove together; begins with a space."""
+def _together(found: DiagnosisFile, spelling: Spelling) -> str:
+    """The share that several causes remove together, and those without each of them.
+
+    Shares of single causes do not add up: what two remove, each of them may remove alone.
+    """
+    names = joined((f"{_named(c, spelling)}{_chance_of(c)}" for c in found.causes), "and")
+    rest = found.remainder
     if rest is None or rest.share is None:
-        return ""
-    return f" Together they remove {percent_text(1.0 - rest.share)}."
+        return f"{names} act together."
+    total = 1.0 - rest.share
+    text = f"{names} together remove {percent_text(total)} of the gap"
+    without = {c.effect: total - c.removes.share for c in found.causes if c.removes}
+    if max(without.values(), default=0.0) <= 0.0:
+        return f"{text}. None of them removes any of it without the others."
+    # the most important first: without it least is removed
+    shares = (
+        f"without {spelling.effect(effect)} {percent_text(max(share, 0.0))}"
+        for effect, share in sorted(without.items(), key=lambda item: item[1])
+    )
+    return f"{text}, {joined(shares, 'and')}."
 
 
 def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:

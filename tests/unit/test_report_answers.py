@@ -224,9 +224,9 @@ def test_two_causes_share_what_they_remove(tmp_path: Path) -> None:
         text_of(make_run(tmp_path / "RUN", diagnosis=diagnosis, without=NO_TRACES)),
     )
     for told in (
-        "Coulomb friction at the joint port removes 64 % of the gap (P 0.91) and leak at the "
-        "pressure port removes 5 % of the gap (P 0.81). Together they remove 64 %. 36 % of the gap "
-        "remains, 3.7 times the noise floor. It enters at the muscle port.",
+        "Coulomb friction at the joint port (P 0.91) and leak at the pressure port (P 0.81) "
+        "together remove 64 % of the gap, without Coulomb friction 0 % and without leak 59 %. "
+        "36 % of the gap remains, 3.7 times the noise floor. It enters at the muscle port.",
         "At the joint and pressure ports.",
         "Leak removes 5 % of the gap next to the other (95 % interval",
         "Of what they remove one by one, Coulomb friction accounts for 93 % and leak accounts for "

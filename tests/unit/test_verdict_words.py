@@ -81,13 +81,19 @@ def test_a_port_in_the_name_is_not_repeated() -> None:
     )
 
 
-def test_several_causes_remove_a_share_each_and_one_together() -> None:
+def test_several_causes_remove_a_share_together() -> None:
     causes = [cause("coulomb-friction", 0.6, 0.91), cause("leak", 0.25, 0.8, port="pressure")]
     assert sentence(changed("explained", causes=causes, remainder=left(0.15, floors=1.2))) == (
-        "coulomb-friction at the joint port removes 60 % of the gap (P 0.91) and leak at the "
-        "pressure port removes 25 % of the gap (P 0.80). Together they remove 85 %. 15 % of the "
-        "gap remains, 1.2 times the noise floor."
+        "coulomb-friction at the joint port (P 0.91) and leak at the pressure port (P 0.80) "
+        "together remove 85 % of the gap, without coulomb-friction 25 % and without leak 60 %. "
+        "15 % of the gap remains, 1.2 times the noise floor."
     )
+
+
+def test_a_pair_of_which_neither_does_anything_alone() -> None:
+    causes = [cause("offset", 0.75, 0.7), cause("leak", 0.74, 0.6, port="pressure")]
+    words = sentence(changed("partly-explained", causes=causes, remainder=left(0.3, floors=9.0)))
+    assert "together remove 70 % of the gap. None of them removes any of it without" in words
 
 
 def test_two_that_cannot_be_separated_stand_with_their_shares() -> None:
