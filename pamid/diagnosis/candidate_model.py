@@ -177,7 +177,9 @@ def begun_from(base: Fit, assembly: Assembly) -> Beginning:
     """The windows' states that another model's fit has found, unless this model reads the size of a
     state of which the other reads the sign: a fit then never leaves the signs that the other's
     readings seemed to show, and they are estimated anew."""
-    if set(assembly.even_states) - set(base.problem.assembly.even_states):
+    known = base.problem.assembly
+    # trying the signs compiles the model; most effects leave the readings as they are
+    if not assembly.reads_as(known) and set(assembly.even_states) - set(known.even_states):
         return Beginning(None, ())
     return Beginning(base.starts, base.continuity)
 

@@ -85,6 +85,11 @@ def _responding(
     def losses(rs: Sequence[Replay]) -> Array:
         return np.concatenate([r.losses() for r in rs])
 
+    begun = [(r.track, r.entered[0]) for r in true]
+    free, flat, *without = _free_run_errors(model, begun, INPUT_SHIFTS)
+    responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
+    if responding.all():  # the windows cost ten times as much as the free runs
+        return responding
     middle = np.concatenate([_guesses(r)[0] for r in true])
     held, *shifted = (
         losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
@@ -92,9 +97,6 @@ def _responding(
     )
     rivals = (middle, held, np.mean(shifted, axis=0))
     error = losses(true)
-    begun = [(r.track, r.entered[0]) for r in true]
-    free, flat, *without = _free_run_errors(model, begun, INPUT_SHIFTS)
-    responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
     for c in np.flatnonzero(~responding):
         seen = ~np.isnan(error[:, c])  # a recording may lack the channel
         responding[c] = all(
