@@ -1,5 +1,7 @@
 """Screening: a few Gauss-Newton steps per candidate say which are worth a refit.
 
+All candidates take the first steps, from each of their starting points, those that can still be
+refitted take further ones (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240).
 A candidate's gain is the drop of the fit's cost (negative log posterior, nats) over the part of the
 recordings where the baseline is worst, against the baseline after as many steps. It only chooses
 what is refitted: the refit on held-out windows decides.
@@ -7,6 +9,7 @@ what is refitted: the refit on held-out windows decides.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -49,7 +52,7 @@ FEWEST_SCREENED = 3  # windows of every recording
 # typical sizes: an effect is also started as a trace of itself, next to the baseline, where the
 # cost falls wherever the effect helps
 TRACE = 0.1
-REFRESHED_FROM = 3.0  # nats gained or promised, from which a candidate's Jacobian is computed anew
+ADVANCED = 2  # times as many candidates as are refitted take the further steps
 SCAN_GAIN = 0.1  # share of the cost that pulses remove before what shapes them is scanned
 # cost ratio to the data sheet's parameters, from which on a baseline is screened from these
 SHEET_ADVANTAGE = 1.05
@@ -59,7 +62,8 @@ SHEET_ADVANTAGE = 1.05
 class Screened:
     """A candidate with its best start. gain: drop of the training cost (nats) against the baseline,
     steps taken; p, starts, stepping: where these steps have led (parameters in SI, states at the
-    windows screened per track)."""
+    windows screened per track); rival: the candidate from a start that promises more, and promised:
+    the gain that it expects."""
 
     attachment: Attachment
     assembly: Assembly | None = field(compare=False)
@@ -69,6 +73,13 @@ class Screened:
     p: Array | None = None
     starts: tuple[Array, ...] = ()
     stepping: Stepping | None = None
+    rival: Screened | None = None
+    promised: float = -np.inf
+
+    @property
+    def prospect(self) -> float:
+        """The gain that further steps may reach, as far as it is known."""
+        return max(self.gain, self.rival.promised if self.rival else -np.inf)
 
     @property
     def usable(self) -> bool:
@@ -83,26 +94,25 @@ class Screened:
 
 
 def starting_points(
-    assembly: Assembly, attachment: Attachment, hints: Hints, settings: Settings = DEFAULT
-) -> list[tuple[dict[str, float], int]]:
-    """Starting values, each with the steps it is given: typical ones, a trace of them, one
+    assembly: Assembly, attachment: Attachment, hints: Hints
+) -> list[dict[str, float]]:
+    """Starting values: typical ones, a trace of them, one
     variation per parameter that declares `tries`, and what the effect makes of the hints.
 
     A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
-    wherever the effect helps. An effect that asks for hints acts beyond a limit or at one frequency
-    only: it is given more steps before its gain is read.
+    wherever the effect helps.
     """
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
     slight = {
         key: b.null + TRACE * (b.value - b.null) for key, b in own.items() if b.null is not None
     }
-    few, more = settings.probe_steps, settings.probe_steps + settings.screen_steps
-    points = [({}, few), (slight, few)]
-    points += [({key: value}, few) for key, b in own.items() for value in b.tries]
+    points = [{}, slight]
+    points += [{key: value} for key, b in own.items() for value in b.tries]
     for hinted in attachment.effect.starts(hints):
         first = {f"{attachment.label}:{name}": value for name, value in hinted.items()}
-        points += [(first, more), (slight | first, more)]
-    return points
+        points += [first, slight | first]
+    # of an effect without a null its trace is itself
+    return [point for i, point in enumerate(points) if point not in points[:i]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,59 +263,72 @@ def screen(
     sizes: Sizes,
     hints: GapHints,
 ) -> Screened:
-    """Gain of one candidate after a few steps from each of its starting points and some more from
-    the best of them."""
-    baseline, settings = reference.baseline, reference.settings
+    """Gain of one candidate after the first steps from the best of its starting points."""
+    baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
         assembly = reference.model_beside(evidence, attachment, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
-    exact = _Probing(reference, problem, None)
-    probe = exact if starts is None else replace(exact, frozen=reference.frozen)
-    by_chords = probe.frozen is not None
-    here = hints.at(attachment.ports[0])
-    points = starting_points(assembly, attachment, here, settings)
+    probing = _Probing(reference, problem, reference.frozen)
+    points = starting_points(assembly, attachment, hints.at(attachment.ports[0]))
     points += _scanned_at_null(reference, evidence, problem, starts, attachment)
-    probes = []
-    for first, steps in points:
+    ends = []
+    for first in points:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        # what acts beyond a limit only has many minima, which outdated derivatives miss
-        probing = exact if steps > settings.probe_steps else probe
         probed = probing(p, starts, steps, reference.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(probed.fit.cost):
             probed = probing(p, starts, steps, None)
-        probes.append((first, probed))
-    # an outdated Jacobian may lead away from the better starting point, of which it promises most
-    leaders = [min(probes, key=lambda pair: pair[1].fit.cost)]
-    leaders += [min(probes, key=lambda pair: pair[1].predicted_cost)] if by_chords else []
-    best: tuple[dict[str, float], Fit, _Probing] | None = None
-    for first, (probed_fit, predicted) in leaders:
-        gains = reference.cost - min(probed_fit.cost, predicted) > REFRESHED_FROM
-        if best is None or (gains and probed_fit is not leaders[0][1].fit):
-            probing = probe.anew(probed_fit) if gains else probe
-            fitted = probing.carried_on(probed_fit)
-            if best is None or fitted.cost < best[1].cost:
-                best = first, fitted, probing
-    assert best is not None  # every effect has a starting point
-    first, fitted, probe = best
-    if not np.isfinite(fitted.cost):
+        ends.append(_screened(reference, attachment, first, *probed))
+    best = max(ends, key=lambda s: s.gain)
+    if not np.isfinite(best.gain):
         return Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
-    scanned = _scanned_beside(reference, attachment, fitted, probe)
-    if scanned is not fitted:
-        keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
-        first, fitted = {key: float(scanned.p[i]) for key, i in keys.items()}, scanned
+    # an outdated Jacobian may lead away from the better starting point, of which it promises most
+    rival = max(ends, key=lambda s: s.promised)
+    further = rival.promised > best.gain and np.isfinite(rival.gain) and rival is not best
+    return replace(best, rival=rival if further else None)
+
+
+def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screened) -> Screened:
+    """A candidate after further steps with exact derivatives, where they lower its cost."""
+    attachment, (assembly, _) = screened.attachment, screened.ended
+    exact = _Probing(reference, reference.problem(evidence, assembly), None)
+    steps, best = reference.settings.screen_steps, replace(screened, rival=None)
+    fits: list[Fit] = []
+    for start in (screened, *filter(None, [screened.rival])):
+        assert start.p is not None
+        found = exact(start.p, start.starts, steps, start.stepping)
+        further = _screened(reference, attachment, start.first, *found)
+        best = further if further.gain > best.gain else best
+        fits.append(found.fit)
+    fitted = min(fits, key=lambda f: f.cost)
+    scanned = _scanned_beside(reference, attachment, fitted, exact)
+    if scanned is fitted:
+        return best
+    keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
+    first = {key: float(scanned.p[i]) for key, i in keys.items()}
+    return _screened(reference, attachment, first, scanned, scanned.cost)
+
+
+def _screened(
+    reference: ScreeningBaseline,
+    attachment: Attachment,
+    first: dict[str, float],
+    fitted: Fit,
+    predicted_cost: float,
+) -> Screened:
     return Screened(
         attachment,
-        assembly,
+        fitted.problem.assembly,
         first,
         reference.cost - fitted.cost,
         p=fitted.p,
         starts=fitted.starts,
         stepping=fitted.stepping,
+        promised=reference.cost - predicted_cost,
     )
 
 
@@ -315,11 +338,10 @@ def _scanned_at_null(
     problem: Problem,
     starts: tuple[Array, ...] | None,
     attachment: Attachment,
-) -> list[tuple[dict[str, float], int]]:
+) -> list[dict[str, float]]:
     """Starting points at the best values of parameters that are scanned where all else of the
-    effect is amounts, which are projected out as they are at their null; and the steps they are
-    given."""
-    assembly, settings, base = problem.assembly, reference.settings, reference.baseline.fit
+    effect is amounts, which are projected out as they are at their null."""
+    assembly, base = problem.assembly, reference.baseline.fit
     wanted = _wanted(assembly, attachment)
     if not wanted or starts is None or _shaping(problem, attachment):
         return []
@@ -330,7 +352,7 @@ def _scanned_at_null(
     fitted = transferred(assembly, (reference.baseline.assembly, base.p))
     whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)
     return [
-        ({assembly.parameters[i].key: value}, settings.probe_steps + settings.screen_steps)
+        {assembly.parameters[i].key: value}
         for i in wanted
         for value in scanned_values(part, whole, i)
     ]
@@ -400,30 +422,14 @@ class _Probing:
     problem: Problem
     frozen: FrozenJacobian | None
 
-    def anew(self, fitted: Fit) -> _Probing:
-        """The same with the Jacobian where a fit has ended: a candidate that gains has left the
-        point where the baseline was linearised."""
-        if self.frozen is None or fitted.stepping is None or not np.isfinite(fitted.cost):
-            return self
-        at = fitted.p, fitted.starts, fitted.weights, fitted.stepping
-        return replace(self, frozen=FrozenJacobian.of(self.problem, *at, self.frozen.keys))
-
-    def carried_on(self, probed: Fit) -> Fit:
-        """The fit some steps further, where they lower its cost."""
-        steps = self.reference.settings.screen_steps
-        further = self(probed.p, probed.starts, steps, probed.stepping, probed.known).fit
-        return further if further.cost < probed.cost else probed
-
     def __call__(
         self,
         p: Array,
         starts: tuple[Array, ...] | None,
         steps: int,
         stepping: Stepping | None,
-        known: tuple[KnownSlopes | None, ...] = (),
     ) -> _Probed:
-        """So many steps from p (SI) and these window starts; known: slopes of a stepped rig along
-        the way, else those of the baseline."""
+        """So many steps from p (SI) and these window starts."""
         base = self.reference.baseline.fit
         continuity = begun_from(base, self.problem.assembly).continuity
         if self.frozen is None or starts is None:
@@ -433,7 +439,7 @@ class _Probing:
                 starts=starts,
                 weights=base.weights,
                 continuity=continuity,
-                known=known or self.reference.known,
+                known=self.reference.known,
                 iterations=steps,
                 probe=True,
                 stepping=stepping,
@@ -455,25 +461,30 @@ class _Probing:
 
 
 def by_gain(screened: Iterable[Screened]) -> list[Screened]:
-    """The largest gain first; among equal ones by name."""
-    return sorted(screened, key=lambda s: (-s.gain, s.attachment.label))
+    """The largest gain, or the prospect of it, first; among equal ones by name."""
+    return sorted(screened, key=lambda s: (-s.prospect, s.attachment.label))
 
 
 def promising(
-    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
+    family_of: dict[str, str],
+    screened: list[Screened],
+    reference: ScreeningBaseline,
+    times: int = 1,
 ) -> list[Screened]:
     """Return the candidates to refit, by gain.
 
     On top of the baseline: the first `refits`, and the best of every further family with a share
-    of the largest gain. On top of effects already named: the leading ones alone.
+    of the largest gain. On top of effects already named: the leading ones alone. times: as many
+    candidates, and as many of a family.
     """
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
-    chosen = usable[: settings.refits if first_round else settings.refits_further]
-    families = {family_of[s.attachment.label] for s in chosen}
-    for s in usable if first_round else []:
+    count = times * (settings.refits if first_round else settings.refits_further)
+    chosen = usable[:count]
+    members = Counter(family_of[s.attachment.label] for s in chosen)
+    for s in usable[count:] if first_round else []:
         family = family_of[s.attachment.label]
-        if family not in families and s.gain > settings.family_share * usable[0].gain:
+        if members[family] < times and s.prospect > settings.family_share * usable[0].prospect:
             chosen.append(s)
-            families.add(family)
+            members[family] += 1
     return chosen

@@ -21,7 +21,14 @@ from pamid.diagnosis.candidate_model import (
     transferred,
 )
 from pamid.diagnosis.ranges import mirrored, widened
-from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
+from pamid.diagnosis.screening import (
+    ADVANCED,
+    Screened,
+    ScreeningBaseline,
+    advance,
+    promising,
+    screen,
+)
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
@@ -81,31 +88,66 @@ class _Screening(ObjectWork[Attachment, Screened]):
         return screen(self.evidence, self.reference, item, self.sizes, self.hints)
 
     def plain_form(self, item: Attachment, found: Screened) -> Plain:
-        return {
-            "first": found.first,
-            "gain": found.gain,
-            "why": found.why,
-            "fits": found.assembly is not None,
-            "p": found.p,
-            "starts": found.starts,
-            "stepping": found.stepping and [found.stepping.substeps, found.stepping.implicit],
-        }
+        return _screened_plain(found)
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
         fits, made = found["fits"], self.reference.model_beside
-        return Screened(
-            item,
-            made(self.evidence, item, self.sizes) if fits else None,
-            found["first"],
-            found["gain"],
-            found["why"],
-            found["p"],
-            tuple(found["starts"]),
-            found["stepping"] and Stepping(*found["stepping"]),
+        return _screened_restored(
+            item, made(self.evidence, item, self.sizes) if fits else None, found
         )
 
     def name(self, item: Attachment) -> str:
         return item.label
+
+
+@dataclass(frozen=True, eq=False)
+class _Advancing(ObjectWork[Screened, Screened]):
+    """A screened candidate some steps further."""
+
+    what = "screening further"
+    evidence: DataSplit
+    reference: ScreeningBaseline
+
+    def result(self, item: Screened) -> Screened:
+        return advance(self.evidence, self.reference, item)
+
+    def plain_form(self, item: Screened, found: Screened) -> Plain:
+        return _screened_plain(found)
+
+    def restored(self, item: Screened, found: Plain) -> Screened:
+        return _screened_restored(item.attachment, item.assembly, found)
+
+    def name(self, item: Screened) -> str:
+        return item.attachment.label
+
+
+def _screened_plain(found: Screened) -> dict[str, Plain]:
+    return {
+        "first": found.first,
+        "gain": found.gain,
+        "why": found.why,
+        "fits": found.assembly is not None,
+        "p": found.p,
+        "starts": found.starts,
+        "stepping": found.stepping and [found.stepping.substeps, found.stepping.implicit],
+        "rival": found.rival and _screened_plain(found.rival),
+        "promised": found.promised,
+    }
+
+
+def _screened_restored(a: Attachment, assembly: Assembly | None, found: Plain) -> Screened:
+    return Screened(
+        a,
+        assembly,
+        found["first"],
+        found["gain"],
+        found["why"],
+        found["p"],
+        tuple(found["starts"]),
+        found["stepping"] and Stepping(*found["stepping"]),
+        found["rival"] and _screened_restored(a, assembly, found["rival"]),
+        found["promised"],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,17 +216,30 @@ class Round:
 def run_round(search: Search, base: CandidateModel, candidates: list[Attachment]) -> Round:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
     held out."""
-    evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
-    tried = run(_Screening(evidence, reference, sizes, search.hints), candidates, search.progress)
-    found = [
-        Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
-        for a, s in zip(candidates, tried, strict=True)
-    ]
-    leading = promising({a.label: search.family(a) for a in candidates}, found, reference)
+    screened, leading = screened_candidates(search, reference, candidates)
     models, failed = refit_screened(search, base, leading)
-    hopeless = [(s.attachment.label, s.why) for s in found if not s.usable]
-    return Round(models, hopeless + failed, reference, [s for s in found if s.usable])
+    hopeless = [(s.attachment.label, s.why) for s in screened if not s.usable]
+    return Round(models, hopeless + failed, reference, [s for s in screened if s.usable])
+
+
+def screened_candidates(
+    search: Search, reference: ScreeningBaseline, candidates: list[Attachment]
+) -> tuple[list[Screened], list[Screened]]:
+    """All candidates screened, and those of them to refit."""
+    evidence, run, progress = search.evidence, search.pool.run, search.progress
+    work = _Screening(evidence, reference, search.budget.sizes, search.hints)
+    screened = {
+        a.label: Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
+        for a, s in zip(candidates, run(work, candidates, progress), strict=True)
+    }
+    families = {a.label: search.family(a) for a in candidates}
+    leading = promising(families, list(screened.values()), reference, ADVANCED)
+    further = run(_Advancing(evidence, reference), leading, progress)
+    screened |= {s.attachment.label: s for s in further if not isinstance(s, Failed)}
+    # of a candidate that was left behind no gain is known but what it has reached
+    ended = [replace(s, rival=None) for s in screened.values()]
+    return ended, promising(families, ended, reference)
 
 
 def refit_screened(

@@ -91,16 +91,13 @@ class FrozenJacobian:
         starts: tuple[Array, ...],
         weights: Weights,
         stepping: Stepping,
-        keys: tuple[str, ...] | None = None,
     ) -> FrozenJacobian:
         """Linearise the residuals at parameters p (SI) and these window starts, by differences of
-        runs side by side. keys: of the free parameters to differentiate by (default: all)."""
+        runs side by side."""
         free, scale = list(problem.free), problem.scale
-        names = [problem.assembly.parameters[i].key for i in free]
-        keys = tuple(name for name in names if keys is None or name in keys)
-        places = np.array([names.index(key) for key in keys], np.intp)
-        lanes, moves = moved_parameters(problem, p, places)
-        by_si = moves * scale.slope(p[free])[places]
+        keys = tuple(problem.assembly.parameters[i].key for i in free)
+        lanes, moves = moved_parameters(problem, p, np.arange(len(free)))
+        by_si = moves * scale.slope(p[free])
         tracks = []
         for track, entered in zip(problem.tracks, starts, strict=True):
             windows, n = problem.windows(track), entered.shape[1]
