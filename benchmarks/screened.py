@@ -18,7 +18,8 @@ from pamid_cli.options import parse_known
 
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import gap_budget
-from pamid.diagnosis.screening import ScreeningBaseline, by_gain, promising, screen
+from pamid.diagnosis.screening import ScreeningBaseline, by_gain
+from pamid.diagnosis.search import Search, screened_candidates
 from pamid.diagnosis.settings import DEFAULT, settings_from
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.model.attachment import attachments
@@ -49,14 +50,14 @@ def tabulate(case: RecordedCase, variants: list[str]) -> None:
     budget = gap_budget(data, seed=0, pool=WorkerPool(), progress=silent, settings=DEFAULT)
     base, hints = budget.baseline, gather_hints(budget.evidence, budget.baseline)
     candidates = attachments(case.rig, case.catalogue.values())
-    family = {a.label: a.family(case.rig) for a in candidates}
+    search = Search(budget.evidence, budget, candidates, hints, 0, WorkerPool(), silent)
     for text in variants:
         settings, begun = settings_from(parse_known((text,) if text else ())), time.process_time()
         reference = ScreeningBaseline.of(base, len(candidates), settings)
-        tried = [screen(budget.evidence, reference, a, budget.sizes, hints) for a in candidates]
+        screened, leading = screened_candidates(search, reference, candidates)
         seconds = time.process_time() - begun
-        found = [family[s.attachment.label] for s in by_gain(s for s in tried if s.usable)]
-        refitted = [family[s.attachment.label] for s in promising(family, tried, reference)]
+        found = [search.family(s.attachment) for s in by_gain(s for s in screened if s.usable)]
+        refitted = [search.family(s.attachment) for s in leading]
         right = case.acting[0].family
         rank = found.index(right) + 1 if right in found else "-"
         print(

@@ -13,7 +13,7 @@ from small_cart import RIG, cart_evidence
 from pamid.diagnosis import parameter_scan
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
 from pamid.diagnosis.parameter_scan import SCAN_STARTS, Scanned, scan_grid, scanned_values
-from pamid.diagnosis.screening import ScreeningBaseline, screen
+from pamid.diagnosis.screening import ScreeningBaseline, advance, screen
 from pamid.diagnosis.starting_hints import GapHints, gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.estimation.problem import Problem, free_parameters
@@ -68,6 +68,7 @@ def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateMo
     assert found[0] == pytest.approx(nearest)
     reference = ScreeningBaseline.of(base, 5)
     told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    told = advance(evidence, reference, told)
     assert told.p is not None
     assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
 
@@ -130,7 +131,9 @@ def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
     effect = attach(evidence.rig, "quantisation@driver", effects())
     whole, place = scanned(evidence, base, effect)
     assert scanned_values(whole, whole, place)[0] == pytest.approx(step_v, rel=0.02)
-    told = screen(evidence, ScreeningBaseline.of(base, 5), effect, base.assembly.sizes, NO_HINTS)
+    reference = ScreeningBaseline.of(base, 5)
+    told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    told = advance(evidence, reference, told)
     assert told.p is not None
     assert told.p[place] == pytest.approx(step_v, rel=0.01)
     read = attach(evidence.rig, "quantisation@encoder", effects())
@@ -171,6 +174,7 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     effect = attach(evidence.rig, "pwm-quantisation", effects())
     reference = ScreeningBaseline.of(base, 5)
     told = screen(evidence, reference, effect, base.assembly.sizes, gather_hints(evidence, base))
+    told = advance(evidence, reference, told)
     assembly, p = told.ended
     found = {
         b.key.partition(":")[2]: p[i]
@@ -231,6 +235,7 @@ def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path: Path) -> None:
     assert grid.max() == bound.high and grid.min() < 10.0
     reference = ScreeningBaseline.of(base, 5)
     told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    told = advance(evidence, reference, told)
     assert told.p is not None
     # a part of the recording shows, of which the first 800 s were not led in
     assert told.p[place] == pytest.approx(delay_s, rel=0.05)

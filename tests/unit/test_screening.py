@@ -1,0 +1,108 @@
+"""Successive halving of candidates: which take further steps, and what they promise."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from small_cart import cart_evidence, record_cart
+
+from pamid.diagnosis import input_response
+from pamid.diagnosis.candidate_model import begun_from, candidate_from
+from pamid.diagnosis.screening import Screened, by_gain, promising
+from pamid.diagnosis.search import _screened_plain, _screened_restored
+from pamid.diagnosis.settings import DEFAULT
+from pamid.engine.program import Stepping
+from pamid.estimation.grey_box import fit_model, model_with
+from pamid.model.attachment import attach
+from pamid.model.registry import effects
+from pamid.parallel.result_store import plain
+
+
+def candidate(name: str, gain: float, promised: float | None = None) -> Any:
+    """A screened candidate; promised: the gain that a rival start expects."""
+    a: Any = SimpleNamespace(label=name)
+    rival = None if promised is None else Screened(a, None, {}, 0.0, promised=promised)
+    assembly: Any = SimpleNamespace()
+    return Screened(a, assembly, {}, gain, rival=rival)
+
+
+def reference(attached: tuple[str, ...] = ()) -> Any:
+    return SimpleNamespace(settings=DEFAULT, baseline=SimpleNamespace(attached=attached))
+
+
+def names(screened: list[Screened]) -> list[str]:
+    return [s.attachment.label for s in screened]
+
+
+def test_twice_as_many_candidates_and_members_of_a_family_go_on() -> None:
+    leading = [candidate(f"a{i:02d}", 100.0 - i) for i in range(2 * DEFAULT.refits)]
+    others = [candidate(f"b{i}", 50.0 - i) for i in range(3)]
+    family_of = {s.attachment.label: s.attachment.label[0] for s in (*leading, *others)}
+    once = promising(family_of, [*leading, *others], reference())
+    assert names(once) == [*names(leading[: DEFAULT.refits]), "b0"]
+    twice = promising(family_of, [*leading, *others], reference(), 2)
+    assert names(twice) == [*names(leading), "b0", "b1"]
+    assert len(promising(family_of, leading, reference(("a",)), 2)) == 2 * DEFAULT.refits_further
+
+
+def test_a_start_that_promises_more_counts() -> None:
+    plain_gain, hopeful = candidate("plain", 10.0), candidate("hopeful", -20.0, promised=30.0)
+    assert names(by_gain([plain_gain, hopeful])) == ["hopeful", "plain"]
+    assert names(by_gain([plain_gain, candidate("poor", -20.0)])) == ["plain", "poor"]
+
+
+def test_a_rival_start_survives_the_way_to_another_process() -> None:
+    a: Any = SimpleNamespace(label="a")
+    starts, p = (np.ones((2, 1)),), np.arange(3.0)
+    rival = Screened(a, None, {"k": 2.0}, -5.0, "", p, starts, Stepping(2), None, 7.0)
+    sent = Screened(a, None, {}, 1.0, "", p + 1.0, starts, Stepping(4, True), rival, 1.5)
+    found = _screened_restored(a, None, plain(_screened_plain(sent)))
+    assert found.rival is not None and found.prospect == 7.0
+    for ours, theirs in ((sent, found), (rival, found.rival)):
+        assert (ours.first, ours.gain, ours.stepping) == (
+            theirs.first,
+            theirs.gain,
+            theirs.stepping,
+        )
+        np.testing.assert_array_equal(ours.p, theirs.p)
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    data = cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
+    return data, fit_model(data)
+
+
+def test_an_effect_that_leaves_the_readings_needs_no_run(cart: Any) -> None:
+    data, model = cart
+    made = model_with(
+        data, (attach(data.rig, "coulomb-friction", effects()),), model.assembly.sizes
+    )
+    assert begun_from(model.fit, made).starts is model.fit.starts
+    assert "program" not in vars(made)
+
+
+def test_windows_are_replayed_only_where_free_runs_leave_it_open(
+    cart: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, model = cart
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    budget: Any = SimpleNamespace(settings=DEFAULT, model=SimpleNamespace(evidence=cart[0]))
+    replays: list[int] = []
+
+    def counted(*_: Any) -> Any:
+        replays.append(1)
+        return base.replays
+
+    monkeypatch.setattr(input_response, "_replays", counted)
+    rows = 2 + len(input_response.INPUT_SHIFTS)
+    for free, expected in ((0.1, 0), (0.9, len(input_response.INPUT_SHIFTS))):
+        replays.clear()
+        errors = np.ones((rows, len(cart[0].channels)))
+        errors[0] = free
+        monkeypatch.setattr(input_response, "_free_run_errors", lambda *_, e=errors: e)
+        input_response._responding(budget, base, base.replays, 0)
+        assert len(replays) == expected
