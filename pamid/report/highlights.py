@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column
+from pamid.recording.signal_filters import local_parabola
 from pamid.report import formatting
 from pamid.report.captions import regime_label
 from pamid.report.formatting import channel_label, channel_unit
@@ -154,8 +155,6 @@ def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArra
     }
     if name in stems:
         return residual.columns[stems[name]][rows]
-    from scipy.signal import savgol_filter  # takes seconds to load
-
     of = (
         name.removesuffix("_rate")
         if name.endswith("_rate")
@@ -173,7 +172,7 @@ def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArra
     length = max(5, 2 * round(SMOOTHED * np.nan_to_num(remembered)) + 1)
     if values.size < length:
         return None
-    return np.asarray(savgol_filter(values, length, 2, deriv=1, delta=period))
+    return local_parabola(values, length, period, 1)
 
 
 def _bands(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:

@@ -22,6 +22,7 @@ from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.model.executable import Executable
 from pamid.model.rig import Port
+from pamid.recording.signal_filters import local_parabola, welch_power
 from pamid.schemas.diagnosis_file import Regime
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
@@ -144,8 +145,6 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
 def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
     """What was measured, its rate of change, and what was sent, in the units of their columns:
     name -> (samples, unit)."""
-    from scipy.signal import savgol_filter  # half a second to load, in every worker process
-
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
     length = max(5, 2 * round(SMOOTHED * r.track.timescale_s / period) + 1)
@@ -153,10 +152,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
         stem, unit = split_column(channel)
         rated = quotient("K" if unit_of(unit).offset else unit, "s")
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
-        smooth, rate = (
-            savgol_filter(y, length, 2),
-            savgol_filter(y, length, 2, deriv=1, delta=period),
-        )
+        smooth, rate = (local_parabola(y, length, period, order) for order in (0, 1))
         out[stem] = (from_si(smooth, unit), "" if unit == NONE else unit)
         out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
             size_from_si(rate, unit),
@@ -268,22 +264,16 @@ def frequency_band(
     before: list[Replay], after: list[Replay] | None, noise: Array
 ) -> tuple[float, ...]:
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
-    from scipy.signal import welch  # see `measured_signals`
-
     power, axis = None, None
     for i, b in enumerate(before):
         n = min(
             len(b.track),
             max(256, round(SPECTRUM_SEGMENT * b.track.timescale_s / b.track.period_s)),
         )
-        axis, here = welch(
-            b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant"
-        )
-        here = here.sum(axis=1)
+        axis = np.fft.rfftfreq(n, b.track.period_s)
+        here = welch_power(b.residual / noise, n).sum(axis=1)
         if after is not None:
-            here = here - welch(
-                after[i].residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0
-            )[1].sum(axis=1)
+            here = here - welch_power(after[i].residual / noise, n).sum(axis=1)
         here = np.maximum(here, 0.0)  # where the cause makes it worse, none of the gap was
         power = here if power is None or len(power) != len(here) else power + here
     if power is None or axis is None or power.sum() <= 0.0:
