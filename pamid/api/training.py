@@ -16,7 +16,7 @@ from pamid.base.errors import DataError, PamidError, UsageError
 from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.progress import Progress, ShowProgress, progress_steps
-from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
+from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
     NetworkChoice,
@@ -34,7 +34,6 @@ from pamid.correction.residual_data import ResidualData, read_residual_data
 from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.networks.network_training import TrainingStep
-from pamid.networks.trained_network import NETWORK_FILE
 from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
 from pamid.report.load import RunData, load_run
 

@@ -10,11 +10,11 @@ import numpy as np
 from pamid.base.files import write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.metrics import rms
-from pamid.base.run_folder import Run
+from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.correction.force_map import COLUMNS, ForceMap, ValidatedMap, pulls
 from pamid.correction.trained_force_law import ForceLaw
 from pamid.model.registry import rigs
-from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, network_files
+from pamid.networks.trained_network import network_files
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
 from pamid.schemas import force_law_file as result

@@ -26,7 +26,7 @@ from pamid.base.errors import DataError, FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
 from pamid.base.result_file import need_result
-from pamid.base.run_folder import FIT_FILE, Run
+from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, Run
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
 from pamid.correction.residual_data import REFIT_REMEDY, derived
@@ -42,7 +42,7 @@ from pamid.model.registry import effects_again, in_catalogue, name_of, rig_again
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.model.trace import Traced, beside, fed, signals_of
-from pamid.networks.trained_network import NETWORK_FILE, TrainedNetwork, load_network
+from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
 from pamid.simulation.free_runs import input_table, noisy_inputs, sensor_noise

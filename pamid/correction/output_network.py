@@ -23,7 +23,7 @@ from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.metrics import mae
-from pamid.base.run_folder import Run
+from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.correction.residual_data import (
     RESIDUAL_FILE,
     RESIDUAL_RUNS,
@@ -41,8 +41,6 @@ from pamid.networks.network_folders import (
 )
 from pamid.networks.network_training import StepProgress, Training
 from pamid.networks.trained_network import (
-    NETWORK_FILE,
-    WEIGHTS_FILE,
     TrainedNetwork,
     load_network,
     network_files,

@@ -19,7 +19,7 @@ from pamid.base.errors import DataError, PamidError
 from pamid.base.files import sha256_of
 from pamid.base.progress import tell
 from pamid.base.result_file import need_result
-from pamid.base.run_folder import FIT_FILE
+from pamid.base.run_folder import FIT_FILE, NETWORK_FILE
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.identified_model import (
     PERIODS_AGREE,
@@ -33,7 +33,6 @@ from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.networks.network_folders import networks_beside
-from pamid.networks.trained_network import NETWORK_FILE
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
 from pamid.schemas.fit_file import FitFile, RecordingUsed

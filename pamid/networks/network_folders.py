@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from pamid.base.errors import FileError
-from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE
+from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE
 
 NETWORKS_FOLDER, TRACE_FILE = "networks", "trace.csv"
 NETWORK_FILES = (NETWORK_FILE, WEIGHTS_FILE, TRACE_FILE)

@@ -26,6 +26,7 @@ from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.npz import load_arrays
+from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE
 from pamid.base.scanned import classes_of, modules_of
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training, train
@@ -36,7 +37,6 @@ Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]
 
 NETWORK_SCHEMA = "pamid.network/1"
-NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
 _REMEDY = "Train the network again."
 
 

@@ -22,7 +22,7 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
 from pamid.base.progress import Progress, Settled, silent
-from pamid.base.run_folder import Run
+from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
     STARTUP_S,
@@ -38,7 +38,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects
 from pamid.networks.network_folders import TRACE_FILE
-from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, save_network, trace_csv
+from pamid.networks.trained_network import save_network, trace_csv
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.replications.joint_figures import (
     excitation_png,
