@@ -96,8 +96,8 @@ class Screened:
 def starting_points(
     assembly: Assembly, attachment: Attachment, hints: Hints
 ) -> list[dict[str, float]]:
-    """Starting values: typical ones, a trace of them, one
-    variation per parameter that declares `tries`, and what the effect makes of the hints.
+    """Starting values: typical ones, a trace of them, one variation per parameter that declares
+    `tries`, and what the effect makes of the hints.
 
     A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
     wherever the effect helps.
@@ -288,8 +288,8 @@ def screen(
         return Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     # an outdated Jacobian may lead away from the better starting point, of which it promises most
     rival = max(ends, key=lambda s: s.promised)
-    further = rival.promised > best.gain and np.isfinite(rival.gain) and rival is not best
-    return replace(best, rival=rival if further else None)
+    better = rival is not best and np.isfinite(rival.gain) and rival.promised > best.gain
+    return replace(best, rival=rival if better else None)
 
 
 def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screened) -> Screened:

@@ -121,7 +121,7 @@ class _Advancing(ObjectWork[Screened, Screened]):
         return item.attachment.label
 
 
-def _screened_plain(found: Screened) -> dict[str, Plain]:
+def _screened_plain(found: Screened) -> Plain:
     return {
         "first": found.first,
         "gain": found.gain,
@@ -229,9 +229,10 @@ def screened_candidates(
     """All candidates screened, and those of them to refit."""
     evidence, run, progress = search.evidence, search.pool.run, search.progress
     work = _Screening(evidence, reference, search.budget.sizes, search.hints)
+    tried = run(work, candidates, progress)
     screened = {
         a.label: Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
-        for a, s in zip(candidates, run(work, candidates, progress), strict=True)
+        for a, s in zip(candidates, tried, strict=True)
     }
     families = {a.label: search.family(a) for a in candidates}
     leading = promising(families, list(screened.values()), reference, ADVANCED)
