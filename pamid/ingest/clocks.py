@@ -202,9 +202,7 @@ def _clock(
         and not _regular(group.stamps)
     ):
         return _events(group, place)
-    rows = usable_rows(
-        group.stamps, [c.values for c in group.sampled], place, tolerant=wanted == "late-stamps"
-    )
+    rows = usable_rows(group.stamps, [c.values for c in group.sampled], place)
     staying = tuple(replace(c, values=c.values[rows.keep]) for c in group.sampled)
     try:
         found = diagnose_stamps(

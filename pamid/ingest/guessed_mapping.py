@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pamid.base.errors import FileError, PamidError
+from pamid.base.errors import PamidError
 from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, quantity_of, split_column, unit
 from pamid.ingest.channel_words import meanings, number
@@ -288,19 +288,9 @@ def _diagnosed(time: TimeGuess, log: Log, measured: Sequence[Channel]) -> TimeGu
 
 
 def _judged(stamps: FloatArray, moving: Sequence[Channel]) -> tuple[Rows, StampDiagnosis]:
-    """The usable rows and what their stamps look like. Several samples at one stamp are let pass
-    where the signals prove the stamps late."""
-    signals = [c.values for c in moving]
-    try:
-        rows = usable_rows(stamps, signals, "the stamps")
-        return rows, diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
-    except FileError as error:
-        if error.code == "stamps-repeated":
-            rows = usable_rows(stamps, signals, "the stamps", tolerant=True)
-            found = diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
-            if found.cure == "late-stamps":
-                return rows, found
-        raise
+    """The usable rows and what their stamps look like."""
+    rows = usable_rows(stamps, [c.values for c in moving], "the stamps")
+    return rows, diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
 
 
 def _period(time: TimeGuess, rig: Rig | _NoRig) -> float | None:

@@ -22,6 +22,9 @@ OUT_OF_ORDER = 5
 MANY_STEPS = 20  # steps back in one log: then the channel is no clock
 # share of differing rows with one stamp above which stamps are blocks or ticks, not errors
 BLOCK_SHARE = 0.02
+ROWS_OF_SLOPE = 4  # rows before and behind rows with one stamp that give the slope there
+MOVING = 4.0  # slopes count that exceed their noise by this factor
+FEWEST_ADVANCES = 5  # of them that tell samples from readings of one instant
 LATE_WINDOW = 100  # rows ahead that are looked at to tell a dropped sample from a late stamp
 FOLLOW = 0.02  # share of a deviation by which the even clock follows it, per row
 LAST = 5  # rows at the end in which a late stamp cannot be distinguished from a missing one
@@ -62,15 +65,12 @@ class Rows:
         return [slice(start, end) for start, end in zip(self.starts, ends, strict=True)]
 
 
-def usable_rows(
-    stamps: FloatArray, signals: Sequence[FloatArray], place: str, *, tolerant: bool = False
-) -> Rows:
-    """Order and thin the rows of a log. stamps s, (n,); signals (n,) each, to tell a row written
-    twice from another sample with the same stamp; `place` names the channel in errors; tolerant:
-    rows that share a stamp are samples.
+def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -> Rows:
+    """Order and thin the rows of a log. stamps s, (n,); signals (n,) each, which show whether rows
+    that share a stamp are several samples or several readings of one; `place` names the channel in
+    errors.
 
-    FileError where the channel is no clock or a stamp stands at differing rows; DataError where too
-    few rows have one.
+    FileError where the channel is no clock; DataError where too few rows have a stamp.
     """
     keep, repairs = _rows_with_stamp(stamps, place)
     keep, stamps, starts, more = _rising(keep, stamps, signals, place)
@@ -78,36 +78,48 @@ def usable_rows(
     twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
     if not twice.size:
         return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
-    differs = ~_written_twice(keep, twice, signals)
-    differing = int(np.count_nonzero(differs))
-    if differing > BLOCK_SHARE * keep.size:
-        return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
-    if differing and tolerant:
+    differing = int(np.count_nonzero(~_written_twice(keep, twice, signals)))
+    if differing and _are_samples(stamps[keep], [values[keep] for values in signals], twice):
+        if differing > BLOCK_SHARE * keep.size:
+            return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
         repairs.append(
             Repair(
-                "stamps-shared", differing, f"{differing} rows share the stamp of the one before"
+                "stamps-shared",
+                differing,
+                f"{differing} samples share the stamp of the one before and got one between its "
+                "neighbours",
             )
         )
-        return Rows(
-            keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs)
+        return Rows(keep, _spread(stamps[keep]), tuple(starts), False, tuple(repairs))
+    return _one_row_per_stamp(keep, stamps, starts, (twice, differing), repairs, place)
+
+
+def _one_row_per_stamp(
+    keep: IntArray,
+    stamps: FloatArray,
+    starts: list[int],
+    shared: tuple[IntArray, int],
+    repairs: list[Repair],
+    place: str,
+) -> Rows:
+    """The last row of every stamp. shared: rows that share their stamp with the next one, and how
+    many of them differ from it."""
+    twice, differing = shared
+    if equal := twice.size - differing:
+        repairs.append(
+            Repair("rows-repeated", equal, f"{equal} rows stood there twice and were dropped")
         )
     if differing:
-        row = int(keep[twice[differs][0] + 1])
-        hint = (
-            "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
-            "it out of the log."
+        repairs.append(
+            Repair(
+                "stamps-repeated",
+                differing,
+                f"{differing} stamps stood there twice, with values of the same instant: the later "
+                "row is kept",
+            )
         )
-        raise FileError(
-            f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
-            f"differing values ({differing} such).",
-            hint,
-            code="stamps-repeated",
-        )
-    repairs.append(
-        Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped")
-    )
     stay = np.ones(keep.size, dtype=bool)
-    stay[twice + 1] = False
+    stay[twice] = False
     if stay.sum() < MIN_SAMPLES:
         raise DataError(
             f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
@@ -186,12 +198,80 @@ def _written_twice(
     return same
 
 
+def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntArray) -> bool:
+    """Are rows that share a stamp with the next one (at these places) samples of their own, a
+    period apart, or readings of one instant?
+
+    A smooth signal advances from sample to sample by its slope: the steps between such rows are
+    regressed on those due by the rows around, c = sum(step due) / sum(due^2), with the standard
+    error of White (1980), Econometrica 48(4). c is 1 for samples and 0 for readings of one
+    instant. Where no signal moves enough, samples need time: rows that take none are no samples,
+    unless most rows share their stamp, as in blocks.
+    """
+    parts = [_advance(values, twice) for values in signals]
+    step, due = (np.concatenate([np.zeros(0), *(part[i] for part in parts)]) for i in (0, 1))
+    if step.size >= FEWEST_ADVANCES:
+        weight = float(due @ due)
+        coefficient = float(step @ due) / weight
+        error = float(np.sqrt(np.sum((due * (step - coefficient * due)) ** 2))) / weight
+        if abs(coefficient - 0.5) > 2.0 * error:
+            return coefficient > 0.5
+    return 2 * twice.size > stamps.size or _take_time(stamps)
+
+
+def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(step to the row with the same stamp, step that is due by the rows around), both in units of
+    what the signal usually moves, where it moves visibly and the same way on both sides."""
+    around = ROWS_OF_SLOPE
+    at = twice[(twice > around) & (twice + around + 2 < values.size)]
+    bends = np.abs(np.diff(values, 2))
+    bends = bends[np.isfinite(bends)]
+    if not bends.size:
+        return np.zeros(0), np.zeros(0)
+    noise = float(np.median(bends)) / 0.6745 / np.sqrt(6.0)  # white noise of 1 bends by sqrt(6)
+    before = (values[at - 1] - values[at - 1 - around]) / around
+    after = (values[at + 2 + around] - values[at + 2]) / around
+    step, due = values[at + 1] - values[at], 0.5 * (before + after)
+    moves = (before * after > 0.0) & (np.abs(due) > MOVING * noise / around) & np.isfinite(step)
+    step, due = step[moves], due[moves]
+    size = float(np.sqrt(np.mean(due**2))) if due.size else 1.0
+    return step / size, due / size
+
+
+def _take_time(stamps: FloatArray) -> bool:
+    """Are the stamps around rows that share one as far apart as so many samples need?"""
+    steps = np.diff(stamps)
+    usual = float(np.median(steps[steps > 0.0]))
+    first, last = runs_of(steps == 0.0)
+    inner = (first > 0) & (last < steps.size)
+    first, last = first[inner], last[inner]
+    if not first.size:
+        return False
+    spare = (steps[first - 1] + steps[last] - 2.0 * usual) / ((last - first) * usual)
+    return float(np.median(spare)) >= 0.5
+
+
+def _spread(stamps: FloatArray) -> FloatArray:
+    """Stamps of samples that share one, moved apart to the side on which there is time, by a period
+    at most."""
+    made, steps = stamps.copy(), np.diff(stamps)
+    usual = float(np.median(steps[steps > 0.0]))
+    for first, last in zip(*runs_of(steps == 0.0), strict=True):
+        before = steps[first - 1] if first else 0.0
+        after = steps[last] if last < steps.size else 0.0
+        apart = min(max(before, after) / (last - first + 1), usual)
+        offsets = apart * np.arange(last - first + 1)
+        made[first : last + 1] += offsets if after > before else offsets - offsets[-1]
+    return made
+
+
 def rough_period(rows: Rows) -> float:
     """The sampling period (s) that most of the log shows, right to a few per mille; gaps and late
     stamps do not move it. DataError if the stamps tell none."""
     steps = np.concatenate([np.diff(rows.stamps[piece]) for piece in rows.pieces()])
     middle = float(np.median(steps)) if steps.size else 0.0
-    single = steps[steps < 1.7 * middle]
+    # a late stamp makes one step longer and the next shorter: leave out both or none
+    single = steps[np.abs(steps - middle) < 0.7 * middle]
     if (
         rows.blocks
         or middle <= 0.0

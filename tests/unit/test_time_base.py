@@ -11,7 +11,7 @@ import pytest
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.resampling import hold, smooth
-from pamid.ingest.stamps import Rows, count_samples, usable_rows
+from pamid.ingest.stamps import IntArray, Rows, count_samples, usable_rows
 from pamid.ingest.time_base import Cure, StampDiagnosis, diagnose_stamps, reconstructed_time_base
 
 T, N = 0.003, 12000
@@ -155,7 +155,7 @@ def test_missing_samples_are_counted_and_their_place_found(late: bool) -> None:
     assert wrong.sum() <= (0.01 * N if late else 0)
 
 
-def test_rows_written_twice_are_dropped_and_differing_ones_are_refused() -> None:
+def test_rows_written_twice_are_dropped() -> None:
     y = motion(K * T)
     twice = np.sort(np.concatenate([K, K[100:900:100]]))
     rows = usable_rows(twice * T, [y[twice]], "log.csv: t")
@@ -163,11 +163,66 @@ def test_rows_written_twice_are_dropped_and_differing_ones_are_refused() -> None
     assert [(r.what, r.count) for r in rows.repairs] == [("rows-repeated", 8)]
     other = y[twice].copy()
     other[101] += 1.0
-    with pytest.raises(
-        FileError, match=r"log.csv: t: the stamp 0\.3 s stands at data rows 101 and 102"
-    ):
-        usable_rows(twice * T, [other], "log.csv: t")
-    assert usable_rows(twice * T, [other], "log.csv: t", tolerant=True).keep.size == N + 8
+    rows = usable_rows(twice * T, [other], "log.csv: t")
+    assert rows.keep.size == N and 101 in rows.keep
+    assert [(r.what, r.count) for r in rows.repairs] == [
+        ("rows-repeated", 7),
+        ("stamps-repeated", 1),
+    ]
+
+
+def _repeated(share: float) -> IntArray:
+    """Rows, some of which come twice."""
+    again = np.flatnonzero(np.random.default_rng(7).random(N) < share)
+    return np.sort(np.concatenate([K, again]))
+
+
+REPEATED: dict[str, tuple[Callable[[], tuple[FloatArray, FloatArray]], str]] = {
+    # name: (instants of the rows, stamps), the repair
+    "readings of one instant": (
+        lambda: (_repeated(0.01) * T, _repeated(0.01) * T),
+        "stamps-repeated",
+    ),
+    "many readings of one instant": (
+        lambda: (_repeated(0.05) * T, _repeated(0.05) * T),
+        "stamps-repeated",
+    ),
+    "late, readings of one instant": (
+        lambda: (_repeated(0.01) * T, arriving(K * T)[_repeated(0.01)]),
+        "stamps-repeated",
+    ),
+    "late samples with the stamp of the one before": (
+        lambda: (K * T, _as_before(arriving(K * T))),
+        "stamps-shared",
+    ),
+    "samples faster than the clock": (
+        lambda: (0.99 * K * T, np.floor(0.99 * K) * T),
+        "stamps-shared",
+    ),
+}
+
+
+def _as_before(stamps: FloatArray) -> FloatArray:
+    at = np.flatnonzero(np.random.default_rng(8).random(N - 1) < 0.01) + 1
+    stamps = stamps.copy()
+    stamps[at] = stamps[at - 1]
+    return stamps
+
+
+@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize("name", REPEATED)
+def test_repeated_stamps_are_repaired_and_stretch_nothing(name: str, moving: bool) -> None:
+    true, stamps = REPEATED[name][0]()
+    noise = 0.01 * np.random.default_rng(9).standard_normal(true.size)
+    y = motion(true) + noise if moving else noise
+    rows = usable_rows(stamps, [y], "log.csv: t")
+    if moving or "faster" not in name:  # at rest nothing shows that samples lie between
+        assert [r.what for r in rows.repairs] == [REPEATED[name][1]]
+    base = reconstructed_time_base(rows, diagnose_stamps(rows, {"y": y}), "late-stamps", None)
+    assert sum(repair.count for repair in base.repairs) <= 1
+    assert base.instants[-1] - base.instants[0] == pytest.approx(true[-1] - true[0], abs=3.0 * T)
+    error = base.instants - base.instants[0] - true[rows.keep] + true[rows.keep[0]]
+    assert np.abs(error).max() < 3.0 * T
 
 
 def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
