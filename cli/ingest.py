@@ -14,7 +14,7 @@ from .terminal import aside, progress_line, quoted
 
 PLACE = 30
 EXAMPLE = """
-pamid ingest --guess data/example/joint.csv --pressures gauge --output map.toml
+pamid ingest --guess data/example/joint.csv --rig one-dof --pressures gauge --output map.toml
 pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 """
 
@@ -34,12 +34,19 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 @click.option(
     "--rig",
     help="Rig by name, or the path of a rig file (it is run). [default: the one the mapping names; "
-    "with --guess one-dof, or none where the log has other channels]",
+    "with --guess none: every channel under its own name]",
 )
 @click.option(
     "--pressures",
     type=click.Choice(["gauge", "absolute"]),
     help="What all pressures of the log are; where neither this nor the mapping says, it is asked.",
+)
+@click.option(
+    "--period",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Sampling period of a log without a clock; where neither this nor the mapping says it, it "
+    "is asked.",
 )
 @click.option(
     "--angles",
@@ -85,6 +92,7 @@ def command(
     guess: bool,
     rig: str | None,
     pressures: str | None,
+    period: float | None,
     angles: str | None,
     only: str | None,
     repair: str | None,
@@ -110,6 +118,7 @@ def command(
             raise UsageError("--guess takes one LOG and no --mapping.")
         asked = {
             "pressures": pressures,
+            "period": period,
             "angles": angles,
             "only": only or "",
             "kind": kind,
@@ -130,6 +139,7 @@ def command(
             mapping,
             rig=rig,
             pressures=pressures,
+            period=period,
             repair=repair,
             known=parse_known(known),
             kind=kind,

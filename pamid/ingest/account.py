@@ -46,7 +46,10 @@ def outputs_for(
     folder takes the logs' own names. FileError if two would be the same file."""
     counts = [len(conversion.recordings) for conversion in conversions]
     if as_folder:
-        stems = [output / conversion.log.path.stem for conversion in conversions]
+        stems = [
+            output / "-".join(filter(None, (conversion.log.path.stem, conversion.log.part)))
+            for conversion in conversions
+        ]
         paths = [_numbered(stem, count) for stem, count in zip(stems, counts, strict=True)]
     else:
         every = _numbered(output.with_suffix(""), sum(counts))

@@ -9,6 +9,8 @@ from pathlib import Path
 from pamid.base.errors import FileError, listed, nearest
 from pamid.base.metrics import FloatArray
 
+ANY = "*"  # stands in a name for the part of a log that a channel is in
+
 
 @dataclass(frozen=True)
 class RobotValue:
@@ -47,12 +49,13 @@ class Channel:
 @dataclass(frozen=True, eq=False)
 class Log:
     """What a reader found. details: what it decided, in words (encoding, delimiter, header lines,
-    which stamps)."""
+    which stamps). part: which of several recordings in the file it is, "" for all of it."""
 
     path: Path
     kind: str  # "csv", "mat", "tdms", "mdf", "ros", "parquet", "hdf5", ...
     channels: tuple[Channel, ...]
     details: tuple[str, ...] = ()
+    part: str = ""
 
     def channel(self, name: str) -> Channel:
         """The channel `name`; FileError with the nearest name if there is none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping as Mapped
 from collections.abc import Sequence
@@ -22,10 +23,11 @@ from pamid.ingest.account import (
     write_conversions,
 )
 from pamid.ingest.conversion import Conversion, convert
-from pamid.ingest.guessed_mapping import GuessedMapping, guess_of, guess_without_rig, has_all
+from pamid.ingest.guessed_mapping import Answers, GuessedMapping, guess_of
 from pamid.ingest.log_reader import read_log
-from pamid.ingest.mapping import Repair, load_mapping
+from pamid.ingest.mapping import Repair, load_mapping, named_by_units
 from pamid.ingest.memory_budget import limited_memory
+from pamid.ingest.parts import parted
 from pamid.model.registry import RigLike, catalogue_rig, name_of, rig_given, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of
@@ -98,6 +100,7 @@ def ingest(
     *,
     rig: RigLike | None = None,
     pressures: str | None = None,
+    period: float | None = None,
     repair: str | None = None,
     known: Mapped[str, float] | None = None,
     kind: str | None = None,
@@ -114,6 +117,7 @@ def ingest(
     rig         by name, by the path of a rig file (it is run), or a Rig; default: the one that the
                 mapping names
     pressures   "gauge" or "absolute": what all of them are, where the mapping does not say it
+    period      sampling period in s of the recordings, over the mapping's time.period_s
     repair      how to mend uneven stamps, over the mapping's time.repair: "ask", "late-stamps",
                 "jittered-sampling" or "none"
     known       parameters of the rig known for these recordings, over the mapping's
@@ -134,13 +138,16 @@ def ingest(
     if repair is not None and repair not in CURES:
         raise UsageError(f"repair={repair!r}: take {', '.join(CURES)}.")
     file, target = Path(mapping), None if output is None else Path(output)
-    parsed = load_mapping(file, pressures)
+    parsed = load_mapping(file, pressures, _period(period))
     given = rig_given(rig)
     named = name_of(given) if given is not None else parsed.rig
     made = _rig(parsed.rig, file) if given is None else rig_named(given)
     parsed = parsed.model_copy(
         update={"rig": named, "known": {**parsed.known, **dict(known or {})}}
     )
+    parsed = named_by_units(parsed, made)
+    sources = [one.source for one in parsed.signals.values()]
+    sources += [parsed.time.source] if parsed.time.source is not None else []
     conversions = []
     with (
         limited_memory(memory_limit),
@@ -148,7 +155,10 @@ def ingest(
     ):
         for number, path in enumerate(paths):
             count(number, path.name)
-            conversions.append(convert(read_log(path, kind), parsed, made, str(file), repair or ""))
+            conversions += [
+                convert(part, parsed, made, str(file), repair or "")
+                for part in parted(read_log(path, kind), sources, str(file))
+            ]
     recordings, accounts = _kept(conversions, target, file, overwrite)
     notes = dict.fromkeys(note for conversion in conversions for note in conversion.notes)
     return IngestResult(
@@ -158,9 +168,10 @@ def ingest(
 
 def guess_mapping(
     log: PathLike,
-    rig: RigLike | None = "one-dof",
+    rig: RigLike | None = None,
     *,
     pressures: str | None = None,
+    period: float | None = None,
     known: Mapped[str, float] | None = None,
     angles: str | None = None,
     only: str = "",
@@ -172,9 +183,9 @@ def guess_mapping(
     """A first mapping of a log for a rig, as TOML with comments, to be looked through and
     corrected.
 
-    rig         as in `pamid.fit`; None: one-dof where the log has what that needs, else no rig, and
-                every channel under its own name
+    rig         as in `pamid.fit`; None: every channel under its own name
     pressures   "gauge" or "absolute": what all of them are; it is never guessed
+    period      sampling period in s of a log without a clock; it is never guessed
     known       parameters of the rig known for these recordings
     angles      "deg" or "rad": what all angles are in whose unit the log does not say
     only        of a log with several robots: text that the names of the channels to take contain
@@ -187,20 +198,24 @@ def guess_mapping(
     """
     if angles not in (None, "deg", "rad"):
         raise UsageError(f"angles={angles!r}: take deg or rad.")
+    answers = Answers(pressures or "", angles or "", _period(period), dict(known or {}))
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
-    given = rig_given(rig) or "one-dof"
-    made = rig_named(given)
+    given = rig_given(rig)
+    made, name = (None, "") if given is None else (rig_named(given), name_of(given))
     with limited_memory(memory_limit):
-        read = read_log(Path(log), kind)
-    if rig is None and not (known or only or has_all(read, made)):
-        found = guess_without_rig(read, pressures or "", angles or "")
-    else:
-        found = guess_of(read, name_of(given), made, pressures, known, angles, only)
+        found = guess_of(read_log(Path(log), kind), made, name, answers, only)
     found = replace(found, text=printable(found.text))
     if target is not None:
         write_atomically(target, found.text.encode())
     return found
+
+
+def _period(seconds: float | None) -> float | None:
+    """A sampling period that was said; UsageError for one that is none."""
+    if seconds is not None and not 0.0 < seconds < math.inf:
+        raise UsageError(f"period={seconds!r}: a sampling period in s is above 0.")
+    return seconds
 
 
 def _rig(name: str | None, mapping: Path) -> Rig | None:

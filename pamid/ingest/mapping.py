@@ -17,7 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationErro
 
 from pamid.base.errors import FileError, PamidError, nearest
 from pamid.base.toml_file import read_toml
-from pamid.base.units import NONE, is_unit, split_column, unit
+from pamid.base.units import NONE, is_unit, split_column, unit, with_unit
+from pamid.ingest.own_names import column_unit
 from pamid.ingest.source_units import (
     PRESSURE_DIMENSION,
     STANDARD_ATMOSPHERE_KPA,
@@ -104,11 +105,13 @@ class MappedSignal:
     events: bool
 
 
-def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
+def load_mapping(
+    path: Path, pressures: str | None = None, period_s: float | None = None
+) -> Mapping:
     """Read and check a mapping; FileError with the line (TOML) or the path of the key.
 
     pressures: "gauge" or "absolute" for every pressure of which the mapping does not say it;
-    FileError if it says the opposite of one.
+    FileError if it says the opposite of one. period_s: over its time.period_s.
     """
 
     def nearby() -> str:
@@ -120,6 +123,8 @@ def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
     tables = read_toml(path, nearby)
     if pressures is not None:
         _answer(tables.get("signals"), pressures, str(path))
+    if period_s is not None and isinstance(tables.setdefault("time", {}), dict):
+        tables["time"]["period_s"] = period_s
     return mapping_of(tables, str(path))
 
 
@@ -149,6 +154,14 @@ def _says_itself(text: Any) -> bool:
 
 def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
     """The mapping that TOML tables hold; `where` names them in errors."""
+    time = tables.get("time")
+    if isinstance(time, dict) and time.get("period_s") == UNANSWERED:
+        raise FileError(
+            f'{where}: time.period_s is "?": the log has no clock; say its sampling period in s.',
+            "For example period_s = 0.01 there, or --period 0.01. Where a channel holds the time, "
+            "name it in time.source.",
+            code="period",
+        )
     try:
         found = Mapping.model_validate(tables)
     except ValidationError as error:
@@ -197,6 +210,27 @@ def settle(
         hold = hold if one.interpolation is None else one.interpolation == "hold"
         made.append(_settle_one(column, one, hold, units.get(one.source, ""), where))
     return tuple(made)
+
+
+def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
+    """The mapping with the units that were answered in the names of its columns: `angle` in deg
+    becomes `angle_deg`. What the rig calls by a name without unit stays."""
+    wanted = () if rig is None else (*rig.inputs, *rig.outputs, *(k.reference for k in rig.loops))
+    stems = {split_column(name)[0] for name in wanted}
+    names: dict[str, str] = {}
+    for column, one in mapping.signals.items():
+        symbol = NONE
+        plain = split_column(column)[1] == NONE and column not in stems
+        if plain and one.unit is not None and one.scale is None and is_readable(one.unit):
+            symbol = column_unit(one.unit) if any(read_unit(one.unit).dimension) else NONE
+        name = with_unit(column, symbol)
+        names[column] = column if name in (*mapping.signals, *names.values()) else name
+    return mapping.model_copy(
+        update={
+            "signals": {names[column]: one for column, one in mapping.signals.items()},
+            "between": {names[column]: way for column, way in mapping.between.items()},
+        }
+    )
 
 
 def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pamid.base.errors import PamidError
 from pamid.base.units import NONE, known_symbols, split_column, unit, with_unit
 from pamid.ingest.channel_words import meanings, tokens
-from pamid.ingest.channels import Channel
+from pamid.ingest.channels import ANY, Channel
 from pamid.ingest.source_units import is_readable, read_unit
 
 #: of units alike the ones that recordings mostly have
@@ -18,14 +18,17 @@ _PER_TIME = (0, 0, -1, 0, 0, 0)
 _LATIN = str.maketrans({"а": "a", "е": "e", "о": "o", "с": "c", "р": "p", "х": "x"})
 
 
-def own_columns(channels: Sequence[Channel]) -> dict[str, tuple[Channel, str]]:
+def own_columns(channels: Sequence[Channel], angles: str = "") -> dict[str, tuple[Channel, str]]:
     """Column -> (channel, unit in which the log has it, "" where it does not say); of two that
-    would be called alike the second is numbered."""
+    would be called alike the second is numbered. angles: unit of those whose unit the log does not
+    say."""
     found: dict[str, tuple[Channel, str]] = {}
     for channel in channels:
         text = logged_unit(channel)
-        symbol = _symbol(text) if text else NONE
-        stem, count = _stem(channel, symbol), 1
+        if not text and meanings(channel.name.rpartition("/")[2]) == {"angle"}:
+            text = angles
+        symbol = column_unit(text) if text else NONE
+        stem, count = _stem(channel), 1
         column = with_unit(stem, symbol)
         while column in found:
             count += 1
@@ -44,8 +47,8 @@ def logged_unit(channel: Channel) -> str:
     return TURNS if turns else text
 
 
-def _symbol(text: str) -> str:
-    """The unit of a column that is of the same size, else that of SI."""
+def column_unit(text: str) -> str:
+    """The unit of a column for what a log has in this unit: of the same size, else that of SI."""
     wanted = read_unit(text)
     for same_size in (True, False):
         for symbol in (*FIRST, *known_symbols()):
@@ -59,9 +62,12 @@ def _symbol(text: str) -> str:
         return NONE
 
 
-def _stem(channel: Channel, symbol: str) -> str:
-    """ "Winkel Abtrieb" -> "winkel_abtrieb"; what only stands for the unit goes."""
-    name = channel.name.rpartition("/")[2]
+def _stem(channel: Channel) -> str:
+    """ "Winkel Abtrieb" -> "winkel_abtrieb", "data/1" -> "data_1"; what only stands for the unit
+    goes."""
+    group, _, name = channel.name.rpartition("/")
+    if name.isdigit():
+        name = f"{group.rpartition('/')[2].strip(ANY)}_{name}"
     stem = split_column(name)[0] if split_column(name)[1] != NONE else name
     words = [w.translate(_LATIN) for w in tokens(stem)]
     plain = [w for w in words if w.isascii()] or ["channel"]

@@ -203,7 +203,7 @@ def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty: str, tmp_pa
     (tmp_path / "log.csv").write_text(
         f'time,"angle {quoted} [deg]","{quoted} [{quoted}]"\n{rows}', encoding="utf-8", newline=""
     )
-    found = guess_of(read_log(tmp_path / "log.csv"), "one-dof", catalogue_rig("one-dof"))
+    found = guess_of(read_log(tmp_path / "log.csv"), catalogue_rig("one-dof"), "one-dof")
     told = tomllib.loads(found.text)
     assert told["rig"] == "one-dof" and set(told) <= {
         "rig",

@@ -178,7 +178,8 @@ def test_guess_then_ingest_gives_the_recording_back(
 ) -> None:
     t = np.arange(N) * T
     write_recording("known.csv", t, plant(t), {"recording": {"loop": "closed"}})
-    code, said = ran(capsys, "--guess", "known.csv", "--output", "map.toml")
+    guess = ("--guess", "known.csv", "--rig", "one-dof")
+    code, said = ran(capsys, *guess, "--output", "map.toml")
     assert code == 0 and said["open"] == [
         "signals.pressure_1_kpa.pressure",
         "signals.pressure_2_kpa.pressure",
@@ -203,7 +204,7 @@ def test_guess_then_ingest_gives_the_recording_back(
     before, after = read_recording("known.csv"), read_recording("rec.csv")
     assert after.columns.keys() == before.columns.keys()
     assert all((after.columns[c] == before.columns[c]).all() for c in before.columns)
-    assert frame.run(["ingest", "--guess", "known.csv"]) == 0
+    assert frame.run(["ingest", *guess]) == 0
     assert capsys.readouterr().out == Path("map.toml").read_text()
 
 

@@ -13,7 +13,7 @@ from pamid.base.errors import FileError
 from pamid.base.units import unit
 from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
-from pamid.ingest.guessed_mapping import guess_of
+from pamid.ingest.guessed_mapping import Answers, guess_of
 from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, settle, unknown_to
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
@@ -282,7 +282,10 @@ def guessed(*, p_unit: str = "bar", pressures: str | None = None) -> tuple[str, 
         Channel("T_Raum", np.full(n, 20.0), None, "°C"),
     )
     found = guess_of(
-        Log(Path("log.csv"), "csv", channels, ("decimal\ncomma",)), "one-dof", ONE_DOF, pressures
+        Log(Path("log.csv"), "csv", channels, ("decimal\ncomma",)),
+        ONE_DOF,
+        "one-dof",
+        Answers(pressures or ""),
     )
     return found.text, found.open
 

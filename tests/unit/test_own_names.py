@@ -12,7 +12,7 @@ from pamid_cli import frame
 import pamid
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Channel
-from pamid.ingest.guessed_mapping import guess_without_rig
+from pamid.ingest.guessed_mapping import guess_of
 from pamid.ingest.log_reader import read_log
 from pamid.ingest.own_names import own_columns
 from pamid.recording.recording import read_recording
@@ -82,11 +82,13 @@ def test_from_a_strangers_log_to_a_rig_of_ones_own(
     assert [c["stands_for"] for c in said["columns"]] == ["torque_nm", "angle_deg"]
 
 
-def test_a_joint_is_still_guessed_as_one_and_what_is_asked_for_is_done(tmp_path: Path) -> None:
+def test_only_a_rig_that_is_named_is_mapped_to(tmp_path: Path) -> None:
     joint = Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv"
-    assert 'rig = "one-dof"' in pamid.guess_mapping(joint, None).text
+    guessed = pamid.guess_mapping(joint)
+    assert '\nrig = "one-dof"' not in guessed.text and guessed.mapped == guessed.channels == 7
     log = strangers_log(tmp_path)
-    assert 'rig = "one-dof"' in pamid.guess_mapping(log, "one-dof").text
+    guessed = pamid.guess_mapping(log, "one-dof")
+    assert 'rig = "one-dof"' in guessed.text and "M_soll" in guessed.notes[-1]
     with pytest.raises(FileError):
         pamid.new_rig(log, output=tmp_path / "mine.py")
 
@@ -123,7 +125,7 @@ def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
     )
     path = tmp_path / "lab.csv"
     path.write_text("Time (s),Heater,Sensor (degC)\n" + rows, encoding="utf-8")
-    text = guess_without_rig(read_log(path)).text
+    text = guess_of(read_log(path)).text
     heater, sensor = text.partition("[signals.heater]")[2].split("[signals.sensor_degc]")
     assert 'interpolation = "hold"' in heater and "interpolation" not in sensor
-    assert "name the unit" in heater
+    assert 'unit = "?"' in heater

@@ -11,7 +11,7 @@ from mechanisms import TREE, TWO
 
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Channel, Log, RobotValue
-from pamid.ingest.guessed_mapping import GuessedMapping, guess_of
+from pamid.ingest.guessed_mapping import Answers, GuessedMapping, guess_of
 from pamid.ingest.mapping import load_mapping
 from pamid.model.rig import Rig
 from pamid.simulators.kinds.mujoco import rig_of
@@ -73,7 +73,7 @@ def sources(found: GuessedMapping, folder: Path) -> dict[str, str]:
 def test_joints_are_known_by_their_names(tmp_path: Path, shoulder: str, elbow: str) -> None:
     states = [("/joint_states", joint, "position", False) for joint in (elbow, shoulder)]
     sent = [("/commands", joint, "effort", True) for joint in (elbow, shoulder)]
-    found = guess_of(of_robot(*states, *sent), "arm.xml", model(tmp_path))
+    found = guess_of(of_robot(*states, *sent), model(tmp_path), "arm.xml")
     assert not found.open and not found.notes
     assert sources(found, tmp_path) == {
         "m1_command": f"/commands/effort/{shoulder}",
@@ -91,7 +91,7 @@ def test_numbers_alone_are_no_ending(tmp_path: Path) -> None:
         ("/joint_states", "joint_1", "position", False),
         ("/joint_states", "wheel_2", "position", False),
     )
-    found = guess_of(log, "arm.xml", model(tmp_path, numbered))
+    found = guess_of(log, model(tmp_path, numbered), "arm.xml")
     assert list(sources(found, tmp_path)) == ["joint1_angle_rad"]
 
 
@@ -105,7 +105,7 @@ def test_numbers_alone_are_no_ending(tmp_path: Path) -> None:
     ],
 )
 def test_the_order_of_mujocos_own_vectors(tmp_path: Path, names: tuple[str, ...]) -> None:
-    found = guess_of(plain(*names[::-1]), "arm.xml", model(tmp_path))
+    found = guess_of(plain(*names[::-1]), model(tmp_path), "arm.xml")
     columns = ("shoulder_angle_rad", "elbow_angle_rad", "m1_command", "m2_command")
     assert sources(found, tmp_path) == dict(zip(columns, names, strict=True))
     assert not found.open  # MuJoCo counts in rad
@@ -115,15 +115,15 @@ def test_places_are_the_models_own(tmp_path: Path) -> None:
     """Sensors that pamid cannot read, and vectors that are too short, move nothing."""
     rig = model(tmp_path, TREE.replace("<sensor>", "<sensor><subtreecom body='cart'/>"))
     values = [f"sensordata/{k + 1}" for k in range(rig.vector_sizes["sensordata"])]
-    found = sources(guess_of(plain(*values), "arm.xml", rig), tmp_path)
+    found = sources(guess_of(plain(*values), rig, "arm.xml"), tmp_path)
     assert found["clipped_rad"] == values[-1] and "sensordata/1" not in found.values()
     with pytest.raises(FileError, match="none of its names is in the model"):
-        guess_of(plain(*values[:-1]), "arm.xml", rig)
+        guess_of(plain(*values[:-1]), rig, "arm.xml")
 
 
 def test_plain_columns_say_joint_and_quantity(tmp_path: Path) -> None:
     log = plain("elbow_pos", "shoulder_pos", "elbow_cmd", "m1", "gripper_pos")
-    found = guess_of(log, "arm.xml", model(tmp_path), angles="deg")
+    found = guess_of(log, model(tmp_path), "arm.xml", Answers(angles="deg"))
     assert sources(found, tmp_path) == {
         "m1_command": "m1",
         "m2_command": "elbow_cmd",
@@ -140,12 +140,12 @@ def test_strangers_are_refused_with_the_nearest_names(tmp_path: Path) -> None:
         ("/joint_states", "elbw", "position", False),
     )
     with pytest.raises(FileError) as caught:
-        guess_of(log, "arm.xml", model(tmp_path))
+        guess_of(log, model(tmp_path), "arm.xml")
     assert caught.value.code == "joints"
     assert "the log has shoulder_lift, elbw, the model shoulder, elbow" in caught.value.message
     assert "'shoulder_lift' for 'shoulder', 'elbw' for 'elbow'" in caught.value.hint
     with pytest.raises(FileError, match="the log has hip, knee"):
-        guess_of(plain("hip_pos", "knee_pos"), "arm.xml", model(tmp_path))
+        guess_of(plain("hip_pos", "knee_pos"), model(tmp_path), "arm.xml")
 
 
 def test_what_is_left_over_on_either_side_is_said(tmp_path: Path) -> None:
@@ -155,11 +155,11 @@ def test_what_is_left_over_on_either_side_is_said(tmp_path: Path) -> None:
         ("/goals", "shoulder", "position", True),
         ("/goals", "elbow_flex", "position", True),
     )
-    notes = guess_of(log, "arm.xml", model(tmp_path)).notes
+    notes = guess_of(log, model(tmp_path), "arm.xml").notes
     assert any("m1_command" in n and "sends a position to shoulder" in n for n in notes)
     assert any("elbow_angle_rad" in n and "'elbow_flex' for 'elbow'" in n for n in notes)
     assert notes[-1] == "in the log, not in the model: elbow_flex."
-    servo = guess_of(log, "arm.xml", model(tmp_path, SERVOS))
+    servo = guess_of(log, model(tmp_path, SERVOS), "arm.xml")
     assert sources(servo, tmp_path)["m1_command_rad"] == "/goals/position/shoulder"
 
 
@@ -171,13 +171,13 @@ def test_two_robots_are_told_apart_by_the_user(tmp_path: Path) -> None:
     ]
     rig, log = model(tmp_path), of_robot(*both)
     with pytest.raises(FileError, match="more than one robot") as caught:
-        guess_of(log, "arm.xml", rig)
+        guess_of(log, rig, "arm.xml")
     assert caught.value.hint.endswith("--only left")
-    found = sources(guess_of(log, "arm.xml", rig, only="right"), tmp_path)
+    found = sources(guess_of(log, rig, "arm.xml", only="right"), tmp_path)
     wanted = {f"/right/joint_states/position/{joint}" for joint in ("shoulder", "elbow")}
     assert set(found.values()) == wanted
     with pytest.raises(FileError, match="no channel's name contains 'rigth'.*'right'"):
-        guess_of(log, "arm.xml", rig, only="rigth")
+        guess_of(log, rig, "arm.xml", only="rigth")
 
 
 def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> 
         for joint in ("shoulder", "elbow")
         for quantity in ("position", "effort")
     ]
-    found = guess_of(of_robot(*values), "arm.xml", model(tmp_path, SERVOS))
+    found = guess_of(of_robot(*values), model(tmp_path, SERVOS), "arm.xml")
     made = sources(found, tmp_path)
     assert made["m2_command"] == "/joint_states/effort/elbow"
     assert "m1_command_rad" not in made

@@ -1,0 +1,199 @@
+"""The clock of a log, as far as the log shows it: the channel with the stamps, their unit, and what
+they look like. A sampling period that the log does not show is asked for, never assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pamid.base.errors import PamidError
+from pamid.base.metrics import FloatArray
+from pamid.base.units import NONE, split_column, unit
+from pamid.ingest.channel_words import meanings, tokens
+from pamid.ingest.channels import Channel
+from pamid.ingest.conversion import round_period
+from pamid.ingest.mapping import UNANSWERED
+from pamid.ingest.source_units import is_readable, read_unit
+from pamid.ingest.stamps import usable_rows
+from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
+from pamid.recording.recording import toml_string
+
+BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
+_LIKELY_UNITS = ("s", "ms", "us", "ns", "min")
+_TIME = unit("s").dimension
+_RISING = 0.98  # share of steps that a clock does not go back
+_EVEN = 0.5  # of the usual step: how far half of the steps of an unnamed clock stray at most
+FEWEST_STAMPS = 10  # distinct ones
+# s since 1970, from 2001 to 2100, of samples an hour apart at most
+SINCE_1970, EPOCH_STEP_S = (1e9, 4.1e9), 3600.0
+FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clock in s
+#: what clocks are called whose name says their unit
+_UNIT_WORDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "tout"), "s"),
+    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "micros", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
+    **dict.fromkeys(("minute", "minutes"), "min"),
+    **dict.fromkeys(("hour", "hours"), "h"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ClockGuess:
+    """The channel with the stamps (None: channels have their own, or there is none), its unit ("?":
+    unknown), the stamps in s, and what was found out about them."""
+
+    source: Channel | None
+    unit: str
+    stamps: FloatArray | None
+    reason: str = ""
+    found: StampDiagnosis | None = None
+    trouble: str = ""
+
+    def period(self, usual: float | None) -> float | None:
+        """The sampling period (s) that the stamps show, the usual one of the rig where they agree;
+        None where they do not show it."""
+        if self.found is None or self.unit == UNANSWERED:
+            return None
+        if usual is not None and abs(self.found.period / usual - 1.0) < 1e-3:
+            return usual
+        return round_period(self.found.period)
+
+
+def guess_clock(channels: Sequence[Channel], usual: float | None) -> ClockGuess:
+    """The clock among channels that share the log's rows. usual: sampling period of the rig in s,
+    None where no rig is named."""
+    scored = [(_likeness(channel), -i) for i, channel in enumerate(channels)]
+    best, place = max(scored, default=(0, 0))
+    if best == 0:
+        return ClockGuess(None, "s", None)
+    source = channels[-place]
+    symbol, reason = _unit_of(source, usual)
+    factor = read_unit(symbol).factor if symbol != UNANSWERED else 1.0
+    first = source.values[np.isfinite(source.values)][0]
+    return ClockGuess(source, symbol, (source.values - first) * factor, reason)
+
+
+def counts_rows(values: FloatArray) -> bool:
+    """Is it the number of the row?"""
+    return values.size > 1 and bool((np.diff(values) == 1.0).all())
+
+
+def _likeness(channel: Channel) -> int:
+    """How much a channel is like a clock: 2 by name or unit, one more where it also runs evenly;
+    0 not at all."""
+    values = channel.values[np.isfinite(channel.values)]
+    if values.size <= FEWEST_STAMPS:
+        return 0
+    steps = np.diff(values)
+    if np.mean(steps >= 0.0) <= _RISING or np.unique(values).size < FEWEST_STAMPS:
+        return 0
+    name = channel.name.rpartition("/")[2]
+    logged = read_unit(channel.unit) if channel.unit and is_readable(channel.unit) else None
+    usual = float(np.median(steps))
+    even = float(np.median(np.abs(steps - usual))) <= _EVEN * usual
+    runs = even and usual > 0.0 and float(np.mean(steps > 0.0)) > _RISING
+    if logged is not None and any(logged.dimension):
+        return 2 + runs if logged.dimension == _TIME else 0
+    if "time" in meanings(name) or _named_unit(name):
+        return 2 + runs
+    other = meanings(name) or split_column(name)[1] != NONE
+    return int(runs and not other and not counts_rows(values))
+
+
+def _named_unit(name: str) -> str:
+    """The unit that the name of a clock says; "" if it says none."""
+    suffix = split_column(name)[1]
+    if unit(suffix).dimension == _TIME:
+        return suffix
+    words = tokens(name)
+    return _UNIT_WORDS.get(words[-1], "") if words else ""
+
+
+def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
+    """(unit of the stamps or "?", how it is known)."""
+    name = channel.name.rpartition("/")[2]
+    if channel.unit and is_readable(channel.unit) and read_unit(channel.unit).dimension == _TIME:
+        return channel.unit, ""
+    if named := _named_unit(name):
+        return named, "by the channel's name"
+    values = channel.values[np.isfinite(channel.values)]
+    steps = np.diff(values)
+    step, level = float(np.median(steps[steps > 0.0])), float(np.median(values))
+    low, high = SINCE_1970
+    for symbol in ("s", "ms", "us", "ns"):
+        factor = read_unit(symbol).factor
+        if low <= level * factor <= high and step * factor <= EPOCH_STEP_S:
+            return symbol, "it counts from 1970"
+    if usual is not None:
+        for symbol in _LIKELY_UNITS:
+            ratio = step * read_unit(symbol).factor / usual
+            if 1.0 / BELIEVED_WITHIN < ratio < BELIEVED_WITHIN:
+                return symbol, "by the spacing"
+    elif "time" in meanings(name) and step < FRACTION_S:
+        return "s", f"by the spacing of {step:.4g}"
+    return UNANSWERED, f'the log does not say it; stamps are {step:.4g} apart: "s", "ms" ...?'
+
+
+def diagnosed(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:
+    """The clock with what its stamps look like, judged by the channels that seem to be measured;
+    where the log's rows have no clock, that of the first channel with stamps."""
+    stamps, moving = clock.stamps, [c for c in measured if c.stamps is None]
+    if stamps is None:
+        stamps = next((c.stamps for c in measured if c.stamps is not None), None)
+        if stamps is None:
+            return clock
+        moving = [
+            c
+            for c in measured
+            if c.stamps is not None and np.array_equal(c.stamps, stamps, equal_nan=True)
+        ]
+    try:
+        rows = usable_rows(stamps, [c.values for c in moving], "the stamps")
+        found = diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
+    except PamidError as error:
+        return replace(clock, stamps=stamps, trouble=str(error))
+    trouble = "; ".join(repair.detail for repair in rows.repairs)
+    return replace(clock, stamps=stamps, found=found, trouble=trouble)
+
+
+def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
+    """The [time] of a mapping. period: s, "?" where it is asked for, None where the stamps will
+    show it."""
+    lines = ["[time]"]
+    if clock.source is not None:
+        lines += [
+            f"source = {toml_string(clock.source.name)}",
+            f"unit = {toml_string(clock.unit)}" + (f"  # {clock.reason}" if clock.reason else ""),
+        ]
+    elif clock.stamps is not None:
+        lines.append("# channels have stamps of their own")
+    if period == UNANSWERED:
+        lines += [
+            "# no channel is a clock: rows are taken to be evenly spaced, by this period in s",
+            f"period_s = {toml_string(UNANSWERED)}",
+        ]
+    elif isinstance(period, float):
+        lines += [
+            f"period_s = {period!r}  # of the recording to write",
+            f"max_gap_s = {float(f'{GAP_PERIODS * period:.6g}')!r}  # longer gaps split the "
+            "recording",
+        ]
+    if clock.trouble:
+        lines.append(f"# {' '.join(clock.trouble.split())}")
+    if clock.found is not None:
+        lines.append(f"# {clock.found.why}")
+    if clock.found is not None and clock.found.state == "undecided":
+        lines += [
+            "# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
+            "# jittered-sampling: samples are taken when their stamps say, as in a loop on a PC",
+        ]
+    cure = clock.found.cure if clock.found is not None else None
+    repair = cure if cure not in (None, "none") else "ask"
+    return [
+        *lines,
+        f'repair = "{repair}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"',
+        "",
+    ]

@@ -1,0 +1,163 @@
+"""Several recordings in one log: the loops of a MAT file, the runs of a TDMS file, the episodes of
+a JSON log. Their channels have the same names but for one part, for which a mapping writes `*`:
+`loops/*/angle` is `loops/1/angle`, `loops/2/angle` ..., and one recording is made of each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pamid.base.errors import FileError, listed
+from pamid.ingest.channels import ANY, Channel, Log
+from pamid.ingest.guessed_clock import guess_clock
+
+_ENDING_NUMBER = re.compile(r"(.*?)(\d+)")
+SAME_PERIOD = 1e-3  # relative difference of two clocks of one kind
+OTHER_LENGTH = 0.02  # relative difference of two runs that are no channels of one recording
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Channels that a log has once per part: part -> (name with `*`, channel)."""
+
+    members: Mapping[str, Mapping[str, Channel]]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Those of the longest part, under their names with `*`."""
+        longest = max(self.members.values(), key=lambda part: max(_lengths(part.values())))
+        return tuple(replace(channel, name=name) for name, channel in longest.items())
+
+    def text(self) -> str:
+        """A sentence for the head of a mapping."""
+        return (
+            f"{len(self.members)} parts: {ANY} stands for {listed(self.members)}; one recording is "
+            "made of each"
+        )
+
+
+def parts_in(log: Log) -> tuple[Log, str]:
+    """The log with channels that it has once per part under one name with `*`, and a sentence about
+    them; the log itself and "" where it is one recording."""
+    parts = _found(log.channels)
+    if parts is None:
+        return log, ""
+    inside = {id(c) for part in parts.members.values() for c in part.values()}
+    others = [channel for channel in log.channels if id(channel) not in inside]
+    return replace(log, channels=(*parts.channels, *others)), parts.text()
+
+
+def parted(log: Log, sources: Iterable[str], where: str) -> list[Log]:
+    """One log per part where sources have a `*`, its channels under the names with `*`; else the
+    log itself.
+
+    `where` names the mapping in errors. FileError where nothing fits a source, or where a part
+    lacks a channel.
+    """
+    names = {channel.name for channel in log.channels}
+    patterns = [
+        source for source in dict.fromkeys(sources) if ANY in source and source not in names
+    ]
+    if not patterns:
+        return [log]
+    fits = {pattern: _fitting(pattern, log.channels) for pattern in patterns}
+    for pattern, members in fits.items():
+        if not members:
+            raise FileError(
+                f"{where}: {pattern!r} fits no channel of {log.path}.",
+                f"Its channels are: {listed(sorted(names))}.",
+                code="missing-channel",
+            )
+    keys = list(dict.fromkeys(key for members in fits.values() for key in members))
+    for key in keys:
+        for pattern, members in fits.items():
+            if key not in members:
+                raise FileError(
+                    f"{log.path}: part {key!r} has no {pattern.replace(ANY, key, 1)!r}.",
+                    f"Every part needs each of {listed(patterns)}; map it by itself otherwise.",
+                    code="missing-channel",
+                )
+    return [
+        replace(
+            log,
+            part=key,
+            channels=(
+                *(replace(members[key], name=pattern) for pattern, members in fits.items()),
+                *(channel for channel in log.channels if channel.name not in patterns),
+            ),
+        )
+        for key in keys
+    ]
+
+
+def _fitting(pattern: str, channels: Sequence[Channel]) -> dict[str, Channel]:
+    """What `*` stands for -> the channel, in the order of the log."""
+    before, _, after = pattern.partition(ANY)
+    text = re.compile(re.escape(before) + "([^/]+)" + re.escape(after))
+    matched = ((text.fullmatch(channel.name), channel) for channel in channels)
+    return {match[1]: channel for match, channel in matched if match}
+
+
+def _found(channels: Sequence[Channel]) -> Parts | None:
+    """The parts that hold most of the channels."""
+    families: dict[tuple[str, ...], dict[str, dict[str, Channel]]] = {}
+    for channel in channels:
+        for family, key, pattern in _places(channel.name):
+            families.setdefault(family, {}).setdefault(key, {})[pattern] = channel
+    best: Parts | None = None
+    most = 0
+    for members in families.values():
+        whole = {key: part for key, part in members.items() if len(part) > 1}
+        names = {frozenset(part) for part in whole.values()}
+        count = sum(map(len, whole.values()))
+        if len(whole) > 1 and len(names) == 1 and count > most and _apart(list(whole.values())):
+            best, most = Parts(whole), count
+    return best
+
+
+def _places(name: str) -> list[tuple[tuple[str, ...], str, str]]:
+    """(family, key, name with `*` for the key) wherever a name may say which part it belongs to: a
+    group, the number at the end of one, or that at the end of the name itself."""
+    groups = name.split("/")
+    places = []
+    for depth, group in enumerate(groups):
+        before, after = groups[:depth], groups[depth + 1 :]
+        match = _ENDING_NUMBER.fullmatch(group)
+        if match and match[1]:
+            family = ("number", *before, *([match[1]] if after else []))
+            places.append((family, match[2], "/".join([*before, match[1] + ANY, *after])))
+        if after:
+            places.append((("group", *before), group, "/".join([*before, ANY, *after])))
+    return places
+
+
+def _lengths(channels: Iterable[Channel]) -> set[int]:
+    return {channel.values.size for channel in channels}
+
+
+def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
+    """Are these recordings of their own, not channels of one? Rows of other lengths, or with a
+    clock each; stamps at other times, or of runs that last differently long."""
+    if all(channel.stamps is None for part in parts for channel in part.values()):
+        if any(len(_lengths(part.values())) > 1 for part in parts):
+            return False
+        lengths = [max(_lengths(part.values())) for part in parts]
+        clocks = [guess_clock(list(part.values()), None).source for part in parts]
+        return len(set(lengths)) > 1 or all(clock is not None for clock in clocks)
+    if any(channel.stamps is None for part in parts for channel in part.values()):
+        return False
+    runs = [next(iter(part.values())).stamps for part in parts]
+    stamps = [np.asarray(run) for run in runs if run is not None and run.size > 1]
+    if len(stamps) < len(parts):
+        return False
+    spans = sorted((float(run[0]), float(run[-1])) for run in stamps)
+    if all(one[1] < other[0] for one, other in zip(spans, spans[1:], strict=False)):
+        return True
+    periods = [float(np.median(np.diff(run))) for run in stamps]
+    like = max(periods) - min(periods) <= SAME_PERIOD * max(periods)
+    like = like and spans[-1][0] - spans[0][0] < max(periods)  # none says when it began
+    lasting = [high - low for low, high in spans]
+    return like and max(lasting) - min(lasting) > OTHER_LENGTH * max(lasting)
