@@ -409,7 +409,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     if few:
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
-        found.append(QualityIssue("short", (), "advice", few, hint, (), figures))
+        found.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
     for name in _asked(recording, rig):
         found += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]

@@ -212,6 +212,8 @@ def _clock(
         raise DataError(f"{place}: {error.message}", error.hint, code=error.code) from None
     if group.of_rows and mapping.time.source is not None:
         _require_plausible(found.period, mapping, rig, where)
+    elif group.of_rows:
+        found = replace(found, why="the log has no clock: its rows are time.period_s apart")
     if mapping.time.max_gap_s is not None and mapping.time.max_gap_s < 1.5 * found.period:
         raise FileError(
             f"{where}: time.max_gap_s is {mapping.time.max_gap_s:g}, but samples are "

@@ -36,6 +36,17 @@ class ColumnPieces:
     course: SampledColumn
     pieces: list[tuple[FloatArray, FloatArray]]
 
+    @property
+    def filled(self) -> int:
+        """Empty cells inside its pieces."""
+        if self.clock.found is None:
+            return 0
+        instants = self.clock.base.instants
+        inside = (np.searchsorted(instants, (t[0], t[-1])) for t, _ in self.pieces)
+        return int(sum(1 + last - first for first, last in inside)) - sum(
+            t.size for t, _ in self.pieces
+        )
+
     def coarser(self, step: float) -> bool:
         """True if samples `step` s apart are fewer than the column has, so that it is filtered
         first."""

@@ -33,6 +33,9 @@ _UNIT = re.compile(rf"{_ATOM}(?:(?:\s?[*/·⋅.]\s?| ){_ATOM})*$", re.IGNORECASE
 #: longer cells of a header are no units
 LONGEST_UNIT = 40
 _BRACKETED = re.compile(r"\s*[\[(<{]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])>}]$")
+_BEFORE_UNIT = re.compile(r"^(?:in|en|unit:?|einheit:?)\s+", re.IGNORECASE)
+#: share of the cells of a row that look like units, so that it is one of units
+MOST_UNITS = 0.5
 
 
 @dataclass(frozen=True)
@@ -274,9 +277,10 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     row = _padded(guess.rows[above], guess.width)
     units, notes = none, [f"names: line {above + 1}"]
     higher = next((index for index in range(above - 1, -1, -1) if any(guess.rows[index])), None)
-    if higher is not None and _is_unit_row(row) and _fits(guess.rows[higher], guess.width):
+    upper = guess.rows[higher] if higher is not None else []
+    if higher is not None and _fits(upper, guess.width) and _are_units(row, upper):
         units = [_bare(cell) for cell in row]
-        row = _padded(guess.rows[higher], guess.width)
+        row = _padded(upper, guess.width)
         notes = [f"names: line {higher + 1}; units: line {above + 1}"]
         above = higher
     pairs = [split_unit(name) for name in row]
@@ -292,12 +296,21 @@ def _padded(row: list[str], width: int) -> list[str]:
     return (row + [""] * width)[:width]
 
 
-def _is_unit_row(row: list[str]) -> bool:
+def _are_units(row: list[str], above: list[str]) -> bool:
+    """Are the cells of a row units of the names above? Most of them look so, and more than of the
+    names; a unit nobody knows, as counts, may stand among them."""
+    alike = [_share_of_units(cells) for cells in (row, above)]
+    return alike[0] >= MOST_UNITS and alike[0] > alike[1]
+
+
+def _share_of_units(row: list[str]) -> float:
     written = [cell for cell in row if cell]
-    return bool(written) and all(looks_like_unit(cell) for cell in written)
+    alike = [looks_like_unit(_bare(cell)) or _BRACKETED.fullmatch(cell) for cell in written]
+    return sum(map(bool, alike)) / max(1, len(alike))
 
 
 def _bare(cell: str) -> str:
+    """A unit without its brackets and the word before it: "[kPa]", "in kPa"."""
     match = _BRACKETED.fullmatch(cell)
-    unit = match["unit"] if match else cell
+    unit = _BEFORE_UNIT.sub("", match["unit"] if match else cell)
     return "" if unit == "-" else unit

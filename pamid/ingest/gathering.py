@@ -24,6 +24,8 @@ EXACT_INTEGERS = 2**53
 #: an array with more columns than this is no group of signals (an image, a Jacobian)
 MAX_COLUMNS = 64
 EXAMINED = 24  # bytes of a value while its channel is examined: differences, a sorted copy
+#: whole numbers in it count ns since 1970, from 2001 to 2100
+SINCE_1970 = (10**18, 41 * 10**17)
 #: names that one note lists
 MOST_NAMED = 100
 
@@ -63,7 +65,10 @@ class Gathering:
                 self.add(f"{name}/{column + 1}", array[:, column], stamps, unit)
             return
         if array.ndim != 1:
-            self.leave_out(name, "one number" if array.size == 1 else f"of shape {array.shape}")
+            if array.size == 1 and array.dtype.kind in "biuf":  # a setting, perhaps the period
+                self.leave_out(f"{name} = {float(array):.6g}", "one number")
+            else:
+                self.leave_out(name, f"of shape {array.shape}")
             return
         if array.size < 2:
             self.leave_out(name, "fewer than two values")
@@ -78,6 +83,12 @@ class Gathering:
         numbers, seconds, note = found
         if note:
             self.note(f"{name}: {note}")
+        if (
+            not unit
+            and array.dtype.kind in "iu"
+            and SINCE_1970[0] <= int(array[0]) <= SINCE_1970[1]
+        ):
+            unit = "ns"
         self.channels.append(Channel(name, numbers, stamps, "s" if seconds else unit, robot))
 
     def reserve(self, name: str, shape: Sequence[int], item_bytes: int) -> bool:

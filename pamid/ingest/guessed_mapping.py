@@ -106,7 +106,7 @@ def guess_of(
     notes += strangers
     if rig is None:
         taken = {
-            column: ChosenChannel(replace(channel, unit=text), by_own_name=True)
+            column: ChosenChannel(replace(channel, unit=text or channel.unit), by_own_name=True)
             for column, (channel, text) in own_columns(rest, answers.angles).items()
         }
         measured = rest
@@ -278,6 +278,11 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
     symbol, logged = split_column(column)[1], channel.unit.strip()
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
+    if chosen.by_own_name:
+        if counts_rows(channel.values):
+            return NONE, "it counts rows"
+        said = f"the log says {toml_string(logged)}; " if logged else ""
+        return UNANSWERED, f'{said}"deg" makes {column} a column {column}_deg; "1" is a ratio'
     if logged:
         return UNANSWERED, (
             f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale "
@@ -292,10 +297,6 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
                 return one, "as such logs have it" if symbol != NONE else ""
     if angles and unit(symbol).dimension in _TURNING:
         return angles + ("/s" if unit(symbol).dimension == _TURNING[1] else ""), "as you say"
-    if chosen.by_own_name:
-        if counts_rows(channel.values):
-            return NONE, "it counts rows"
-        return UNANSWERED, f'"deg" makes {column} a column {column}_deg; "1" is a ratio'
     if symbol == NONE:
         values = channel.values[np.isfinite(channel.values)]
         if values.size and np.abs(values).max() <= EQUAL_TO:

@@ -258,9 +258,11 @@ def _kept(
 
 
 def _lines(conversion: Conversion) -> list[str]:
-    """What was read of a log, and how its clocks were mended."""
+    """What was read of a log, how its clocks were mended, and which cells were filled."""
     log = conversion.log
-    lines = [f"{log.path.name} ({log.kind}): {'; '.join(log.details)}."]
+    part = f", part {log.part}" if log.part else ""
+    details = f": {'; '.join(log.details)}" if log.details else ""
+    lines = [f"{log.path.name}{part} ({log.kind}){details}."]
     for clock in conversion.clocks:
         if clock.found is not None:
             cure = "kept" if clock.cure == "none" else f"mended as {clock.cure}"
@@ -269,4 +271,10 @@ def _lines(conversion: Conversion) -> list[str]:
     if abs(conversion.stretch - 1.0) > 1e-6:
         ppm = 1e6 * (conversion.stretch - 1.0)
         lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
+    lines += [
+        f"  {column}: {track.filled} empty cells of {track.course.values.size} were filled "
+        + ("with the value before them" if track.course.signal.hold else "between their neighbours")
+        for column, track in conversion.tracks.items()
+        if track.filled
+    ]
     return lines

@@ -308,7 +308,8 @@ _EXAMPLES = {
 
 def _read(text: str, symbol: str, place: str) -> SourceUnit:
     if text == UNANSWERED:
-        hint = "For example " + _EXAMPLES.get(unit(symbol).quantity, '"1", "percent"') + "."
+        fitting = '"1", "percent"; the unit of a quantity becomes part of the column\'s name'
+        hint = "For example " + _EXAMPLES.get(unit(symbol).quantity, fitting) + "."
         raise FileError(
             f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit"
         )

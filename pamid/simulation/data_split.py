@@ -285,9 +285,8 @@ def shortfall(fit: Sequence[Span], held_out: Sequence[Span]) -> str:
 def shortfall_alone(recording: Recording) -> str:
     """Return why a recording is too short to be fitted and judged without another one; empty where
     it is not."""
-    edge = round(LAST_TENTHS[0] / 10 * len(recording))
-    few = shortfall([Span(recording, 0, edge)], [Span(recording, edge, len(recording))])
-    return few and f"by itself, {few}"
+    whole = [Span(recording, 0, len(recording))]
+    return shortfall(whole, []) if len(recording) < FEWEST_SAMPLES else ""
 
 
 def _divided(rig: Rig, recordings: Sequence[Recording]) -> tuple[list[Span], list[Span]]:

@@ -79,10 +79,12 @@ def test_check_and_diagnose_draw_the_same_line(tmp_path: Path) -> None:
         (recording,) = episodes(tmp_path, 1, samples)
         short = samples < FEWEST_SAMPLES
         assert bool(shortfall_alone(recording)) == short
-        assert ("short" in {issue.kind for issue in examine(recording, rig)}) == short
+        issues = [issue for issue in examine(recording, rig) if issue.kind == "short"]
+        assert [issue.severity for issue in issues] == (["wrong"] if short else [])
         if short:
-            with pytest.raises(DataError, match="too few to fit and judge"):
+            with pytest.raises(DataError, match="too few to fit and judge") as refused:
                 split_recordings(rig, [recording], [])
+            assert issues[0].message in refused.value.message
         else:
             split_recordings(rig, [recording], [])
 

@@ -1,0 +1,158 @@
+"""JSON logs as people write them: arrays of records, records of arrays, one record a line, and
+either of these nested in others, as `data[i].actions`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pamid.base.errors import FileError
+from pamid.ingest.cells import add_column
+from pamid.ingest.channels import Log
+from pamid.ingest.gathering import MAX_COLUMNS, Gathering
+from pamid.ingest.log_kinds import Kind
+from pamid.ingest.readers.text import decode
+
+OBJECT_BYTES = 12  # memory that a byte of the file takes as objects
+_UNIT_KEYS = ("unit", "units", "Unit", "Units")
+
+
+def read_json(path: Path) -> Log:
+    """Every array of numbers as a channel named by its keys, joined by "/"; the elements of a
+    record's short array are name/1, name/2 ... Times are channels like the others.
+
+    FileError for a file that is no JSON or holds no array of numbers.
+    """
+    gathering = Gathering(path)
+    gathering.budget.charge("its objects", 0, raw=OBJECT_BYTES * path.stat().st_size)
+    text, _ = decode(gathering.budget)
+    _enter(gathering, "", _parsed(gathering, text, path))
+    return gathering.log(path, "json")
+
+
+def _parsed(gathering: Gathering, text: str, path: Path) -> Any:
+    """The value in a file, or the list of those in its lines."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        whole = error
+    lines = [line for line in text.split("\n") if line.strip()]
+    try:
+        values = [json.loads(line) for line in lines[:-1]]
+        values += _last(gathering, lines[-1])
+    except json.JSONDecodeError:
+        values = []
+    if len(values) < 2:
+        raise FileError(
+            f"{path}, line {whole.lineno}: {whole.msg}: it is no JSON.",
+            "It may be cut or damaged there: export it again.",
+            code="damaged",
+        )
+    return values
+
+
+def _last(gathering: Gathering, line: str) -> list[Any]:
+    try:
+        return [json.loads(line)]
+    except json.JSONDecodeError:
+        gathering.note("the last line is cut: it is left out")
+        return []
+
+
+def _enter(gathering: Gathering, name: str, value: Any) -> None:
+    """Enter a value and all that is in it, under this name."""
+    if isinstance(value, dict):
+        _enter_record(gathering, name, value)
+    elif isinstance(value, list):
+        _enter_list(gathering, name, value)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        gathering.leave_out(f"{name} = {value:.6g}", "one number")
+    elif value is not None:
+        gathering.leave_out(name, "text" if isinstance(value, str) else "one value")
+
+
+def _enter_record(gathering: Gathering, name: str, record: dict[str, Any]) -> None:
+    arrays = [key for key, value in record.items() if isinstance(value, list)]
+    unit = next((record[k] for k in _UNIT_KEYS if isinstance(record.get(k), str)), "")
+    names = record.get("columns")
+    if isinstance(names, list) and _is_table(record.get("data"), len(names)):  # as pandas splits it
+        for column, key in enumerate(names):
+            _column(gathering, _inside(name, str(key)), [row[column] for row in record["data"]])
+    elif unit and len(arrays) == 1 and _is_plain(record[arrays[0]]):
+        _column(gathering, name or arrays[0], record[arrays[0]], unit)
+    elif len(record) > 1 and list(record) == [str(i) for i in range(len(record))]:
+        _enter_list(gathering, name, list(record.values()))  # pandas numbers the rows of a column
+    else:
+        for key, inside in record.items():
+            _enter(gathering, _inside(name, key), inside)
+
+
+def _enter_list(gathering: Gathering, name: str, values: list[Any]) -> None:
+    if _is_plain(values):
+        _column(gathering, name, values)
+    elif all(isinstance(one, dict) for one in values) and _are_rows(values):
+        keys = dict.fromkeys(key for one in values for key in one)
+        for key in keys:
+            _enter_list(gathering, _inside(name, key), [one.get(key) for one in values])
+    elif _is_record_column(values):  # some records lack it
+        _enter_list(gathering, name, [one if isinstance(one, dict) else {} for one in values])
+    elif width := _width(values):
+        for column in range(width):
+            cells = [None if row is None else row[column] for row in values]
+            _column(gathering, _inside(name, str(column + 1)), cells)
+    else:
+        for index, inside in enumerate(values):
+            _enter(gathering, _inside(name, str(index + 1)), inside)
+
+
+def _column(gathering: Gathering, name: str, cells: list[Any], unit: str = "") -> None:
+    import pandas
+
+    add_column(
+        gathering, name or "value", pandas.Series(cells), unit, ".", str(gathering.budget.path)
+    )
+
+
+def _inside(name: str, key: str) -> str:
+    return f"{name}/{key}" if name else key
+
+
+def _is_plain(values: Any) -> bool:
+    """Is it a list without further ones inside?"""
+    return isinstance(values, list) and not any(isinstance(one, list | dict) for one in values)
+
+
+def _is_table(rows: Any, width: int) -> bool:
+    return isinstance(rows, list) and all(_is_plain(row) and len(row) == width for row in rows)
+
+
+def _is_record_column(values: list[Any]) -> bool:
+    there = [one for one in values if one is not None]
+    return 0 < len(there) < len(values) and all(isinstance(one, dict) for one in there)
+
+
+def _are_rows(records: list[Any]) -> bool:
+    """Are these samples? Else they are recordings, with arrays of their own lengths."""
+    count = len(records)
+    for key in dict.fromkeys(key for one in records if isinstance(one, dict) for key in one):
+        inside = [one[key] for one in records if isinstance(one, dict) and key in one]
+        if any(isinstance(one, dict) for one in inside) and not _are_rows(inside):
+            return False
+        arrays = [one for one in inside if isinstance(one, list)]
+        if len({len(one) for one in arrays}) > 1:
+            return False
+        if any(len(one) >= count or not _is_plain(one) for one in arrays):
+            return False
+    return True
+
+
+def _width(values: list[Any]) -> int:
+    """Columns of rows of numbers; 0 where they are none."""
+    rows = [row for row in values if row is not None]
+    widths = {len(row) if _is_plain(row) else 0 for row in rows}
+    width = widths.pop() if len(widths) == 1 else 0
+    return width if 0 < width <= min(MAX_COLUMNS, len(values)) else 0
+
+
+KIND = Kind("json", (".json", ".jsonl", ".ndjson"), read_json)
