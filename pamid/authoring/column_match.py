@@ -10,21 +10,17 @@ from dataclasses import dataclass
 
 from pamid.base.errors import FileError, UsageError, listed, nearest
 from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column, unit
-from pamid.ingest.channel_words import meanings, number, tokens
+from pamid.ingest.channel_words import meanings
+from pamid.ingest.matcher import NO_FIT, RAW, Fit, best_pairs, column_fit
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 
-# how well a pair of columns fits
-SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
-UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
 UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
 ASKED = 0.45  # a drive's own set-point, for what it then makes
 DRIVEN = 0.25  # a drive's voltage or current for the force or torque that it makes
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
 UNRECORDED = 0.25  # weight of an output that was not recorded
-NO_PAIR = (0.0, "", False)
-_RAW = (unit("V").dimension, unit("A").dimension)
 _SPEEDS = ("velocity", "angular velocity")
 _MADE = {"force", "torque"}  # by what a drive is sent
 #: what a rig file leans on that can be copied: parts shared between rigs cannot
@@ -174,34 +170,13 @@ def roles_of(rig: type[Rig]) -> dict[str, str]:
     }
 
 
-def pair_score(found: str, wanted: str) -> tuple[float, str, bool]:
-    """How well a recorded column fits one of a rig (0 not at all), by what, and whether a gain has
-    to stand between them."""
-    (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
-    same = compatible(symbol, wanted_symbol)
-    if not same and (unit(symbol).dimension not in _RAW or wanted_symbol == NONE):
-        return NO_PAIR
-    given, asked = number(stem), number(wanted_stem)
-    if given and asked and given != asked:
-        return NO_PAIR
-    if ("reference" in meanings(stem)) != ("reference" in meanings(wanted_stem)):
-        return NO_PAIR
-    score, by = 0.0, ""
-    words = {w for w in tokens(stem) if not w.isdigit()}
-    if stem == wanted_stem:
-        score, by = SAME_NAME, "name"
-    elif words & set(tokens(wanted_stem)):
-        score, by = SHARED_WORD, "word"
-    elif meanings(stem) & meanings(wanted_stem):
-        score, by = SAME_MEANING, "word"
-    elif same and wanted_symbol != NONE:
-        score, by = SAME_UNIT, "unit"
-    if not same:
-        score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
-    return score, by, not same
+def pair_score(found: str, wanted: str) -> Fit:
+    """How well a recorded column fits one of a rig."""
+    stem, symbol = split_column(found)
+    return column_fit(stem, unit(symbol).dimension, wanted)
 
 
-def _driven(found: str, wanted: str) -> tuple[float, str, bool]:
+def _driven(found: str, wanted: str) -> Fit:
     """The same for what a drive is asked for, and for what is sent to it: nearly in proportion to
     the force or torque that it makes."""
     (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
@@ -210,9 +185,9 @@ def _driven(found: str, wanted: str) -> tuple[float, str, bool]:
         and wanted_symbol != NONE
         and compatible(symbol, wanted_symbol)
     ):
-        return ASKED, "word", False
-    sent = unit(symbol).dimension in _RAW and meanings(stem) & {"voltage", "current"}
-    return (DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_PAIR
+        return Fit(ASKED, "word", False)
+    sent = unit(symbol).dimension in RAW and meanings(stem) & {"voltage", "current"}
+    return Fit(DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_FIT
 
 
 def match_columns(
@@ -246,31 +221,19 @@ def match_columns(
         wanted: Pair(wanted, found, roles[wanted], "you", not _same(found, wanted), 1.0)
         for wanted, found in said.items()
     }
-    scored = sorted(
-        (
-            (
-                max(
-                    pair_score(found, wanted),
-                    _driven(found, wanted) if roles[wanted] == "input" else NO_PAIR,
-                ),
-                wanted,
-                found,
-            )
-            for wanted in roles
-            for found in recorded
-        ),
-        key=lambda one: -one[0][0],
-    )
-    for (score, by, scaled), wanted, found in scored:
-        used = {q.found for q in taken.values()}
-        moves = roles[wanted] == "output" or wanted in rig.ramped
-        if (
-            score > 0.0
-            and wanted not in taken
-            and found not in used
-            and not (moves and found in held)
-        ):
-            taken[wanted] = Pair(wanted, found, roles[wanted], by, scaled, score)
+    free = [found for found in recorded if found not in said.values()]
+    fits = {
+        (wanted, found): max(
+            pair_score(found, wanted),
+            _driven(found, wanted) if role == "input" else NO_FIT,
+        )
+        for wanted, role in roles.items()
+        for found in free
+        if wanted not in said and not ((role == "output" or wanted in rig.ramped) and found in held)
+    }
+    for wanted, found in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
+        score, by, scaled = fits[wanted, found]
+        taken[wanted] = Pair(wanted, found, roles[wanted], by, scaled, score)
     pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
     needed = [name for name in rig.inputs if name not in rig.optional]
     used = {q.found for q in pairs}

@@ -15,7 +15,6 @@ import numpy as np
 
 from pamid.base.errors import listed
 from pamid.base.units import NONE, quantity_of, split_column, unit
-from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.guessed_clock import (
     ClockGuess,
@@ -25,6 +24,7 @@ from pamid.ingest.guessed_clock import (
     guess_clock,
 )
 from pamid.ingest.mapping import UNANSWERED
+from pamid.ingest.matcher import SAME_NAME, best_pairs, column_fit
 from pamid.ingest.own_names import own_columns
 from pamid.ingest.parts import parts_in
 from pamid.ingest.robot_names import (
@@ -41,10 +41,8 @@ from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, moves_in_steps
 from pamid.recording.recording import toml_string
 
-WHOLE_NAME = 100  # score of a channel that is called as the column is
 PAUSE = 100.0  # times the usual step
 EQUAL_TO = 1.05  # what is sent stays within -1 to 1, or is in per cent
-_RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
 _SI = ("rad", "m", "rad/s", "m/s", "N m", "N", NONE)
 _TURNING = (unit("rad").dimension, unit("rad/s").dimension)
 
@@ -162,53 +160,29 @@ def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, Chosen
     named = fits_by_name(channels, rig)
     require_clear(named, channels, log)
     nameless = robot_values(channels) if rig.log_names else {}
-    scores = []
+    scores = {}
     for i, channel in enumerate(channels):
-        for j, column in enumerate(columns):
+        for column in columns:
             # a robot's own names say more than words for what is measured
             score = _score(channel, column)
-            if score < WHOLE_NAME and i in nameless:
-                score = 0
+            if score < SAME_NAME and i in nameless:
+                score = 0.0
             fit = named.get((i, column))
-            if score or fit:
-                scores.append((-max(score, fit.score if fit else 0), i, j))
-    taken: dict[int, int] = {}
-    for _, i, j in sorted(scores):
-        if i not in taken and j not in taken.values():
-            taken[i] = j
-    by_column = {
-        columns[j]: ChosenChannel(channels[i], named.get((i, columns[j]))) for i, j in taken.items()
+            scores[column, i] = max(score, fit.score / 100.0 if fit else 0.0)
+    taken = best_pairs(scores)
+    return {
+        column: ChosenChannel(channels[taken[column]], named.get((taken[column], column)))
+        for column in columns
+        if column in taken
     }
-    return {column: by_column[column] for column in columns if column in by_column}
 
 
-def _score(channel: Channel, column: str) -> int:
-    """How well a channel fits a column of the rig; 0 not at all."""
-    name, (stem, symbol) = channel.name.rpartition("/")[2], split_column(column)
-    if name == column or split_column(name)[0] == stem:
-        return WHOLE_NAME
-    target = next(
-        (
-            kind
-            for kind in ("reference", "command", *sorted(meanings(stem)))
-            if kind in meanings(stem)
-        ),
-        stem,
-    )
-    found, known = (
-        meanings(name),
-        read_unit(channel.unit) if is_readable(channel.unit) and channel.unit else None,
-    )
-    fits = known is not None and known.dimension == unit(symbol).dimension
-    score = 0
-    if target in found:
-        score = 60 if known is None or fits else (20 if known.dimension in _RAW else 0)
-    elif not found and fits and symbol != NONE:
-        score = 20  # nothing but its unit speaks for it
-    wanted, given = number(stem), number(name)
-    if not score or (wanted and given and wanted != given):
-        return 0
-    return score + (10 if wanted == given else 0)
+def _score(channel: Channel, column: str) -> float:
+    """How well a channel fits a column of the rig, by its unit in the log or in its name."""
+    stem, symbol = split_column(channel.name.rpartition("/")[2])
+    if channel.unit and is_readable(channel.unit):
+        return column_fit(stem, read_unit(channel.unit).dimension, column).score
+    return column_fit(stem, unit(symbol).dimension if symbol != NONE else None, column).score
 
 
 # ---- the text ----------------------------------------------------------------------------------

@@ -1,0 +1,69 @@
+"""How well a channel or a recorded column fits a column of a rig, by name and unit, and the best
+assignment of one to the other: one matcher for raw logs and for recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from typing import NamedTuple, TypeVar
+
+from pamid.base.units import NONE, Dimension, split_column, unit
+from pamid.ingest.channel_words import meanings, number, tokens
+
+# how well a pair fits; a robot's names have scores between (`pamid.ingest.robot_names`)
+SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
+UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
+RAW = (unit("V").dimension, unit("A").dimension)
+
+Given = TypeVar("Given", bound=Hashable)
+
+
+class Fit(NamedTuple):
+    """score: from 0, not at all, to 1; by: "name", "word" or "unit"; scaled: a gain has to stand
+    between them."""
+
+    score: float
+    by: str
+    scaled: bool
+
+
+NO_FIT = Fit(0.0, "", False)
+
+
+def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> Fit:
+    """How well what is called `stem` and measures this dimension (None: nobody says it) fits a
+    column of a rig."""
+    wanted_stem, wanted_symbol = split_column(wanted)
+    same = dimension in (None, unit(wanted_symbol).dimension)
+    if not same and (dimension not in RAW or wanted_symbol == NONE):
+        return NO_FIT
+    given, asked = number(stem), number(wanted_stem)
+    if given and asked and given != asked:
+        return NO_FIT
+    found, sought = meanings(stem), meanings(wanted_stem)
+    if ("reference" in found) != ("reference" in sought):
+        return NO_FIT
+    score, by = 0.0, ""
+    words = {word for word in tokens(stem) if not word.isdigit()}
+    if stem == wanted_stem:
+        score, by = SAME_NAME, "name"
+    elif dimension is None and found and sought and not found & sought:
+        return NO_FIT  # where no unit says it, the speed of a shoulder is not its angle
+    elif words & set(tokens(wanted_stem)):
+        score, by = SHARED_WORD, "word"
+    elif found & sought:
+        score, by = SAME_MEANING, "word"
+    elif dimension is not None and same and wanted_symbol != NONE:
+        score, by = SAME_UNIT, "unit"
+    if not same:
+        score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
+    return Fit(score, by, not same)
+
+
+def best_pairs(scores: Mapping[tuple[str, Given], float]) -> dict[str, Given]:
+    """Column of the rig -> what fits it, each once; best fits first, and of equal ones those that
+    come first."""
+    taken: dict[str, Given] = {}
+    for (column, given), score in sorted(scores.items(), key=lambda pair: -pair[1]):
+        if score > 0.0 and column not in taken and given not in taken.values():
+            taken[column] = given
+    return taken

@@ -1,0 +1,355 @@
+"""Raw logs of many kinds, as people send them: `pamid ingest --guess` maps each, or asks for what
+the log does not say."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+
+import pamid
+from pamid.base.errors import FileError
+from pamid.base.metrics import FloatArray
+from pamid.ingest.guessed_mapping import GuessedMapping
+from pamid.ingest.ingesting import IngestResult
+
+N, T = 1200, 0.02
+TIME = np.arange(N) * T
+_RANDOM = np.random.default_rng(3)
+DRIVE = np.repeat(_RANDOM.uniform(-2.0, 2.0, N // 20), 20)
+ANGLE = 3.0 * np.convolve(DRIVE, np.exp(-np.arange(300) / 30.0) / 30.0)[:N]
+ANGLE += 1e-3 * _RANDOM.standard_normal(N)
+LENGTHS = (800, 900, 1000, 700, 1100)
+
+
+def table(
+    path: Path, columns: Sequence[FloatArray], head: str = "", mark: str = ",", comma: str = "."
+) -> None:
+    rows = (
+        mark.join("" if value != value else f"{value:.15g}" for value in row).replace(".", comma)
+        for row in zip(*columns, strict=True)
+    )
+    path.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
+
+
+def matlab(path: Path, **variables: Any) -> None:
+    from scipy.io import savemat
+
+    savemat(path, variables)
+
+
+def records(stamps: FloatArray = TIME) -> list[dict[str, Any]]:
+    return [
+        {"t": float(t), "u": float(u), "angle_deg": float(y)}
+        for t, u, y in zip(stamps, DRIVE, ANGLE, strict=True)
+    ]
+
+
+def simulink(path: Path) -> None:
+    signals = [
+        {"values": DRIVE, "label": "drive", "dimensions": 1.0},
+        {"values": ANGLE, "label": "angle", "dimensions": 1.0},
+    ]
+    scope = {"time": TIME, "blockName": "rig/Scope", "signals": np.array(signals)}
+    matlab(path, ScopeData=scope)
+
+
+def tdms(path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as writer:
+        for run, length in (("Run1", 900), ("Run2", 1000)):
+            wave = {"wf_increment": T, "wf_start_offset": 0.0}
+            volts = {**wave, "unit_string": "V"}
+            degrees = {**wave, "unit_string": "deg"}
+            channels = [
+                nptdms.ChannelObject(run, "Drive", DRIVE[:length], volts),
+                nptdms.ChannelObject(run, "Angle", ANGLE[:length], degrees),
+            ]
+            writer.write_segment(channels)
+
+
+def parquet(path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    import pandas
+
+    stamps = pandas.to_datetime(1.7e9 + TIME, unit="s")
+    pandas.DataFrame({"when": stamps, "drive_v": DRIVE, "angle_deg": ANGLE}).to_parquet(path)
+
+
+def nested(path: Path) -> None:
+    """As a policy's rollouts are saved: data[i].actions."""
+    data = [
+        {"time": float(t), "actions": [float(u), float(-u)], "obs": {"angle": float(y)}}
+        for t, u, y in zip(TIME, DRIVE, ANGLE, strict=True)
+    ]
+    path.write_text(json.dumps({"robot": "arm", "data": data}))
+
+
+def episodes(path: Path) -> None:
+    parts = [
+        {key: values[:length].tolist() for key, values in (("t", TIME), ("angle_deg", ANGLE))}
+        for length in LENGTHS
+    ]
+    path.write_text(json.dumps({"episodes": parts}))
+
+
+def repeated() -> FloatArray:
+    stamps = TIME.copy()
+    at = np.flatnonzero(np.random.default_rng(8).random(N - 1) < 0.01) + 1
+    stamps[at] = stamps[at - 1]
+    return stamps
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A log: its file, how it is written, what `--guess` leaves open, and what is answered; then
+    its recordings: columns, lengths."""
+
+    file: str
+    write: Callable[[Path], Any]
+    columns: tuple[str, ...]
+    asked: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    period: float | None = None
+    lengths: tuple[int, ...] = (N,)
+    time_unit: str = ""
+
+
+SERIES = (TIME, DRIVE, ANGLE)
+LOGS = {
+    "two columns without a clock": Raw(
+        "dryer.dat",
+        lambda path: table(path, (DRIVE, ANGLE), mark=" "),
+        ("column_1_v", "column_2_degc"),
+        ("time.period_s", "signals.column_1.unit", "signals.column_2.unit"),
+        {"column_1": "V", "column_2": "degC"},
+        period=0.08,
+    ),
+    "the number of the row is no clock": Raw(
+        "counted.csv",
+        lambda path: table(path, (np.arange(N) * 1.0, DRIVE, ANGLE), "n,u_v,y_deg\n"),
+        ("n", "u_v", "y_deg"),
+        ("time.period_s",),
+        period=T,
+    ),
+    "a row of units": Raw(
+        "bench.csv",
+        lambda path: table(path, SERIES, "Time,Torque,Angle\n(sec),(Nm),(deg)\n"),
+        ("torque_n_m", "angle_deg"),
+    ),
+    "a row of units, one of them unknown": Raw(
+        "bench.csv",
+        lambda path: table(path, (*SERIES, 9.0 * ANGLE), "t,M,Winkel,Enc\ns,Nm,deg,counts\n"),
+        ("m_n_m", "winkel_deg", "enc"),
+        ("signals.enc.unit",),
+        {"enc": "1"},
+    ),
+    "semicolons and decimal commas": Raw(
+        "bench.csv",
+        lambda path: table(path, SERIES, "Zeit [s];Spannung [V];Winkel [°]\n", ";", ","),
+        ("spannung_v", "winkel_deg"),
+    ),
+    "milliseconds since 1970": Raw(
+        "node.csv",
+        lambda path: table(path, (1.7e12 + 1e3 * TIME, DRIVE, ANGLE), "stamp,u_v,angle_deg\n"),
+        ("u_v", "angle_deg"),
+    ),
+    "whole numbers called time": Raw(
+        "oven.csv",
+        lambda path: table(path, (np.arange(N) * 1.0, DRIVE, ANGLE), "time,heater_w,temp_degc\n"),
+        ("heater_w", "temp_degc"),
+        ("time.unit",),
+        time_unit="min",
+    ),
+    "repeated stamps": Raw(
+        "host.csv",
+        lambda path: table(path, (repeated(), DRIVE, ANGLE), "time_s,u_v,angle_deg\n"),
+        ("u_v", "angle_deg"),
+    ),
+    "a matrix with the time in a column, and a constant": Raw(
+        "data.mat",
+        lambda path: matlab(
+            path, Iz1=5.0 + 1e-7 * (np.arange(N) > 11), data=np.column_stack(SERIES), Ts=T
+        ),
+        ("iz_1_a", "data_2_v", "data_3_deg"),
+        ("time.unit", "signals.iz_1.unit", "signals.data_2.unit", "signals.data_3.unit"),
+        {"iz_1": "A", "data_2": "V", "data_3": "deg"},
+        time_unit="s",
+    ),
+    "five loops in a MAT file": Raw(
+        "loops.mat",
+        lambda path: matlab(
+            path,
+            loops=np.array([{"t": TIME[:n], "x_mm": ANGLE[:n], "f_n": DRIVE[:n]} for n in LENGTHS]),
+        ),
+        ("x_mm", "f_n"),
+        lengths=LENGTHS,
+    ),
+    "five loops as variables": Raw(
+        "loops.mat",
+        lambda path: matlab(
+            path,
+            **{f"t{k}": TIME[:n] for k, n in enumerate(LENGTHS, 1)},
+            **{f"x{k}": ANGLE[:n] for k, n in enumerate(LENGTHS, 1)},
+        ),
+        ("x_mm",),
+        ("signals.x.unit",),
+        {"x": "mm"},
+        lengths=LENGTHS,
+    ),
+    "Simulink's structure with time": Raw(
+        "scope.mat",
+        simulink,
+        ("drive_v", "angle_rad"),
+        ("signals.drive.unit", "signals.angle.unit"),
+        {"drive": "V", "angle": "rad"},
+    ),
+    "runs in the groups of a TDMS file": Raw(
+        "bench.tdms", tdms, ("drive_v", "angle_deg"), lengths=(900, 1000)
+    ),
+    "dates in Parquet": Raw("bench.parquet", parquet, ("drive_v", "angle_deg")),
+    "JSON, an array of records": Raw(
+        "log.json",
+        lambda path: path.write_text(json.dumps(records())),
+        ("u_v", "angle_deg"),
+        ("signals.u.unit",),
+        {"u": "V"},
+    ),
+    "JSON, a record of arrays": Raw(
+        "log.json",
+        lambda path: path.write_text(
+            json.dumps({"t": TIME.tolist(), "u_v": DRIVE.tolist(), "angle_deg": ANGLE.tolist()})
+        ),
+        ("u_v", "angle_deg"),
+    ),
+    "JSON, a record in each line": Raw(
+        "log.jsonl",
+        lambda path: path.write_text("\n".join(map(json.dumps, records(1.7e9 + TIME))) + "\n"),
+        ("u_v", "angle_deg"),
+        ("signals.u.unit",),
+        {"u": "V"},
+    ),
+    "JSON, nested": Raw(
+        "rollout.json",
+        nested,
+        ("actions_1_n_m", "actions_2_n_m", "angle_rad"),
+        ("signals.actions_1.unit", "signals.actions_2.unit", "signals.angle.unit"),
+        {"actions_1": "N m", "actions_2": "N m", "angle": "rad"},
+    ),
+    "JSON, episodes": Raw("episodes.json", episodes, ("angle_deg",), lengths=LENGTHS),
+}
+
+
+def answered(text: str, raw: Raw) -> str:
+    """The guessed mapping with the answers to what it asks."""
+    for column, unit in raw.units.items():
+        head, _, tail = text.partition(f"[signals.{column}]")
+        text = f"{head}[signals.{column}]" + tail.replace('"?"', json.dumps(unit), 1)
+    return text.replace('unit = "?"', f'unit = "{raw.time_unit}"', 1) if raw.time_unit else text
+
+
+def through(folder: Path, raw: Raw) -> tuple[GuessedMapping, IngestResult]:
+    log, mapping = folder / raw.file, folder / "map.toml"
+    raw.write(log)
+    guessed = pamid.guess_mapping(log)
+    mapping.write_text(answered(guessed.text, raw))
+    return guessed, pamid.ingest(log, mapping, period=raw.period)
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_a_raw_log_becomes_recordings(name: str, tmp_path: Path) -> None:
+    raw = LOGS[name]
+    guessed, made = through(tmp_path, raw)
+    assert set(guessed.open) == set(raw.asked)
+    assert "one-dof" not in guessed.text.replace("# rig", "")
+    assert [tuple(one.columns) for one in made.recordings] == [raw.columns] * len(raw.lengths)
+    period = raw.period or {"min": 60.0}.get(raw.time_unit, T)
+    assert [len(one) for one in made.recordings] == list(raw.lengths)
+    for recording in made.recordings:
+        assert recording.sampling_period_s == pytest.approx(period, rel=1e-9)
+        last = list(recording.columns)[-1]
+        wanted = {"f_n": DRIVE, "enc": 9.0 * ANGLE}.get(last, ANGLE)[: len(recording)]
+        assert recording.columns[last] == pytest.approx(wanted, abs=1e-6), last
+
+
+def test_an_unanswered_period_is_asked_for_like_a_unit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw = LOGS["two columns without a clock"]
+    raw.write(tmp_path / "dryer.dat")
+    mapping = tmp_path / "map.toml"
+    guess = ["ingest", "--guess", str(tmp_path / "dryer.dat"), "--output", str(mapping)]
+    assert frame.run(guess) == 0
+    assert "to be answered: time.period_s" in capsys.readouterr().out
+    tables = tomllib.loads(mapping.read_text())
+    assert tables["time"]["period_s"] == "?" and "max_gap_s" not in tables["time"]
+    with pytest.raises(FileError, match=r"time\.period_s is \"\?\"") as caught:
+        pamid.ingest(tmp_path / "dryer.dat", mapping)
+    assert "--period" in caught.value.hint and caught.value.code == "period"
+    assert frame.run([*guess, "--overwrite", "--period", "0.08"]) == 0
+    assert tomllib.loads(mapping.read_text())["time"]["period_s"] == 0.08
+
+
+def test_a_rig_does_not_bring_its_period_to_a_log_without_a_clock(tmp_path: Path) -> None:
+    table(tmp_path / "ball.dat", (DRIVE, ANGLE), "command angle_deg\n", " ")
+    guessed = pamid.guess_mapping(tmp_path / "ball.dat", "one-dof")
+    assert "time.period_s" in guessed.open
+
+
+def test_what_cannot_be_in_the_recording_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    matlab(tmp_path / "bench.mat", t=TIME, u=DRIVE, gain=np.arange(1.0, 40.0), Ts=T, who="anna")
+    assert frame.run(["ingest", "--guess", str(tmp_path / "bench.mat")]) == 0
+    said = capsys.readouterr()
+    for text in (said.out, said.err):
+        assert "gain (39)" in text and "Ts = 0.02" in text and "text: who" in text
+
+
+def test_filled_cells_stand_in_the_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    angle, drive = ANGLE.copy(), DRIVE.copy()
+    angle[300:304] = angle[800] = drive[500] = np.nan
+    table(tmp_path / "gaps.csv", (TIME, drive, angle), "time_s,u_v,angle_deg\n")
+    mapping = tmp_path / "map.toml"
+    pamid.guess_mapping(tmp_path / "gaps.csv", output=mapping)
+    words = [str(tmp_path / "gaps.csv"), "--mapping", str(mapping)]
+    assert frame.run(["ingest", *words, "--output", str(tmp_path / "rec.csv")]) == 0
+    said = capsys.readouterr().out
+    assert f"angle_deg: 5 empty cells of {N} were filled between their neighbours" in said
+    assert f"u_v: 1 empty cells of {N} were filled with the value before them" in said
+
+
+def test_a_part_without_a_channel_is_named(tmp_path: Path) -> None:
+    matlab(tmp_path / "runs.mat", run1={"t": TIME, "x": ANGLE}, run2={"t": TIME[:900]})
+    mapping = tmp_path / "map.toml"
+    text = '[time]\nsource = "run*/t"\n[signals.x_mm]\nsource = "run*/x"\nunit = "mm"\n'
+    mapping.write_text(text)
+    with pytest.raises(FileError, match="part '2' has no 'run2/x'"):
+        pamid.ingest(tmp_path / "runs.mat", mapping)
+    mapping.write_text(text.replace("run*/x", "go*/x"))
+    with pytest.raises(FileError, match=r"'go\*/x' fits no channel"):
+        pamid.ingest(tmp_path / "runs.mat", mapping)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('{"t": [1, 2, 3', "it is no JSON"),
+        ('{"a": 1, "b": "x"}', "there are no signals in it"),
+        ("[" * 100_000, "cannot be read as json"),
+    ],
+)
+def test_json_that_is_no_log_is_refused(text: str, why: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.json"
+    path.write_text(text)
+    with pytest.raises(FileError, match=why):
+        pamid.guess_mapping(path)
