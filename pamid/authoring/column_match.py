@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pamid.base.errors import FileError, UsageError, listed, nearest
 from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column, unit
 from pamid.ingest.channel_words import meanings
-from pamid.ingest.matcher import NO_FIT, RAW, Fit, best_pairs, column_fit
+from pamid.ingest.matcher import NO_FIT, RAW, ColumnFit, best_pairs, column_fit
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 
@@ -170,13 +170,13 @@ def roles_of(rig: type[Rig]) -> dict[str, str]:
     }
 
 
-def pair_score(found: str, wanted: str) -> Fit:
+def pair_score(found: str, wanted: str) -> ColumnFit:
     """How well a recorded column fits one of a rig."""
     stem, symbol = split_column(found)
     return column_fit(stem, unit(symbol).dimension, wanted)
 
 
-def _driven(found: str, wanted: str) -> Fit:
+def _driven(found: str, wanted: str) -> ColumnFit:
     """The same for what a drive is asked for, and for what is sent to it: nearly in proportion to
     the force or torque that it makes."""
     (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
@@ -185,9 +185,9 @@ def _driven(found: str, wanted: str) -> Fit:
         and wanted_symbol != NONE
         and compatible(symbol, wanted_symbol)
     ):
-        return Fit(ASKED, "word", False)
+        return ColumnFit(ASKED, "word", False)
     sent = unit(symbol).dimension in RAW and meanings(stem) & {"voltage", "current"}
-    return Fit(DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_FIT
+    return ColumnFit(DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_FIT
 
 
 def match_columns(

@@ -25,7 +25,7 @@ EXACT_INTEGERS = 2**53
 MAX_COLUMNS = 64
 EXAMINED = 24  # bytes of a value while its channel is examined: differences, a sorted copy
 #: whole numbers in it count ns since 1970, from 2001 to 2100
-SINCE_1970 = (10**18, 41 * 10**17)
+SINCE_1970_NS = (10**18, 41 * 10**17)
 #: names that one note lists
 MOST_NAMED = 100
 
@@ -86,7 +86,7 @@ class Gathering:
         if (
             not unit
             and array.dtype.kind in "iu"
-            and SINCE_1970[0] <= int(array[0]) <= SINCE_1970[1]
+            and SINCE_1970_NS[0] <= int(array[0]) <= SINCE_1970_NS[1]
         ):
             unit = "ns"
         self.channels.append(Channel(name, numbers, stamps, "s" if seconds else unit, robot))

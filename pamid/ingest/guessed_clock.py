@@ -14,6 +14,7 @@ from pamid.base.units import NONE, split_column, unit
 from pamid.ingest.channel_words import meanings, tokens
 from pamid.ingest.channels import Channel
 from pamid.ingest.conversion import round_period
+from pamid.ingest.gathering import SINCE_1970_NS
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.source_units import is_readable, read_unit
 from pamid.ingest.stamps import usable_rows
@@ -22,12 +23,11 @@ from pamid.recording.recording import toml_string
 
 BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
 _LIKELY_UNITS = ("s", "ms", "us", "ns", "min")
-_TIME = unit("s").dimension
+_SECOND = unit("s").dimension
 _RISING = 0.98  # share of steps that a clock does not go back
 _EVEN = 0.5  # of the usual step: how far half of the steps of an unnamed clock stray at most
 FEWEST_STAMPS = 10  # distinct ones
-# s since 1970, from 2001 to 2100, of samples an hour apart at most
-SINCE_1970, EPOCH_STEP_S = (1e9, 4.1e9), 3600.0
+EPOCH_STEP_S = 3600.0  # samples of a clock that counts from 1970 are closer
 FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clock in s
 #: what clocks are called whose name says their unit
 _UNIT_WORDS = {
@@ -96,7 +96,7 @@ def _likeness(channel: Channel) -> int:
     even = float(np.median(np.abs(steps - usual))) <= _EVEN * usual
     runs = even and usual > 0.0 and float(np.mean(steps > 0.0)) > _RISING
     if logged is not None and any(logged.dimension):
-        return 2 + runs if logged.dimension == _TIME else 0
+        return 2 + runs if logged.dimension == _SECOND else 0
     if "time" in meanings(name) or _named_unit(name):
         return 2 + runs
     other = meanings(name) or split_column(name)[1] != NONE
@@ -106,7 +106,7 @@ def _likeness(channel: Channel) -> int:
 def _named_unit(name: str) -> str:
     """The unit that the name of a clock says; "" if it says none."""
     suffix = split_column(name)[1]
-    if unit(suffix).dimension == _TIME:
+    if unit(suffix).dimension == _SECOND:
         return suffix
     words = tokens(name)
     return _UNIT_WORDS.get(words[-1], "") if words else ""
@@ -115,14 +115,14 @@ def _named_unit(name: str) -> str:
 def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
     """(unit of the stamps or "?", how it is known)."""
     name = channel.name.rpartition("/")[2]
-    if channel.unit and is_readable(channel.unit) and read_unit(channel.unit).dimension == _TIME:
+    if channel.unit and is_readable(channel.unit) and read_unit(channel.unit).dimension == _SECOND:
         return channel.unit, ""
     if named := _named_unit(name):
         return named, "by the channel's name"
     values = channel.values[np.isfinite(channel.values)]
     steps = np.diff(values)
     step, level = float(np.median(steps[steps > 0.0])), float(np.median(values))
-    low, high = SINCE_1970
+    low, high = (1e-9 * moment for moment in SINCE_1970_NS)
     for symbol in ("s", "ms", "us", "ns"):
         factor = read_unit(symbol).factor
         if low <= level * factor <= high and step * factor <= EPOCH_STEP_S:

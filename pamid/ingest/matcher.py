@@ -17,7 +17,7 @@ RAW = (unit("V").dimension, unit("A").dimension)
 Given = TypeVar("Given", bound=Hashable)
 
 
-class Fit(NamedTuple):
+class ColumnFit(NamedTuple):
     """score: from 0, not at all, to 1; by: "name", "word" or "unit"; scaled: a gain has to stand
     between them."""
 
@@ -26,10 +26,10 @@ class Fit(NamedTuple):
     scaled: bool
 
 
-NO_FIT = Fit(0.0, "", False)
+NO_FIT = ColumnFit(0.0, "", False)
 
 
-def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> Fit:
+def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit:
     """How well what is called `stem` and measures this dimension (None: nobody says it) fits a
     column of a rig."""
     wanted_stem, wanted_symbol = split_column(wanted)
@@ -56,7 +56,7 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> Fit:
         score, by = SAME_UNIT, "unit"
     if not same:
         score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
-    return Fit(score, by, not same)
+    return ColumnFit(score, by, not same)
 
 
 def best_pairs(scores: Mapping[tuple[str, Given], float]) -> dict[str, Given]:

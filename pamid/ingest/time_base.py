@@ -26,7 +26,15 @@ from typing import Literal
 import numpy as np
 
 from pamid.base.metrics import FloatArray
-from pamid.ingest.stamps import IntArray, Repair, Rows, count_samples, fit_clock, rough_period
+from pamid.ingest.stamps import (
+    LATE_WINDOW,
+    IntArray,
+    Repair,
+    Rows,
+    count_samples,
+    fit_clock,
+    rough_period,
+)
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
@@ -44,6 +52,8 @@ MOVING = 4.0  # slopes count that exceed their noise by this factor
 CLEAR, COEFFICIENT_ERROR = 0.3, 0.17
 LEAST_MOVING_SAMPLES = 200  # samples of a moving signal, at least
 JACKKNIFE_PARTS = 20  # parts of the log over which the standard error is taken
+# periods by which the earliest stamps stray from an even clock at most; beyond it there is none
+MOST_WANDER = 3.0
 # a gap splits the recording if it is longer than this many periods, unless the mapping says
 GAP_PERIODS = 10
 
@@ -87,7 +97,8 @@ class TimeBase:
 def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
     """What the stamps look like and which cure they need. signals: measured ones at the rows that
     stay, (n,) each, NaN where the log has none."""
-    samples, pieces, period, late = _even_clock(rows, None)
+    clock = _clock_of(rows, None)
+    samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])
     counts = np.concatenate([np.diff(samples[p]) for p in pieces])
     rounding = 2.0 * float(np.spacing(np.abs(rows.stamps).max()))
@@ -127,9 +138,11 @@ def reconstructed_time_base(
     """The instants at which rows were sampled, under a cure; gaps longer than max_gap (s, default
     ten periods) split.
 
-    "late-stamps" and "none" give the even clock, "jittered-sampling" the stamps.
+    "late-stamps" and "none" give the even clock, or where the sampling has none one that follows
+    the earliest stamps; "jittered-sampling" gives the stamps.
     """
-    samples, pieces, period, late = _even_clock(rows, max_gap)
+    clock = _clock_of(rows, max_gap)
+    samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
     lost = sum(int((np.diff(samples[p]) - 1).sum()) for p in pieces)
     if cure == "jittered-sampling":
         limit = GAP_PERIODS * period if max_gap is None else max_gap
@@ -143,23 +156,40 @@ def reconstructed_time_base(
             int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum())
             for p in pieces
         )
-        said = _repairs(rows.stamps, pieces, rows.starts, min(lost, steps))
+        lost = steps if clock.wanders else min(lost, steps)
+        said = _repairs(rows.stamps, pieces, rows.starts, lost)
         return TimeBase(rows.stamps, tuple(pieces), found.period, said)
-    begins = [
-        float(np.quantile(late[p], LEAST_LATENCY_QUANTILE)) if cure == "late-stamps" else 0.0
-        for p in pieces
-    ]
-    instants = rows.stamps - late
-    for piece, begin in zip(pieces, begins, strict=True):
-        instants[piece] += begin
-    return TimeBase(instants, tuple(pieces), period, _repairs(instants, pieces, rows.starts, lost))
+    even = rows.stamps - late
+    instants = even.copy()
+    for piece in pieces:
+        if clock.wanders:
+            instants[piece] += _earliest(late[piece], _follow_rows(rows, piece))
+        elif cure == "late-stamps":
+            instants[piece] += float(np.quantile(late[piece], LEAST_LATENCY_QUANTILE))
+    said = _repairs(instants, pieces, rows.starts, lost)
+    if clock.wanders:
+        instants = np.maximum.accumulate(instants) + 1e-9 * period * samples
+        detail = "the sampling itself slows and quickens: its clock follows the earliest stamps"
+        said = (Repair("clock-followed", len(pieces), detail), *said)
+    return TimeBase(instants, tuple(pieces), period, said)
 
 
-def _even_clock(
-    rows: Rows, max_gap: float | None
-) -> tuple[IntArray, list[slice], float, FloatArray]:
-    """(sample of each row, pieces between longer gaps, period, lateness of each stamp) on an even
-    clock."""
+@dataclass(frozen=True)
+class _Clock:
+    """samples: which one each row is; late: lateness of each stamp on an even clock of this period
+    (s); wanders: there is no even clock, since the sampling itself slows and quickens. Then the
+    period is the mean one, and missing samples are not counted, since a longer step does not show
+    them."""
+
+    samples: IntArray
+    pieces: list[slice]
+    period: float
+    late: FloatArray
+    wanders: bool = False
+
+
+def _clock_of(rows: Rows, max_gap: float | None) -> _Clock:
+    """The even clock behind the stamps, over pieces between longer gaps."""
     period = rough_period(rows)
     # what counts as a gap depends on the period, and the period on the pieces between gaps
     for _ in range(2):
@@ -171,7 +201,34 @@ def _even_clock(
     late = np.concatenate(
         [rows.stamps[p] - period * samples[p] - b for p, b in zip(split, begins, strict=True)]
     )
-    return samples, split, period, late
+    # a host that is late catches up; a sampling that slows down does not
+    wander = max(float(np.ptp(_earliest(late[p], _follow_rows(rows, p)))) for p in split)
+    if wander <= MOST_WANDER * period:
+        return _Clock(samples, split, period, late)
+    cuts = {*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}
+    split = _between(sorted(cuts), rows.stamps.size)
+    spans = [rows.stamps[piece.stop - 1] - rows.stamps[piece.start] for piece in split]
+    period = float(sum(spans)) / max(1, rows.stamps.size - len(split))
+    samples = np.arange(rows.stamps.size, dtype=np.int64)
+    late = rows.stamps - period * samples
+    for piece in split:
+        late[piece] -= np.median(late[piece])
+    return _Clock(samples, split, period, late, wanders=True)
+
+
+def _follow_rows(rows: Rows, piece: slice) -> int:
+    """Rows over which a late stamp is caught up."""
+    runs = np.diff(np.flatnonzero(np.diff(rows.stamps[piece]) > 0.0), prepend=-1)
+    return max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1)
+
+
+def _earliest(late: FloatArray, window: int) -> FloatArray:
+    """The lateness (s) of the earliest stamps around each row."""
+    from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+    window = min(window, late.size)
+    lowest = minimum_filter1d(late, window, mode="nearest")
+    return np.asarray(uniform_filter1d(lowest, window, mode="nearest"))
 
 
 def _by_signals(

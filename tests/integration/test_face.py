@@ -345,7 +345,7 @@ def test_a_card_is_text_whatever_a_file_says(found: pamid.DiagnosisResult, tmp_p
 def bench_mapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("logs") / "map.toml"
     guessed = pamid.guess_mapping(
-        BENCH_LOG, pressures="absolute", known={"inertia_kg_m2": 0.0896}, output=path
+        BENCH_LOG, "one-dof", pressures="absolute", known={"inertia_kg_m2": 0.0896}, output=path
     )
     assert guessed.text == path.read_text() and not guessed.open and guessed.mapped > 3
     with pytest.raises(FileError, match="exists already"):

@@ -60,6 +60,7 @@ TEXT_LOGS = {
     "log.csv": ("t", "Winkel", "p1"),
     "log.lvm": ("", "angle", "p1"),
     "octave.mat": ("t", "angle", "angle"),
+    "log.json": ("data/t", "data/angle", "data/f/1"),
 }
 BINARY_LOGS = {
     "v5.mat": ("t", "angle", "steps"),
@@ -124,11 +125,13 @@ def settings(site: Site) -> list[Words]:
 
 def raw_log(site: Site) -> list[Words]:
     """A text log, guessed or ingested."""
-    name = site.one_of("log.csv", "log.csv", "log.csv", "log.lvm", "octave.mat")
+    name = site.one_of("log.csv", "log.csv", "log.csv", "log.lvm", "octave.mat", "log.json")
     path = site.copy(name)
     data = path.read_bytes()
     if name == "log.csv" and site.random.random() < 0.7:
         path.write_bytes(broken_table(site.random, data.decode("cp1252"), ";"))
+    elif name == "log.json" and site.random.random() < 0.7:
+        path.write_text(broken_json(site.random, json.loads(data)))
     else:
         path.write_bytes(broken_bytes(site.random, data))
     return _read_log(site, path)

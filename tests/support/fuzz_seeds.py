@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -137,6 +138,11 @@ def _raw_logs(place: Path) -> None:
     ]
     lvm += [f"{0.003 * k:.6f}\t{np.sin(k / 9):.6f}\t{1 + np.cos(k / 7):.6f}" for k in range(60)]
     (place / "log.lvm").write_text("\n".join(lvm) + "\n")
+    data = [
+        {"t": 0.003 * k, "angle": round(float(np.sin(k / 9)), 6), "f": [float(k % 7), None]}
+        for k in range(60)
+    ]
+    (place / "log.json").write_text(json.dumps({"robot": "arm", "data": data}))
     octave = [
         "# Created by Octave 8.4.0",
         "# name: t",

@@ -225,6 +225,21 @@ def test_repeated_stamps_are_repaired_and_stretch_nothing(name: str, moving: boo
     assert np.abs(error).max() < 3.0 * T
 
 
+def test_a_sampling_that_slows_down_is_followed_and_not_stretched() -> None:
+    """A loop on a PC of changing load, with stamps in whole ms: it has no even clock."""
+    period = T * (0.6 + 0.02 * np.sin(2.0 * np.pi * K / 9000.0))
+    true = np.cumsum(period * np.random.default_rng(5).uniform(0.8, 1.2, N))
+    y = motion(true) + 0.01 * np.random.default_rng(9).standard_normal(N)
+    rows = usable_rows(np.round(true, 3), [y], "log.csv: t")
+    found = diagnose_stamps(rows, {"y": y[rows.keep]})
+    base = reconstructed_time_base(rows, found, "late-stamps", None)
+    assert [repair.what for repair in base.repairs] == ["clock-followed"]
+    assert found.period == base.period == pytest.approx(period.mean(), rel=1e-3)
+    assert np.ptp(base.instants) == pytest.approx(np.ptp(true), abs=0.01)
+    assert np.abs(base.instants - true[rows.keep]).max() < 0.01
+    assert (np.diff(base.instants) > 0.0).all()
+
+
 def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
     y, mixed = motion(K * T), K.copy()
     mixed[[50, 51]], mixed[[700, 702]] = mixed[[51, 50]], mixed[[702, 700]]
