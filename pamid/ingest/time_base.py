@@ -97,7 +97,7 @@ class TimeBase:
 def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
     """What the stamps look like and which cure they need. signals: measured ones at the rows that
     stay, (n,) each, NaN where the log has none."""
-    clock = _clock_of(rows, None)
+    clock = _even_clock(rows, None)
     samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])
     counts = np.concatenate([np.diff(samples[p]) for p in pieces])
@@ -141,7 +141,7 @@ def reconstructed_time_base(
     "late-stamps" and "none" give the even clock, or where the sampling has none one that follows
     the earliest stamps; "jittered-sampling" gives the stamps.
     """
-    clock = _clock_of(rows, max_gap)
+    clock = _even_clock(rows, max_gap)
     samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
     lost = sum(int((np.diff(samples[p]) - 1).sum()) for p in pieces)
     if cure == "jittered-sampling":
@@ -175,7 +175,7 @@ def reconstructed_time_base(
 
 
 @dataclass(frozen=True)
-class _Clock:
+class _EvenClock:
     """samples: which one each row is; late: lateness of each stamp on an even clock of this period
     (s); wanders: there is no even clock, since the sampling itself slows and quickens. Then the
     period is the mean one, and missing samples are not counted, since a longer step does not show
@@ -188,7 +188,7 @@ class _Clock:
     wanders: bool = False
 
 
-def _clock_of(rows: Rows, max_gap: float | None) -> _Clock:
+def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     """The even clock behind the stamps, over pieces between longer gaps."""
     period = rough_period(rows)
     # what counts as a gap depends on the period, and the period on the pieces between gaps
@@ -204,7 +204,7 @@ def _clock_of(rows: Rows, max_gap: float | None) -> _Clock:
     # a host that is late catches up; a sampling that slows down does not
     wander = max(float(np.ptp(_earliest(late[p], _follow_rows(rows, p)))) for p in split)
     if wander <= MOST_WANDER * period:
-        return _Clock(samples, split, period, late)
+        return _EvenClock(samples, split, period, late)
     cuts = {*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}
     split = _between(sorted(cuts), rows.stamps.size)
     spans = [rows.stamps[piece.stop - 1] - rows.stamps[piece.start] for piece in split]
@@ -213,7 +213,7 @@ def _clock_of(rows: Rows, max_gap: float | None) -> _Clock:
     late = rows.stamps - period * samples
     for piece in split:
         late[piece] -= np.median(late[piece])
-    return _Clock(samples, split, period, late, wanders=True)
+    return _EvenClock(samples, split, period, late, wanders=True)
 
 
 def _follow_rows(rows: Rows, piece: slice) -> int:
