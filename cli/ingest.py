@@ -107,8 +107,9 @@ def command(
     First `--guess` writes a mapping to look through. With it, each log becomes a CSV with a TOML
     beside it and an account of everything that was done (.ingest.json). Uneven stamps are diagnosed
     before they are mended; where the data do not tell, it is asked. Long gaps split a recording,
-    they are never bridged. Of a robot's log (ROS JointState, LeRobot, MuJoCo's own vectors)
-    `--guess` finds a model's joints and motors by name or order.
+    they are never bridged. Of several recordings in one log each becomes a CSV of its own: `*` in
+    the mapping stands for its part. Of a robot's log (ROS JointState, LeRobot, MuJoCo's own
+    vectors) `--guess` finds a model's joints and motors by name or order.
     """
     from pamid.base.errors import UsageError
     from pamid.ingest.ingesting import ingest

@@ -28,6 +28,7 @@ _RISING = 0.98  # share of steps that a clock does not go back
 _EVEN = 0.5  # of the usual step: how far half of the steps of an unnamed clock stray at most
 FEWEST_STAMPS = 10  # distinct ones
 EPOCH_STEP_S = 3600.0  # samples of a clock that counts from 1970 are closer
+BY_SPACING = "by the spacing"
 FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clock in s
 #: what clocks are called whose name says their unit
 _UNIT_WORDS = {
@@ -51,6 +52,11 @@ class ClockGuess:
     reason: str = ""
     found: StampDiagnosis | None = None
     trouble: str = ""
+
+    @property
+    def by_spacing(self) -> bool:
+        """Is the unit of the stamps a guess?"""
+        return self.reason.startswith(BY_SPACING)
 
     def period(self, usual: float | None) -> float | None:
         """The sampling period (s) that the stamps show, the usual one of the rig where they agree;
@@ -131,9 +137,9 @@ def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
         for symbol in _LIKELY_UNITS:
             ratio = step * read_unit(symbol).factor / usual
             if 1.0 / BELIEVED_WITHIN < ratio < BELIEVED_WITHIN:
-                return symbol, "by the spacing"
+                return symbol, f"{BY_SPACING} of {step:.4g}"
     elif "time" in meanings(name) and step < FRACTION_S:
-        return "s", f"by the spacing of {step:.4g}"
+        return "s", f"{BY_SPACING} of {step:.4g}"
     return UNANSWERED, f'the log does not say it; stamps are {step:.4g} apart: "s", "ms" ...?'
 
 

@@ -118,6 +118,11 @@ def guess_of(
         if unmapped and not rig.log_names:
             notes.append(f"not mapped, rig {rig.name!r} has no column for them: {listed(unmapped)}")
         measured = [chosen[c] for c in rig.outputs if c in chosen] or rest
+    if clock.by_spacing and clock.source is not None:
+        notes.append(
+            f"{clock.source.name} is taken to count in {clock.unit}, {clock.reason}: correct "
+            "time.unit where that is wrong"
+        )
     clock = diagnosed(clock, measured)
     period: float | str | None = answers.period_s or clock.period(usual)
     if period is None and clock.stamps is None:

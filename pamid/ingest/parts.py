@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pamid.base.errors import FileError, listed
+from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import ANY, Channel, Log
 from pamid.ingest.guessed_clock import guess_clock
 
@@ -138,15 +139,23 @@ def _lengths(channels: Iterable[Channel]) -> set[int]:
     return {channel.values.size for channel in channels}
 
 
+def _alike(arrays: Sequence[FloatArray]) -> bool:
+    return all(np.array_equal(arrays[0], array, equal_nan=True) for array in arrays[1:])
+
+
 def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
     """Are these recordings of their own, not channels of one? Rows of other lengths, or with a
     clock each; stamps at other times, or of runs that last differently long."""
     if all(channel.stamps is None for part in parts for channel in part.values()):
         if any(len(_lengths(part.values())) > 1 for part in parts):
             return False
-        lengths = [max(_lengths(part.values())) for part in parts]
+        if len({max(_lengths(part.values())) for part in parts}) > 1:
+            return True
         clocks = [guess_clock(list(part.values()), None).source for part in parts]
-        return len(set(lengths)) > 1 or all(clock is not None for clock in clocks)
+        values = [clock.values for clock in clocks if clock is not None]
+        # time1, p1, time2, p2: channels of one recording may each have the same stamps beside them
+        alone = any("/" in name for name in parts[0]) or not _alike(values)
+        return len(values) == len(parts) and alone
     if any(channel.stamps is None for part in parts for channel in part.values()):
         return False
     runs = [next(iter(part.values())).stamps for part in parts]

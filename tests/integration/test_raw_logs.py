@@ -340,6 +340,25 @@ def test_a_part_without_a_channel_is_named(tmp_path: Path) -> None:
         pamid.ingest(tmp_path / "runs.mat", mapping)
 
 
+def test_channels_with_the_same_stamps_beside_them_are_one_recording(tmp_path: Path) -> None:
+    table(tmp_path / "a.csv", (TIME, DRIVE, TIME, ANGLE), "time1,p1,time2,p2\n")
+    assert pamid.guess_mapping(tmp_path / "a.csv").mapped == 3
+    table(tmp_path / "b.csv", (TIME, DRIVE, TIME + 60.0, ANGLE), "time1,p1,time2,p2\n")
+    assert pamid.guess_mapping(tmp_path / "b.csv").mapped == 1
+
+
+def test_a_unit_of_the_clock_that_is_guessed_is_told(tmp_path: Path) -> None:
+    table(tmp_path / "log.csv", SERIES, "t,u_v,angle_deg\n")
+    (note,) = pamid.guess_mapping(tmp_path / "log.csv").notes
+    assert note.startswith("t is taken to count in s, by the spacing of 0.02")
+
+
+def test_a_large_json_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    (tmp_path / "log.json").write_text(json.dumps(records()))
+    with pytest.raises(FileError, match="--memory-limit"):
+        pamid.guess_mapping(tmp_path / "log.json", memory_limit=0.0005)
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
