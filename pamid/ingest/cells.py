@@ -75,6 +75,16 @@ def classify(cell: str) -> str:
     return "k" if _THOUSANDS.match(cell) else "t"
 
 
+def moment_kind(cell: str) -> str:
+    """ "date", "time" of day, "both", or "" of a cell that is neither."""
+    match = _MOMENT.match(cell.strip())
+    if match is None:
+        return ""
+    if match["only_hour"] is not None:
+        return "time"
+    return "date" if match["hour"] is None else "both"
+
+
 def decimal_mark(cells: list[str], place: str) -> str:
     """Which of . and , these cells of numbers use; the one that is used more if both are. FileError
     if every one of the commas may as well part thousands."""

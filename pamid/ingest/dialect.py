@@ -25,7 +25,7 @@ SHARE_OF_ROWS = 0.9
 COMMENT = "#%"
 
 _ATOM = (
-    r"(?:[numµμkMGhd]?(?:s|m|g|V|A|N|Nm|Pa|W|Hz|J|l|L|bar|mol|rad|Ohm|Ω|deg)|°C?|˚|º|K|C|F|deg[CF]?|degrees?|grad"
+    r"(?:[numcµμkMGhd]?(?:s|m|g|V|A|N|Nm|Pa|W|Hz|J|l|L|bar|mol|rad|Ohm|Ω|deg)|°C?|˚|º|K|C|F|deg[CF]?|degrees?|grad"
     r"|psi|rpm|min|h|sec|seconds?|volts?|amps?|inch|in|lbf|rev|turns|%|1|-|U/min|hPa|mmHg|atm|bar[ag]|kgf)"
     r"(?:\^?-?[0-9²³]+)?"
 )
@@ -304,7 +304,7 @@ def _are_units(row: list[str], above: list[str]) -> bool:
 
 
 def _share_of_units(row: list[str]) -> float:
-    written = [cell for cell in row if cell]
+    written = [cell for cell in row if classify(cell) == "t" or cell == "-"]
     alike = [looks_like_unit(_bare(cell)) or _BRACKETED.fullmatch(cell) for cell in written]
     return sum(map(bool, alike)) / max(1, len(alike))
 

@@ -140,7 +140,9 @@ def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
                 return symbol, f"{BY_SPACING} of {step:.4g}"
     elif "time" in meanings(name) and step < FRACTION_S:
         return "s", f"{BY_SPACING} of {step:.4g}"
-    return UNANSWERED, f'the log does not say it; stamps are {step:.4g} apart: "s", "ms" ...?'
+    lasting = {one: step * read_unit(one).factor for one in ("s", "ms", "us", "ns")}
+    likely = [f'{t:.4g} s in "{one}"' for one, t in lasting.items() if 1e-5 < t < 1e3]
+    return UNANSWERED, f"the log does not say it; samples are {', '.join(likely)} apart"
 
 
 def diagnosed(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:

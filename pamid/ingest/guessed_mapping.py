@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pamid.base.errors import listed
+from pamid.base.errors import FileError, listed
 from pamid.base.units import NONE, quantity_of, split_column, unit
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.guessed_clock import (
@@ -118,6 +118,13 @@ def guess_of(
         if unmapped and not rig.log_names:
             notes.append(f"not mapped, rig {rig.name!r} has no column for them: {listed(unmapped)}")
         measured = [chosen[c] for c in rig.outputs if c in chosen] or rest
+    if rig is None and not taken:
+        why = f" ({'; '.join(notes)})" if notes else ""
+        raise FileError(
+            f"{log.path}: there is no channel to map{why}.",
+            "Is it a table of numbers?",
+            code="no-signals",
+        )
     if clock.by_spacing and clock.source is not None:
         notes.append(
             f"{clock.source.name} is taken to count in {clock.unit}, {clock.reason}: correct "

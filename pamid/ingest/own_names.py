@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.errors import PamidError
-from pamid.base.units import NONE, known_symbols, split_column, unit, with_unit
+from pamid.base.units import NONE, Dimension, known_symbols, split_column, unit, with_unit
 from pamid.ingest.channel_words import meanings, tokens
 from pamid.ingest.channels import ANY, Channel
 from pamid.ingest.source_units import is_readable, read_unit
@@ -14,6 +14,7 @@ from pamid.ingest.source_units import is_readable, read_unit
 #: of units alike the ones that recordings mostly have
 FIRST = ("N m", "deg", "rpm", "kPa", "mm", "N", "A", "V", "W", "s", "degC")
 TURNS = "U/min"  # what a speed in 1/min is
+_SI_BASES = ("kg", "m", "s", "A", "K", "rad")
 _PER_TIME = (0, 0, -1, 0, 0, 0)
 _LATIN = str.maketrans({"а": "a", "е": "e", "о": "o", "с": "c", "р": "p", "х": "x"})
 
@@ -59,7 +60,18 @@ def column_unit(text: str) -> str:
     try:
         return unit(text).symbol
     except PamidError:
-        return NONE
+        return _of_bases(wanted.dimension)
+
+
+def _of_bases(dimension: Dimension) -> str:
+    """The unit of SI as a product of its bases: "m3/s"."""
+    powers = list(zip(_SI_BASES, dimension, strict=True))
+    above = [f"{base}{n if n > 1 else ''}" for base, n in powers if n > 0]
+    below = [f"{base}{-n if n < -1 else ''}" for base, n in powers if n < 0]
+    if not below:
+        return " ".join(above) or NONE
+    under = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return f"{' '.join(above) or 1}/{under}"
 
 
 def _stem(channel: Channel) -> str:

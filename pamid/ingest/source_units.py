@@ -262,6 +262,8 @@ def _normal(text: str) -> str:
     a difference."""
     for written, meant in _SPELLINGS:
         text = text.replace(written, meant)
+    words = frozenset(_names())
+    text = re.sub(r"\b[A-Z][a-z]{3,}\b", lambda m: _plain_word(m[0], words), text)
     text = re.sub(r"\b(k|m|c)?N([cm]?m)\b", r"\1N*\2", text)
     text = re.sub(r"([A-Za-z])(-?[1-9])\b", r"\1**\2", text)
     if re.search(r"[\s*/]", text):
@@ -269,6 +271,12 @@ def _normal(text: str) -> str:
             r"\bdeg([CF])\b", lambda m: "kelvin" if m[1] == "C" else "fahrenheit_step", text
         )
     return text or "one"
+
+
+def _plain_word(word: str, known: frozenset[str]) -> str:
+    """ "Volts" -> "volts", where that is a unit and the word as written is none."""
+    small = word.lower()
+    return small if word not in known and known & {small, small.removesuffix("s")} else word
 
 
 @lru_cache(maxsize=1)
@@ -285,7 +293,7 @@ def _names() -> list[str]:
     words = [
         name.strip()
         for line in _DEFINITIONS.strip().splitlines()
-        for name in line.split(";")[0].split("=")
+        for name in re.sub(";[^=]*", "", line).split("=")
     ]
     return [
         "kPa",

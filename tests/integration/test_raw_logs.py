@@ -7,6 +7,7 @@ import json
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,16 @@ LENGTHS = (800, 900, 1000, 700, 1100)
 
 
 def table(
-    path: Path, columns: Sequence[FloatArray], head: str = "", mark: str = ",", comma: str = "."
+    path: Path,
+    columns: Sequence[FloatArray],
+    head: str = "",
+    mark: str = ",",
+    comma: str = ".",
+    end: str = "",
 ) -> None:
     rows = (
         mark.join("" if value != value else f"{value:.15g}" for value in row).replace(".", comma)
+        + end
         for row in zip(*columns, strict=True)
     )
     path.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
@@ -120,6 +127,25 @@ class Raw:
     period: float | None = None
     lengths: tuple[int, ...] = (N,)
     time_unit: str = ""
+
+
+def clock_time(seconds: float, form: str) -> str:
+    moment = datetime(2025, 3, 4, 23, 59, 50) + timedelta(seconds=float(seconds))
+    return moment.strftime(form)[:-3]
+
+
+def lines(path: Path, form: Callable[[float, float, float], str]) -> None:
+    rows = (form(float(t), float(u), float(y)) for t, u, y in zip(*SERIES, strict=True))
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def runs(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for number, length in enumerate(LENGTHS, 1):
+            group = file.create_group(f"run_{number:03d}")
+            group["time_s"], group["angle"] = TIME[:length], ANGLE[:length]
+            group["angle"].attrs["units"] = "deg"
 
 
 SERIES = (TIME, DRIVE, ANGLE)
@@ -244,6 +270,61 @@ LOGS = {
         {"actions_1": "N m", "actions_2": "N m", "angle": "rad"},
     ),
     "JSON, episodes": Raw("episodes.json", episodes, ("angle_deg",), lengths=LENGTHS),
+    "a serial monitor with times": Raw(
+        "monitor.txt",
+        lambda path: lines(
+            path, lambda t, u, y: f"{clock_time(t, '%H:%M:%S.%f')} -> {u:.15g},{y:.15g}"
+        ),
+        ("column_2_v", "column_3_deg"),
+        ("signals.column_2.unit", "signals.column_3.unit"),
+        {"column_2": "V", "column_3": "deg"},
+    ),
+    "a serial plotter, names beside the numbers": Raw(
+        "plotter.txt",
+        lambda path: lines(path, lambda t, u, y: f"u_v:{u:.15g},angle_deg:{y:.15g}"),
+        ("u_v", "angle_deg"),
+        ("time.period_s",),
+        period=T,
+    ),
+    "keys and values in each line": Raw(
+        "node.log",
+        lambda path: lines(path, lambda t, u, y: f"t={t:.4f} u_v={u:.15g} angle_deg={y:.15g}"),
+        ("u_v", "angle_deg"),
+    ),
+    "an oscilloscope that counts rows": Raw(
+        "rigol.csv",
+        lambda path: table(
+            path,
+            (np.arange(N) * 1.0, DRIVE, ANGLE),
+            "X,CH1,CH2,Start,Increment\nSequence,Volt,Volt,0.0e+00,2.0e-02\n",
+            mark=",",
+            end=",,",
+        ),
+        ("x", "ch_1_v", "ch_2_v"),
+        ("time.period_s",),
+        period=T,
+    ),
+    "an oscilloscope with a head": Raw(
+        "scope.csv",
+        lambda path: table(path, SERIES, "Model,MSO54\nSample Interval,2e-02\n\nTIME,CH1,CH2\n"),
+        ("ch_1_v", "ch_2_v"),
+        ("signals.ch_1.unit", "signals.ch_2.unit"),
+        {"ch_1": "V", "ch_2": "V"},
+    ),
+    "a date and a time of day past midnight": Raw(
+        "plc.csv",
+        lambda path: path.write_text(
+            "Datum;Uhrzeit;Soll [V];Ist [°C]\n"
+            + "".join(
+                f"{clock_time(t, '%d.%m.%Y;%H:%M:%S.%f')};{u:.15g};{y:.15g}\n".replace(
+                    ".", ","
+                ).replace(",", ".", 2)
+                for t, u, y in zip(*SERIES, strict=True)
+            )
+        ),
+        ("soll_v", "ist_degc"),
+    ),
+    "groups of an HDF5 file": Raw("runs.h5", runs, ("angle_deg",), lengths=LENGTHS),
 }
 
 
@@ -351,6 +432,24 @@ def test_a_unit_of_the_clock_that_is_guessed_is_told(tmp_path: Path) -> None:
     table(tmp_path / "log.csv", SERIES, "t,u_v,angle_deg\n")
     (note,) = pamid.guess_mapping(tmp_path / "log.csv").notes
     assert note.startswith("t is taken to count in s, by the spacing of 0.02")
+
+
+def test_one_value_a_row_is_refused_with_the_cure(tmp_path: Path) -> None:
+    rows = (
+        f"{t:.2f},{n},{v:.4f}"
+        for t, u, y in zip(*SERIES, strict=True)
+        for n, v in (("u", u), ("y", y))
+    )
+    (tmp_path / "long.csv").write_text("time,name,value\n" + "\n".join(rows) + "\n")
+    with pytest.raises(FileError, match="every row holds one value") as caught:
+        pamid.guess_mapping(tmp_path / "long.csv")
+    assert caught.value.code == "long-table" and "pivot(index='time'" in caught.value.hint
+
+
+def test_a_log_of_nothing_but_a_clock_is_refused(tmp_path: Path) -> None:
+    table(tmp_path / "clock.csv", (TIME,), "time_s\n")
+    with pytest.raises(FileError, match="no channel to map"):
+        pamid.guess_mapping(tmp_path / "clock.csv")
 
 
 def test_a_large_json_is_refused_before_it_is_read(tmp_path: Path) -> None:

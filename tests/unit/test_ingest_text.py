@@ -263,13 +263,14 @@ def test_dates_and_times_become_seconds(tmp_path: Path, form: str) -> None:
     assert said(log, "when", cells[0])
 
 
-def test_a_date_and_a_time_column_stand_for_themselves(tmp_path: Path) -> None:
+def test_a_date_belongs_to_the_time_of_day_beside_it(tmp_path: Path) -> None:
     cells = [str(stamp)[11:] for stamp in STAMPS]
     log = read(
         tmp_path, "Date,Time,angle\n" + rows([str(stamp)[:10] for stamp in STAMPS], cells, ANGLE)
     )
     np.testing.assert_allclose(log.channel("Time").values, TIME, rtol=0, atol=1e-9)
-    assert set(log.channel("Date").values) == {0.0, 86400.0} and said(log, "1 midnights")
+    assert [c.name for c in log.channels] == ["Time", "angle"]
+    assert said(log, "Date is the date of Time") and not said(log, "midnights")
 
 
 def test_dates_whose_month_cannot_be_told_are_refused(tmp_path: Path) -> None:

@@ -15,18 +15,22 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
-from pamid.ingest.cells import MISSING_WORDS, add_column
+from pamid.ingest.cells import MISSING_WORDS, add_column, classify, moment_kind
 from pamid.ingest.channels import Log
 from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, TextDialect, find_dialect
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.memory_budget import MemoryBudget
+from pamid.ingest.serial_lines import as_table
 
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
 #: memory that the text of a log takes, in sizes of the file, and each of its cells, bytes
 TEXT_COPIES, CELL_BYTES = 5, 16
 COUNTED_BYTES = 1 << 24  # bytes of text in which cells are counted at a time
+#: of a table with one value a row: columns, and signals, at most
+LONG_COLUMNS, MOST_SIGNALS = 4, 64
+SPARSE = 1.25  # times as many instants as such a table has where no signal lacks a value
 #: lines after the last row of numbers that may be something else
 FOOTER = 20
 
@@ -36,11 +40,12 @@ def read_text(path: Path) -> Log:
     is no table or can be read in two ways."""
     gathering = Gathering(path)
     text, encoding = decode(gathering.budget)
+    text, serial = as_table(text)
     head = text.split("\n", SAMPLE)[:SAMPLE]
     dialect = find_dialect(path, head)
     start = sum(len(line) + 1 for line in head[: dialect.first])
     gathering.note(f"encoding: {encoding}")
-    for note in dialect.notes:
+    for note in (serial, *dialect.notes) if serial else dialect.notes:
         gathering.note(note)
     add_table(gathering, text[start:], dialect, path)
     return gathering.log(path, "csv")
@@ -101,11 +106,51 @@ def add_table(
             f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
             f"{error}."
         ) from error
+    _refuse_long(frame, dialect, path)
+    dates = _joined_dates(gathering, frame, dialect)
     for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
         series = frame[column]
-        if name == f"column_{column + 1}" and series.isna().all():
+        if column == dates or name == f"column_{column + 1}" and series.isna().all():
             continue  # what a delimiter at the end of every row makes
         add_column(gathering, name, series, unit, dialect.decimal, str(path))
+
+
+def _joined_dates(gathering: Gathering, frame: Any, dialect: TextDialect) -> int | None:
+    """The column of dates that was put before the times of day in another one; None where there
+    are not one of each."""
+    places: dict[str, list[int]] = {}
+    for column in range(dialect.width):
+        cells = frame[column].dropna()
+        if frame[column].dtype.kind not in "biuf" and len(cells):
+            places.setdefault(moment_kind(str(cells.iloc[0])), []).append(column)
+    dates, times = places.get("date", []), places.get("time", [])
+    if len(dates) != 1 or len(times) != 1:
+        return None
+    frame[times[0]] = frame[dates[0]].astype("string") + " " + frame[times[0]].astype("string")
+    gathering.note(f"{dialect.names[dates[0]]} is the date of {dialect.names[times[0]]}")
+    return dates[0]
+
+
+def _refuse_long(frame: Any, dialect: TextDialect, path: Path) -> None:
+    """FileError for a table with one value a row, whose signal stands in a column of words."""
+    for words, name in enumerate(dialect.names):
+        column = frame[words]
+        if dialect.width > LONG_COLUMNS or column.dtype.kind in "biuf" or not column.notna().all():
+            continue
+        signals = column.nunique()
+        if not 1 < signals <= MOST_SIGNALS or classify(str(column.iloc[0])) != "t":
+            continue
+        for stamps in (place for place in range(dialect.width) if place != words):
+            instants = frame[stamps].nunique()
+            shared = RUN * signals < instants <= SPARSE * len(frame) / signals
+            if shared and not frame[[words, stamps]].duplicated().any():
+                raise FileError(
+                    f"{path}: every row holds one value, of the signal that is named in the "
+                    f"column {name!r}.",
+                    "Give every signal a column: in pandas, table.pivot(index="
+                    f"{dialect.names[stamps]!r}, columns={name!r}, values=...).",
+                    code="long-table",
+                )
 
 
 def _whole_rows(

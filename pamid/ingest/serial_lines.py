@@ -1,0 +1,73 @@
+"""Lines of a serial monitor as rows of a table: `12:33:01.123 -> 512,3.2`, `u:1.2,angle:3.4`,
+`t=0.01 u=1.2`."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from pamid.ingest.cells import classify
+from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS
+
+ARROW, LONGEST_STAMP = "->", 40
+#: bounded lengths, so that no line takes longer than its length
+_BESIDE_NAME = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
+_LABELLED = re.compile(
+    rf"(?P<label>[^\W\d][\w./\[\]-]{{0,60}})[ \t]?[:=][ \t]?(?P<value>{_BESIDE_NAME})(?=[\s,;]|$)"
+)
+
+
+def as_table(text: str) -> tuple[str, str]:
+    """(text as rows of cells, what was done about it); the text itself and "" where it is no
+    output of a serial monitor."""
+    stamps, notes = list[str](), list[str]()
+    lines = text.split("\n", SAMPLE)[:SAMPLE]
+    if _most(_is_stamped(line) for line in lines if line.strip()):
+        parts = [line.partition(ARROW) for line in text.split("\n") if _is_stamped(line)]
+        stamps = [stamp.strip() for stamp, _, _ in parts]
+        text = "\n".join(rest.strip() for _, _, rest in parts) + "\n"
+        lines = text.split("\n", SAMPLE)[:SAMPLE]
+        notes.append("a time stands before -> in every line")
+    ((labels, count),) = Counter(map(_labels, filter(str.strip, lines))).most_common(1) or [((), 0)]
+    if labels and count >= SHARE_OF_ROWS * sum(map(bool, map(str.strip, lines))):
+        return _unlabelled(text, labels, stamps, notes)
+    if not stamps:
+        return text, ""
+    rows = text.split("\n")[:-1]
+    mark = next((m for m in DELIMITERS if _most(m in row for row in rows[:SAMPLE])), "\t")
+    rows = [re.sub(r"\s+", "\t", row.strip()) if mark == " " else row for row in rows]
+    mark = "\t" if mark == " " else mark
+    return "".join(f"{s}{mark}{row}\n" for s, row in zip(stamps, rows, strict=True)), notes[0]
+
+
+def _unlabelled(
+    text: str, labels: Sequence[str], stamps: Sequence[str], notes: list[str]
+) -> tuple[str, str]:
+    rows = text.split("\n")
+    times = [[stamp] for stamp in stamps] or [[] for _ in rows]
+    table = [["time", *labels] if stamps else list(labels)]
+    for time, row in zip(times, rows, strict=False):
+        if _labels(row) == labels:
+            table.append([*time, *(match["value"] for match in _LABELLED.finditer(row))])
+    left = sum(map(bool, map(str.strip, rows))) - len(table) + 1
+    notes.append("every number has its name beside it")
+    if left:
+        notes.append(f"{left} other lines are left out")
+    return "".join(";".join(row) + "\n" for row in table), "; ".join(notes)
+
+
+def _is_stamped(line: str) -> bool:
+    stamp, arrow, _ = line.partition(ARROW)
+    return bool(arrow) and len(stamp) <= LONGEST_STAMP and classify(stamp) in "nd"
+
+
+def _labels(line: str) -> tuple[str, ...]:
+    """The names beside the numbers of a line."""
+    return tuple(match["label"] for match in _LABELLED.finditer(line))
+
+
+def _most(checks: Iterable[bool]) -> bool:
+    """Do nearly all hold, of one at least?"""
+    found = list(checks)
+    return bool(found) and sum(found) >= SHARE_OF_ROWS * len(found)
