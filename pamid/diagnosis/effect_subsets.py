@@ -212,7 +212,7 @@ def best_subsets(
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
     # a share, no size in nats: the weights are those of the baseline's residuals, and where the
     # first effect removes nearly all of these, one that halves the rest gains a fraction of one
-    least = settings.family_share * max((gain - fewer for gain, _ in leading), default=0.0)
+    least = settings.pair_share * max((gain - fewer for gain, _ in leading), default=0.0)
     return [
         Subset(tuple(found.screened[i] for i in m), gain)
         for gain, m in leading

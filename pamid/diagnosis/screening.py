@@ -473,9 +473,12 @@ def promising(
 ) -> list[Screened]:
     """Return the candidates to refit, by gain.
 
-    On top of the baseline: the first `refits`, and the best of every further family with a share
-    of the largest gain. On top of effects already named: the leading ones alone. times: as many
-    candidates, and as many of a family.
+    On top of the baseline: the first `refits`, and the best of every further family that helps.
+    On top of effects already named: the leading ones alone. times: as many candidates, and as many
+    of a family.
+
+    Over the short windows of a screen the gain of the right family may be a hundredth of the
+    largest: a free pendulum restarts from an estimated state before friction has slowed it.
     """
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
@@ -484,7 +487,7 @@ def promising(
     members = Counter(family_of[s.attachment.label] for s in chosen)
     for s in usable[count:] if first_round else []:
         family = family_of[s.attachment.label]
-        if members[family] < times and s.prospect > settings.family_share * usable[0].prospect:
+        if members[family] < times and s.prospect > 0.0:
             chosen.append(s)
             members[family] += 1
     return chosen

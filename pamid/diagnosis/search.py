@@ -328,6 +328,9 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
                 iterations=REFIT_ITERATIONS,
                 tolerance=REFIT_TOLERANCE,
             )
+            # a delay of an input that is held between samples becomes a staircase at finer steps
+            if done.cost > best.fit.cost:
+                break
             best = replayed(self.evidence, best.assembly, done)
         return best
 

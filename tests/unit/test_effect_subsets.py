@@ -18,7 +18,7 @@ from pamid.diagnosis.settings import Settings
 ROWS = 60
 FAMILY = {"rub": "friction", "stick": "friction", "slip": "hysteresis", "late": "timing"}
 FAMILY |= {"drift": "offset"}
-EVERY = Settings(subsets=99, family_share=0.0)
+EVERY = Settings(subsets=99, pair_share=0.0)
 
 
 def responses(left: np.ndarray, columns: dict[str, np.ndarray]) -> ScreenedResponses:
@@ -86,7 +86,7 @@ def test_those_that_add_next_to_nothing_are_left_out(
     pairs = best_subsets(found, family, 2)
     assert set().union(*(p.labels for p in pairs)) == {"slip", "late", "rub"}
     assert len(pairs) < len(best_subsets(found, family, 2, EVERY))
-    assert [p.labels for p in best_subsets(found, family, 2, Settings(family_share=0.99))] == [
+    assert [p.labels for p in best_subsets(found, family, 2, Settings(pair_share=0.99))] == [
         {"slip", "late"}
     ]
     assert len(best_subsets(found, family, 2, replace(EVERY, subsets=1))) == 1

@@ -48,6 +48,17 @@ def test_twice_as_many_candidates_and_members_of_a_family_go_on() -> None:
     assert len(promising(family_of, leading, reference(("a",)), 2)) == 2 * DEFAULT.refits_further
 
 
+def test_a_family_that_helps_at_all_is_refitted() -> None:
+    """Friction of a free pendulum: windows restart from an estimated state before it shows."""
+    leading = [candidate(f"a{i}", 80.0 - i) for i in range(DEFAULT.refits)]
+    slight, none = candidate("b", 0.5), candidate("c", -0.5)
+    family_of = {s.attachment.label: s.attachment.label[0] for s in (*leading, slight, none)}
+    assert names(promising(family_of, [*leading, slight, none], reference())) == [
+        *names(leading),
+        "b",
+    ]
+
+
 def test_a_start_that_promises_more_counts() -> None:
     plain_gain, hopeful = candidate("plain", 10.0), candidate("hopeful", -20.0, promised=30.0)
     assert names(by_gain([plain_gain, hopeful])) == ["hopeful", "plain"]
