@@ -28,12 +28,14 @@ _BY = {
 
 @dataclass(frozen=True)
 class NewRig:
-    """A rig file that was written, and what the recording's columns are in it."""
+    """A rig file that was written, and what the recording's columns are in it; unobserved: states
+    of the example on which no recorded column depends, which the file does without."""
 
     path: Path
     name: str
     like: str
     text: str
+    unobserved: tuple[str, ...]
     _match: Match
     _others: tuple[Match, ...]
 
@@ -59,6 +61,7 @@ class NewRig:
             columns=columns,
             unrecorded=match.unrecorded,
             unused=match.unused,
+            unobserved=self.unobserved,
             turned=match.turned,
             also=tuple(
                 said.OtherMatch(rig=m.rig.name, score=round(m.score, 4)) for m in self._others
@@ -73,6 +76,10 @@ class NewRig:
             lines.append(f"  {q.found:<24} {q.role} {q.wanted}, {_BY[q.by]}{scaled}")
         lines += [f"  {name:<24} not recorded" for name in self._match.unrecorded]
         lines += [f"  {name:<24} not used: noted in the file" for name in self._match.unused]
+        lines += [
+            f"  {name:<24} state left out: no recorded column depends on it"
+            for name in self.unobserved
+        ]
         lines += self._directions()
         if self._others:
             others = ", ".join(m.rig.name for m in self._others)
@@ -133,10 +140,13 @@ def new_rig(
     given = recording_given(recording)
     held = [name for name, values in given.columns.items() if held_by_jumps(values)]
     match, others = best_match(given.columns, like, columns, held)
-    text = RigSource(match, given, name, given.path.name).text()
+    source = RigSource(match, given, name, given.path.name)
+    text = source.text()
     make_folder(path.parent)
     write_atomically(path, text.encode())
-    return NewRig(path, _rig_name(name), match.rig.name, text, match, tuple(others))
+    return NewRig(
+        path, _rig_name(name), match.rig.name, text, source.unobserved, match, tuple(others)
+    )
 
 
 def _rig_name(name: str) -> str:

@@ -258,8 +258,8 @@ def match_columns(
 
 def _is_its_own(recorded: Iterable[str], rig: type[Rig]) -> bool:
     """Does the recording bear the names of all that a rig needs, and of an output?"""
-    names = set(recorded)
-    return names >= set(rig.inputs) - set(rig.optional) and bool(names & set(rig.outputs))
+    names, needed = set(recorded), set(rig.inputs) - set(rig.optional)
+    return bool(needed) and names >= needed and bool(names & set(rig.outputs))
 
 
 def _same(found: str, wanted: str) -> bool:
@@ -304,7 +304,8 @@ def best_match(
         if len(known) == len(said or {}):
             every.append(match_columns(recorded, rig, known, held))
     every.sort(key=lambda one: -one.score)
-    fitting = [one for one in every if one.fits]
+    # a column without a place may be what drives a machine: nothing drives a rig without inputs
+    fitting = [one for one in every if one.fits and (one.rig.inputs or not one.unused)]
     guessed = [one for one in fitting if not one.named]
     fitting = [one for one in fitting if one.named]
     if guessed and not fitting:

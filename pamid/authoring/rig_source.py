@@ -8,10 +8,8 @@ What comes from the recording is names, and they become code: only plain words a
 from __future__ import annotations
 
 import ast
-import inspect
 import keyword
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pamid.authoring.column_match import Match, Pair
+from pamid.authoring.pruned_source import pruned_source
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray, motion
 from pamid.base.units import (
@@ -80,9 +79,12 @@ class RigSource:
     def __init__(self, match: Match, recording: Recording, name: str, told: str) -> None:
         self.match, self.recording, self.name, self.told = match, recording, name, told
         self.rig: Rig = match.rig()
-        self.source = inspect.getsource(sys.modules[match.rig.__module__])
-        self.tree = ast.parse(self.source)
         self.by_wanted = {pair.wanted: pair for pair in match.pairs}
+        recorded = [column for column in self.rig.outputs if column in self.by_wanted]
+        self.source, self.unobserved = pruned_source(self.rig, recorded)
+        self.tree = ast.parse(self.source)
+        used = {n.attr for n in ast.walk(self.tree) if isinstance(n, ast.Attribute)}
+        self.columns = [column for column in self.rig.inputs if column in used] + recorded
         for pair in match.pairs:
             require_plain(pair.found, "The column")
         plain = {pair.wanted for pair in match.pairs if not pair.scaled}
@@ -119,17 +121,17 @@ class RigSource:
 
     def _settled(self) -> dict[str, str]:
         """Class attributes that are written anew."""
-        rig, kept = self.rig, {c: self._found(c) for c in (*self.rig.inputs, *self.rig.outputs)}
-        noise = {kept[c]: self._noise(c) for c in rig.outputs}
+        rig, kept = self.rig, {c: self._found(c) for c in self.columns}
+        noise = {kept[c]: self._noise(c) for c in rig.outputs if c in kept}
         swings = self._swings()
         made = {
-            "inputs": {kept[c]: self._unit(c) for c in rig.inputs},
-            "outputs": {kept[c]: self._unit(c) for c in rig.outputs},
-            "optional": {kept[c]: v for c, v in rig.optional.items() if self._may_lack(c)},
+            "inputs": {kept[c]: self._unit(c) for c in rig.inputs if c in kept},
+            "outputs": {kept[c]: self._unit(c) for c in rig.outputs if c in kept},
+            "optional": {c: v for c, v in rig.optional.items() if kept.get(c) == c},
             "noise": {c: v for c, v in noise.items() if v > 0.0},
             "excited": {c: half for c, (_, half) in swings.items()},
             "centre": {c: centre for c, (centre, _) in swings.items() if centre},
-            "ramped": tuple(kept[c] for c in rig.ramped),
+            "ramped": tuple(kept[c] for c in rig.ramped if c in kept),
             "period_s": _short(self.recording.sampling_period_s),
         }
         slower = self.recording.sampling_period_s / rig.period_s
@@ -234,18 +236,13 @@ class RigSource:
             return own
         return si_symbol(split_column(pair.found)[1])
 
-    def _may_lack(self, column: str) -> bool:
-        return column not in self.by_wanted
-
     def _values(self, pair: Pair) -> FloatArray:
         return self.recording.columns[pair.found]
 
     def _noise(self, column: str) -> float:
-        """Of a recorded output what it shows, in its unit; of another what the example says."""
-        pair = self.by_wanted.get(column)
-        if pair is None:
-            return self.rig.noise.get(column, 0.0)
-        return _short(float(noise_level(self._values(pair)[:, None])[0]), 1)
+        """What a recorded output shows, in its unit."""
+        values = self._values(self.by_wanted[column])
+        return _short(float(noise_level(values[:, None])[0]), 1)
 
     def _swings(self) -> dict[str, tuple[float, float]]:
         """Centre and half range of what was sent, per recorded column, in its unit."""
@@ -304,6 +301,10 @@ class RigSource:
     def _left_over(self) -> str:
         """Comments on what was not recorded, and on what was and has no place."""
         lines = [f"    # {name}: not recorded, and done without" for name in self.match.unrecorded]
+        lines += [
+            f"    # state {name}: left out, for no recorded column depends on it"
+            for name in self.unobserved
+        ]
         for name in self.match.unused:
             values = self.recording.columns[name]
             lines.append(
@@ -363,4 +364,6 @@ def _literal(value: Any) -> str:
         return f"({inside},)" if len(value) == 1 else f"({inside})"
     if isinstance(value, str):
         return '"' + repr(value)[1:-1].replace('"', '\\"') + '"'
+    if isinstance(value, float):  # 0.15 and not 0.15000000000000002
+        return repr(_short(value, 12))
     return repr(value)

@@ -41,6 +41,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "soll",
         "desired",
         "target",
+        "goal",
         "consigne",
         "consigna",
         "zadana",

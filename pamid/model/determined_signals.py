@@ -66,8 +66,13 @@ def undetermined_states(traced: Traced, outputs: Collection[str]) -> frozenset[s
     """Integrator states on which neither these outputs depend nor the rates of states that they
     depend on. What acts back on its rate forgets where it started: a filter is determined by what
     it filters."""
-    loose = frozenset(traced.rates) - _reached(traced, [traced.outputs[o] for o in outputs])
+    loose = unobserved_states(traced, outputs)
     return frozenset(n for n in loose if n not in _reached(traced, [traced.rates[n]]))
+
+
+def unobserved_states(traced: Traced, outputs: Collection[str]) -> frozenset[str]:
+    """States on which none of these outputs depends, at once or through rates."""
+    return frozenset(traced.rates) - _reached(traced, [traced.outputs[o] for o in outputs])
 
 
 def _reached(traced: Traced, roots: Iterable[Expr]) -> set[str]:

@@ -84,33 +84,40 @@ class CascadedTanks(Rig):
     centre = {"pump_v": 3.0}
     hold_s = (20.0, 120.0)
 
-    def changes(self, x: Any, u: Any, p: Any, port: Any) -> tuple[Expr, Expr]:
-        """Rates of the two levels, m/s."""
+    def pipe_flow(self, x: Any, p: Any, port: Any) -> Expr:
+        """Flow from the upper tank to the lower one, m3/s."""
+        return port("pipe", outflow(p.upper_hole, x.upper), level=x.upper)  # type: ignore[no-any-return]
+
+    def upper_change(self, x: Any, u: Any, p: Any, port: Any) -> Expr:
+        """Rate of the upper level, m/s."""
         filling = port("inlet", p.gain * port("pump", u.pump_v), level=x.upper)
-        between = port("pipe", outflow(p.upper_hole, x.upper), level=x.upper)
-        upper = port(
+        return port(  # type: ignore[no-any-return]
             "upper",
-            (filling - between) / p.upper_area,
+            (filling - self.pipe_flow(x, p, port)) / p.upper_area,
             stored=x.upper,
             inflow=filling / p.upper_area,
             downstream=x.lower,
         )
-        lower = port(
+
+    def lower_change(self, x: Any, p: Any, port: Any) -> Expr:
+        """Rate of the lower level, m/s."""
+        filling = self.pipe_flow(x, p, port)
+        return port(  # type: ignore[no-any-return]
             "lower",
-            (between - outflow(p.lower_hole, x.lower)) / p.lower_area,
+            (filling - outflow(p.lower_hole, x.lower)) / p.lower_area,
             stored=x.lower,
-            inflow=between / p.lower_area,
+            inflow=filling / p.lower_area,
             upstream=x.upper,
         )
-        return upper, lower
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        upper, lower = self.changes(x, u, p, port)
-        return {"upper": upper, "lower": lower}
+        return {
+            "upper": self.upper_change(x, u, p, port),
+            "lower": self.lower_change(x, p, port),
+        }
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        upper, lower = self.changes(x, u, p, port)
         return {
-            "level_cm": port("gauge", x.lower, rate=lower),
-            "upper_level_cm": port("upper_gauge", x.upper, rate=upper),
+            "level_cm": port("gauge", x.lower, rate=self.lower_change(x, p, port)),
+            "upper_level_cm": port("upper_gauge", x.upper, rate=self.upper_change(x, u, p, port)),
         }

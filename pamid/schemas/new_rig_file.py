@@ -43,6 +43,9 @@ class NewRigFile(Model):
     columns: ListOf[TakenColumn]
     unrecorded: ListOf[Text] = Field(description="columns of the rig that were not recorded")
     unused: ListOf[Text] = Field(description="recorded columns that the rig has no place for")
+    unobserved: ListOf[Text] = Field(
+        (), description="states that were left out: no recorded column depends on them"
+    )
     turned: ListOf[Text] = Field(
         (), description="rigs to start from in which cause and effect have changed places"
     )

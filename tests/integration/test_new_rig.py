@@ -6,19 +6,27 @@ from __future__ import annotations
 import ast
 import json
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conformance_rules import excitation, plain_run
+from conformance_rules import run as run_rig
 from pamid_cli import frame
 
 import pamid
 from pamid.authoring.column_match import best_match, examples, pair_score
 from pamid.base.errors import FileError, UsageError
+from pamid.base.units import from_si, split_column
+from pamid.model.assembly import Assembly
+from pamid.model.determined_signals import unobserved_states
 from pamid.model.effect import RIG_SECTIONS
 from pamid.model.registry import rig_named
+from pamid.model.trace import trace
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.symbolic.expression import symbols
 
 EXAMPLES = sorted(examples())
 
@@ -29,10 +37,16 @@ def test_there_are_these_to_start_from() -> None:
         "cylinder-bench",
         "damper-bench",
         "dc-motor",
+        "free-decay",
+        "geared-motor",
         "linear-axis",
+        "pump-tank",
+        "servo",
         "servo-axis",
         "servo-pendulum",
+        "static-map",
         "thermal-block",
+        "thermal-two-mass",
         "two-masses",
     ]
 
@@ -52,9 +66,15 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def record(rig: str, capsys: pytest.CaptureFixture[str]) -> Recording:
-    """A virtual recording as a newcomer makes one: nothing said but the rig."""
-    hold = rig_named(rig).hold_s[1]
-    run(capsys, "generate-aprbs", "--rig", rig, "--duration", f"{20 * hold}", "--output", "u.csv")
+    """A virtual recording as a newcomer makes one: nothing said but the rig. A rig without inputs is
+    simulated over the length of a recording."""
+    kind = rig_named(rig)
+    if kind.inputs:
+        words = ("--duration", f"{20 * kind.hold_s[1]}", "--output", "u.csv")
+        run(capsys, "generate-aprbs", "--rig", rig, *words)
+    else:
+        time = kind.period_s * np.arange(1000)
+        write_recording("u.csv", time, {name: np.cos(time) for name in kind.outputs})
     run(capsys, "simulate", "--rig", rig, "--excitation", "u.csv", "--output", "rec.csv")
     return read_recording("rec.csv")
 
@@ -91,6 +111,65 @@ def test_a_file_like_the_rig_is_the_rig(
             first = found
     for column in rig_named(name).outputs:
         np.testing.assert_allclose(found.columns[column], first.columns[column], rtol=1e-9)
+
+
+def shown(name: str) -> list[tuple[str, tuple[str, ...]]]:
+    """Every part of a rig's outputs but the whole."""
+    outputs = tuple(rig_named(name).outputs)
+    return [(name, part) for n in range(1, len(outputs)) for part in combinations(outputs, n)]
+
+
+@pytest.mark.parametrize(
+    ("name", "part"), [case for name in EXAMPLES for case in shown(name)], ids=str
+)
+def test_what_no_recording_shows_is_left_out(name: str, part: tuple[str, ...], here: Path) -> None:
+    """No output, state, port or parameter on which no recorded column depends; what is left
+    computes what the whole rig does."""
+    whole, sent, read = rig_named(name), excitation(name), plain_run(name)
+    si = {
+        **dict(zip(Assembly(whole).program.inputs, sent.T, strict=True)),
+        **{column: read[:, k] for k, column in enumerate(whole.outputs) if column in part},
+    }
+    columns = {column: from_si(values, split_column(column)[1]) for column, values in si.items()}
+    made = pamid.new_rig(small(columns, whole.period_s), like=name, output=here / "mine.py")
+    mine = rig_named(str(here / "mine.py"))
+    assert tuple(mine.outputs) == part
+    assert made.unobserved == tuple(
+        s.name for s in whole.states if s.name not in {q.name for q in mine.states}
+    )
+    traced = trace(mine, lambda port, place: [], {})
+    assert not unobserved_states(traced, part)
+    assert set(mine.ports) <= set(whole.ports)
+    roots = [*traced.rates.values(), *traced.outputs.values()]
+    used = {symbol for space, symbol in symbols(roots) if space == "parameter"}
+    assert used == {q.name for q in mine.parameters}
+    assembly = Assembly(mine)
+    given = np.column_stack([si[column] for column in assembly.program.inputs])
+    y, _, bad = run_rig(assembly, given, assembly.values())
+    assert bad == -1
+    for k, column in enumerate(part):
+        np.testing.assert_allclose(y[:, k], si[column], rtol=1e-9, atol=1e-12)
+
+
+def test_a_shaft_with_a_tachometer_gets_no_angle(here: Path) -> None:
+    given = small({"torque_nm": held(1), "velocity_deg_per_s": moving(2)})
+    made = pamid.new_rig(given, output=here / "shaft.py")
+    rig = rig_named(str(here / "shaft.py"))
+    assert made.like == "servo-axis" and [s.name for s in rig.states] == ["velocity"]
+    assert "encoder" not in rig.ports and "position" not in rig.ports["shaft"].signals
+    assert "angle" in made.summary() and made.to_dict()["unobserved"] == ["angle"]
+    assert "# state angle: left out" in made.text
+    assert pamid.check(here / "shaft.py").ok
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_numbers_are_written_as_people_write_them(name: str, here: Path) -> None:
+    """No 0.15000000000000002: 12 digits are enough for any figure of a data sheet."""
+    whole = rig_named(name)
+    columns = {c: 1.0 + wave(k) for k, c in enumerate((*whole.inputs, *whole.outputs))}
+    text = pamid.new_rig(small(columns), like=name, output=here / "mine.py").text
+    numbers = [n.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Constant)]
+    assert [x for x in numbers if isinstance(x, float) and x != float(f"{x:.12g}")] == []
 
 
 def small(columns: dict[str, np.ndarray], period: float = 0.01) -> Recording:
@@ -147,7 +226,7 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
         else np.resize(wave(4), len(recording)),
     }
     write_recording("volts.csv", recording.time, volts)
-    said = run(capsys, "new-rig", "volts.csv", "--output", "tanks.py")
+    said = run(capsys, "new-rig", "volts.csv", "--like", "cascaded-tanks", "--output", "tanks.py")
     assert said["like"] == "cascaded-tanks" and said["unrecorded"] == ["upper_level_cm"]
     assert said["unused"] == ["comment_n"]
     assert [c["scaled"] for c in said["columns"]] == [False, True]

@@ -1,0 +1,306 @@
+"""The source of a shipped rig without what a recording does not show: outputs that were not
+recorded, states on which no recorded output depends, and what only these need.
+
+Edits are made on the text, so that a rig keeps its layout and its comments. What depends on a state
+that is left out is left out as well: signals of ports, then locals, methods, ports, parameters and
+names of the file that nothing uses any more.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import sys
+from collections.abc import Callable, Collection, Iterator, Sequence
+
+import numpy as np
+
+from pamid.model.determined_signals import unobserved_states
+from pamid.model.rig import Rig
+from pamid.model.trace import trace
+
+
+def pruned_source(rig: Rig, recorded: Collection[str]) -> tuple[str, tuple[str, ...]]:
+    """Return the source of a rig with these of its outputs and the states that they show, and the
+    names of the states that were left out.
+
+    Parameters
+    ----------
+    rig
+        Rig of the catalogue that is written in one file.
+    recorded
+        Its outputs that were recorded; one at least.
+    """
+    traced = trace(rig, lambda port, place: [], {})
+    hidden = unobserved_states(traced, recorded)
+    states = tuple(s.name for s in rig.states if s.name in hidden)
+    text = inspect.getsource(sys.modules[type(rig).__module__])
+    if set(rig.outputs) <= set(recorded) and not states:
+        return text, ()
+    text = _Equations(text, rig, set(recorded), hidden).without()
+    while (shorter := _Unused(text, rig).without()) != text:
+        text = shorter
+    return text, states
+
+
+class _Text:
+    """A file and its tree; removes spans of it."""
+
+    def __init__(self, text: str, rig: Rig) -> None:
+        self.text, self.rig, self.tree = text, rig, ast.parse(text)
+        assert text.isascii(), "places in the tree are counted in bytes"
+        lengths = [len(line) for line in text.splitlines(keepends=True)]
+        self.begins = np.concatenate([[0], np.cumsum(lengths)])
+        self.kind = next(n for n in self.tree.body if isinstance(n, ast.ClassDef))
+        self.edits: list[tuple[int, int, str]] = []
+
+    def edited(self) -> str:
+        """The text after the edits; one within another is done with it."""
+        outer = [
+            e
+            for e in set(self.edits)
+            if not any(o[0] <= e[0] and e[1] <= o[1] and o[:2] != e[:2] for o in self.edits)
+        ]
+        text = self.text
+        for first, last, new in sorted(outer, reverse=True):
+            text = text[:first] + new + text[last:]
+        return text
+
+    def span(self, node: ast.AST) -> tuple[int, int]:
+        assert isinstance(node, ast.expr | ast.stmt | ast.keyword)
+        assert node.end_lineno is not None and node.end_col_offset is not None
+        first = int(self.begins[node.lineno - 1]) + node.col_offset
+        return first, int(self.begins[node.end_lineno - 1]) + node.end_col_offset
+
+    def source(self, node: ast.AST) -> str:
+        first, last = self.span(node)
+        return self.text[first:last]
+
+    def replace(self, node: ast.AST, new: str) -> None:
+        self.edits.append((*self.span(node), new))
+
+    def thin(self, parts: Sequence[tuple[int, int]], stays: Sequence[bool]) -> None:
+        """Remove those of the parts of a list that do not stay, with their commas."""
+        for k, (first, last) in enumerate(parts):
+            if stays[k]:
+                continue
+            if k + 1 < len(parts):
+                self.edits.append((first, parts[k + 1][0], ""))
+            else:
+                before = max((j for j in range(k) if stays[j]), default=None)
+                self.edits.append((first if before is None else parts[before][1], last, ""))
+
+    def thin_dict(self, node: ast.Dict, stays: Callable[[str], bool]) -> None:
+        """Keep the entries with such keys; others than plain keys stay."""
+        entries = list(zip(node.keys, node.values, strict=True))
+        self.thin(
+            [(self.span(k or v)[0], self.span(v)[1]) for k, v in entries],
+            [not isinstance(k, ast.Constant) or stays(str(k.value)) for k, _ in entries],
+        )
+
+    def thin_tuple(self, node: ast.Tuple, stays: Callable[[str], bool]) -> None:
+        """Keep the calls whose first argument is such a name."""
+        kept = [stays(_first_word(call)) for call in node.elts]
+        if sum(kept) == 1:
+            (only,) = (call for call, stay in zip(node.elts, kept, strict=True) if stay)
+            self.replace(node, f"({self.source(only)},)")
+        else:
+            self.thin([self.span(call) for call in node.elts], kept)
+
+    def drop(self, node: ast.stmt) -> None:
+        """Remove a statement or a function with its lines, and the comment right above it."""
+        assert node.end_lineno is not None
+        lines, first = self.text.splitlines(), node.lineno - 1
+        while first and lines[first - 1].lstrip().startswith("#"):
+            first -= 1
+        last = node.end_lineno
+        if isinstance(node, ast.FunctionDef):
+            while last < len(lines) and not lines[last].strip():
+                last += 1
+        self.edits.append((int(self.begins[first]), int(self.begins[last]), ""))
+
+    def assigned(self, name: str) -> ast.expr | None:
+        """Value of an attribute of the class."""
+        for node in self.kind.body:
+            if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == name:
+                return node.value
+        return None
+
+    def functions(self) -> list[ast.FunctionDef]:
+        return [node for node in self.kind.body if isinstance(node, ast.FunctionDef)]
+
+
+class _Equations(_Text):
+    """Takes outputs and states out of the equations."""
+
+    def __init__(self, text: str, rig: Rig, recorded: set[str], hidden: Collection[str]) -> None:
+        super().__init__(text, rig)
+        self.recorded, self.hidden = recorded, set(hidden)
+        self.lost: dict[str, set[str]] = {}  # port -> signals that are no longer offered there
+
+    def without(self) -> str:
+        for function in self.functions():
+            self._function(function)
+        states = self.assigned("states")
+        if isinstance(states, ast.Tuple):
+            self.thin_tuple(states, lambda name: name not in self.hidden)
+        self._ports()
+        self._background()
+        return self.edited()
+
+    def _function(self, function: ast.FunctionDef) -> None:
+        gone = self.hidden if function.name == "rates" else set(self.rig.outputs) - self.recorded
+        hidden_locals: set[str] = set()
+        for node in function.body:
+            if isinstance(node, ast.Assign) and self._hidden(node.value, hidden_locals, True):
+                hidden_locals |= {
+                    n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)
+                }
+        for node in ast.walk(function):
+            if function.name in ("rates", "measure") and isinstance(node, ast.Return):
+                assert isinstance(node.value, ast.Dict)
+                self.thin_dict(node.value, lambda key: key not in gone)
+            if isinstance(node, ast.Call) and _port_of(node):
+                stays = [not self._hidden(k.value, hidden_locals, False) for k in node.keywords]
+                parts = [*node.args, *node.keywords]
+                self.thin([self.span(one) for one in parts], [True] * len(node.args) + stays)
+                lost = {
+                    str(k.arg) for k, stay in zip(node.keywords, stays, strict=True) if not stay
+                }
+                self.lost.setdefault(_port_of(node), set()).update(lost)
+
+    def _hidden(self, value: ast.AST, hidden_locals: set[str], plain: bool) -> bool:
+        """Does a value depend on a state that is left out? plain: not where it does so by a
+        signal of a port alone, which is taken off."""
+        nodes = _without_signals(value) if plain else ast.walk(value)
+        return any(
+            (_read(node, "x") in self.hidden)
+            or (isinstance(node, ast.Name) and node.id in hidden_locals)
+            for node in nodes
+        )
+
+    def _ports(self) -> None:
+        ports = self.assigned("ports")
+        assert isinstance(ports, ast.Dict)
+        for key, value in zip(ports.keys, ports.values, strict=True):
+            name = str(getattr(key, "value", ""))
+            if lost := self.lost.get(name):
+                offered = self.rig.ports[name].signals
+                assert isinstance(offered, dict) and isinstance(value, ast.Call)
+                rest = {s: u for s, u in offered.items() if s not in lost}
+                words = ", ".join(f'"{s}": "{u}"' for s, u in rest.items())
+                self.replace(value.args[2], f"{{{words}}}")
+
+    def _background(self) -> None:
+        """A map along a lost signal runs along what passes; one of a lost signal is left out."""
+        for call in _calls(self.assigned("background"), "RoughMap"):
+            (port,) = (name for name, inside in self._backed() if call in inside)
+            lost = self.lost.get(port, set())
+            over = call.args[1:] + [k.value for k in call.keywords if k.arg == "over"]
+            of = [k.value for k in call.keywords if k.arg == "of"]
+            assert not any(getattr(v, "value", "") in lost for v in of)
+            if any(getattr(v, "value", "") in lost for v in over):
+                parts = [*call.args, *call.keywords]
+                stays = [
+                    getattr(one, "value", one) not in over and one not in over for one in parts
+                ]
+                self.thin([self.span(one) for one in parts], stays)
+
+    def _backed(self) -> Iterator[tuple[str, list[ast.AST]]]:
+        background = self.assigned("background")
+        assert isinstance(background, ast.Dict)
+        for key, value in zip(background.keys, background.values, strict=True):
+            yield str(getattr(key, "value", "")), list(ast.walk(value))
+
+
+class _Unused(_Text):
+    """Takes out what nothing uses."""
+
+    def without(self) -> str:
+        self._locals()
+        self._methods()
+        used = {name for f in self.functions() for n in ast.walk(f) if (name := _port_of(n))}
+        for table in ("ports", "background"):
+            value = self.assigned(table)
+            if isinstance(value, ast.Dict):
+                self.thin_dict(value, lambda name: name in used)
+        read = {name for f in self.functions() for n in ast.walk(f) if (name := _read(n, "p"))}
+        parameters = self.assigned("parameters")
+        if isinstance(parameters, ast.Tuple):
+            self.thin_tuple(parameters, lambda name: name in read)
+        self._names()
+        return self.edited()
+
+    def _locals(self) -> None:
+        for function in self.functions():
+            loaded = {
+                n.id
+                for n in ast.walk(function)
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+            }
+            for node in function.body:
+                if isinstance(node, ast.Assign):
+                    names = {n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)}
+                    if not names & loaded:
+                        self.drop(node)
+
+    def _methods(self) -> None:
+        called = {_read(node, "self") for node in ast.walk(self.kind)}
+        for function in self.functions():
+            if not hasattr(Rig, function.name) and function.name not in called:
+                self.drop(function)
+
+    def _names(self) -> None:
+        """Constants and functions of the file."""
+        loaded = {
+            n.id
+            for n in ast.walk(self.tree)
+            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+        }
+        for node in self.tree.body:
+            if isinstance(node, ast.FunctionDef):
+                name = node.name
+            elif isinstance(node, ast.Assign):
+                name = getattr(node.targets[0], "id", "")
+            else:
+                continue
+            if name not in loaded:
+                self.drop(node)
+
+
+def _read(node: ast.AST, owner: str) -> str:
+    """The name of an attribute that is read of `x`, `p` or `self`, "" where it is none."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return node.attr if node.value.id == owner else ""
+    return ""
+
+
+def _port_of(node: ast.AST) -> str:
+    """The port that a call passes a value through, "" where it is no such call."""
+    named = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    return _first_word(node) if named and node.func.id == "port" else ""  # type: ignore[attr-defined]
+
+
+def _first_word(node: ast.AST) -> str:
+    assert isinstance(node, ast.Call)
+    return str(getattr(node.args[0], "value", "")) if node.args else ""
+
+
+def _calls(node: ast.AST | None, name: str) -> list[ast.Call]:
+    return [
+        call
+        for call in (ast.walk(node) if node is not None else ())
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == name
+    ]
+
+
+def _without_signals(value: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a value, signals of its ports left out."""
+    waiting = [value]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.Call) and _port_of(node):
+            waiting += node.args
+        else:
+            waiting += ast.iter_child_nodes(node)
