@@ -45,7 +45,7 @@ def command(
         lines += ["", f"One of them, or a file of yours: pamid rigs {rows[0].name}"]
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
-    said = catalogue.rig_story(rig, library.effects().values())
+    said = catalogue.rig_story(rig, library.effects().values(), library.rigs())
     text = catalogue.rig_text(said)
     if figure is not None:
         from pamid.model.port_flow import rig_map

@@ -177,7 +177,7 @@ def _parameter_table(rows: Iterable[ParameterRow]) -> list[str]:
 
 
 def _rig_page(name: str) -> str:
-    said = catalogue.rig_story(rig_named(name), effects().values())
+    said = catalogue.rig_story(rig_named(name), effects().values(), rigs())
     lines = [f"# {name}", "", said.title, "", f"What `pamid rigs {name}` prints.", ""]
     return "\n".join([*lines, "```text", catalogue.rig_text(said), "```", ""])
 

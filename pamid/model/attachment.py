@@ -73,6 +73,18 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
     return found
 
 
+def needed_port(effect: type[Effect]) -> str:
+    """The port that an effect takes, in words: "a transmission port offering stretch"."""
+    kinds = " or ".join(dict.fromkeys((*effect.kinds, *effect.general_kinds)))
+    asked = [
+        " and ".join(dict.fromkeys((*effect.signals, *role))) for role in effect.roles or ((),)
+    ]
+    article = "an" if kinds.startswith("a") else "a"
+    passed = f" in {effect.unit}" if effect.unit else ""
+    offered = f" offering {'; and one offering '.join(asked)}" if asked[0] else ""
+    return f"{article} {kinds} port{passed}{offered}"
+
+
 def _together(effect: type[Effect], rig: Rig, ports: list[str]) -> list[Attachment]:
     """One copy at all ports that play a part, in the order of the parts; none where a part is
     left."""
@@ -99,17 +111,10 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
         )
     possible = [a for a in attachments(rig, effects.values()) if a.effect.name == name]
     if not possible:
-        needs = (
-            f"a port of kind {' or '.join((*effects[name].kinds, *effects[name].general_kinds))}"
-        )
-        asked = [
-            " and ".join({**dict.fromkeys(effects[name].signals), **dict.fromkeys(role)})
-            for role in effects[name].roles or ((),)
-        ]
-        signals = f" offering {'; and one offering '.join(asked)}" if asked[0] else ""
         raise FileError(
-            f"effect {name!r} finds no place on rig {rig.name!r}: it needs {needs}{signals}; the "
-            "rig has " + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items())
+            f"effect {name!r} finds no place on rig {rig.name!r}: it takes "
+            f"{needed_port(effects[name])}; the rig has "
+            + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items())
         )
     if not at:
         if len(possible) > 1:

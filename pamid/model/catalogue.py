@@ -4,13 +4,14 @@ included."""
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pamid.base.units import NONE
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import KINDS, SECTIONS, Effect
+from pamid.model.no_place import no_places
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
 from pamid.schemas import catalogue_files as result
@@ -94,9 +95,12 @@ def _variants(rig: type[Rig]) -> tuple[str, ...]:
     return tuple(getattr(rig, "variants", ()))
 
 
-def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> result.RigStory:
+def rig_story(
+    rig: Rig, known: Iterable[type[Effect]], rigs: Mapping[str, type[Rig]]
+) -> result.RigStory:
     """Everything about one rig: signals, ports, parameters, background, equations, effects that
-    fit."""
+    fit, and those that fit other rigs for the same quantities."""
+    known = list(known)
     fit = attachments(rig, known)
     return result.RigStory(
         name=rig.name,
@@ -113,6 +117,10 @@ def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> result.RigStory:
         variants=_variants(type(rig)),
         states=tuple(result.NamedUnit(name=s.name, unit=s.unit) for s in rig.states),
         ports=tuple(_port(rig, name, fit) for name in rig.ports),
+        no_place=tuple(
+            result.NoPlaceRow(effects=dict(q.effects), needs=q.needs, rigs=q.rigs)
+            for q in no_places(rig, known, rigs)
+        ),
         parameters=tuple(map(_parameter, rig.parameters)),
         background=_background(rig),
         loops=tuple(
@@ -329,6 +337,11 @@ def rig_text(said: result.RigStory) -> str:
             + (f"; offers {signals}" if signals else "")
         )
         lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
+    if said.no_place:
+        lines += ["", "What it has no place for, and which rig has"]
+    for none in said.no_place:
+        effects = ", ".join(f"{name} ({title})" for name, title in none.effects.items())
+        lines += _wrapped(f"{effects}: {', '.join(none.rigs)}, with {none.needs}", 4)
     lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
     lines += ["", "Parameters", *_parameter_lines(said.parameters)]
     if said.background:

@@ -12,11 +12,13 @@ from pamid.model.isolability import Cut, unknowns_of
 from pamid.model.rig import Rig
 from pamid.model.trace import Traced, trace
 from pamid.schemas.rig_map import MappedPort, RigMap
+from pamid.symbolic.vocabulary import Expr
 
 
 def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
     """Ports of the rig in its own order, the places of a port taken together, each with the ports
-    that it leads to; outputs: those that were measured.
+    that it leads to; outputs: those that were measured. A port that leads to none of them is left
+    out, as that of a sensor that was not recorded.
 
     FileError where the rig's equations cannot be traced."""
     traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
@@ -25,13 +27,28 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
         name: {port_of[cut] for cut in cuts} for name, cuts in _cuts_behind_states(traced).items()
     }
     before: dict[str, set[str]] = {name: set() for name in rig.ports}
+
+    def sources(value: Expr) -> set[str]:
+        """Ports that a value holds, at once or through states."""
+        found: set[str] = set()
+        for space, name in unknowns_of(value):
+            found |= {port_of[name]} if space == "cut" else behind.get(name, set())
+        return found
+
     for passage in traced.passages:
-        for space, name in unknowns_of(passage.value):
-            before[passage.port] |= {port_of[name]} if space == "cut" else behind.get(name, set())
+        before[passage.port] |= sources(passage.value)
+    outputs = tuple(outputs)
+    waiting = [port for name in outputs for port in sources(traced.outputs[name])]
+    seen: set[str] = set()
+    while waiting:
+        port = waiting.pop()
+        if port not in seen:
+            seen.add(port)
+            waiting += before[port]
     return RigMap(
         name=rig.name,
         inputs=tuple(rig.inputs),
-        outputs=tuple(outputs),
+        outputs=outputs,
         ports=tuple(
             MappedPort(
                 port=name,
@@ -39,10 +56,13 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
                 kind=port.kind,
                 unit=port.unit,
                 leads_to=tuple(
-                    other for other in rig.ports if name in before[other] and other != name
+                    other
+                    for other in rig.ports
+                    if name in before[other] and other != name and other in seen
                 ),
             )
             for name, port in rig.ports.items()
+            if name in seen
         ),
     )
 

@@ -1,9 +1,9 @@
 """Where the blocks of a rig's diagram stand: columns in the order in which a signal passes, from
 the command to the sensors, and the arrows between them.
 
-Blocks are groups of ports, the names by which shares of the gap are told. Of the arrows those
-remain that say something new: what another way through blocks says as well is left out, and so is
-what a later block feeds back, unless nothing else leads to the earlier one.
+Blocks are groups of ports, the names by which shares of the gap are told. Wherever the value of a
+block enters the equation of another one, a way of arrows leads from the one to the other: an arrow
+of its own, or one through blocks between them.
 """
 
 from __future__ import annotations
@@ -101,7 +101,12 @@ def columns_of(rig: RigMap) -> dict[str, list[str]]:
 
 
 def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str, bool]]:
-    """(from, to, both ways) between groups."""
+    """(from, to, both ways) between groups: the fewest arrows by which every block that feeds
+    another one leads to it.
+
+    Arrows along the signal and within a column come first; those that feed back are added, the
+    shortest first, where no way leads back yet.
+    """
     group = {one.port: one.group or one.port for one in rig.ports}
     stage = {name: k for k, groups in enumerate(columns.values()) for name in groups}
     every = {
@@ -111,27 +116,36 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
         if other in group and group[one.port] != group[other]
     }
     every = {(a, b) for a, b in every if a in stage and b in stage}
-    beside = {(a, b) for a, b in every if stage[a] == stage[b] and (b, a) not in every}
-    forward = {(a, b) for a, b in every if stage[a] < stage[b]} | beside
-    kept = {(a, b) for a, b in forward if not _leads(a, b, forward - {(a, b)})}
-    reached = {b for _, b in forward}
-    back = {
-        (a, b) for a, b in every if stage[a] > stage[b] > 0 and (b not in reached or (b, a) in kept)
-    }
+    forward = {(a, b) for a, b in every if stage[a] < stage[b]}
+    level = {(a, b) for a, b in every if stage[a] == stage[b]}
+    one_way = {(a, b) for a, b in level if (b, a) not in level}
+    ahead, reached = forward | one_way, {b for _, b in forward | one_way}
+    back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
+    kept = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
+    drawn = (
+        {_stepped(a, b, back & {(d, c) for c, d in kept}, stage) for a, b in kept}
+        | back
+        | (level - one_way)
+    )
     rank = {name: k for k, name in enumerate(stage)}
-    forward_shown = {_stepped(a, b, back, reached, stage) for a, b in kept}
-    found = [(a, b, (b, a) in back) for a, b in forward_shown]
-    found += [(a, b, False) for a, b in back if (b, a) not in forward_shown | kept]
-    return sorted(found, key=lambda one: (rank[one[0]], rank[one[1]]))
+    for a, b in sorted(every - ahead - level, key=lambda ab: (rank[ab[0]] - rank[ab[1]], ab)):
+        if not _leads(a, b, drawn):
+            drawn.add((a, b))
+    links = [
+        (a, b, (b, a) in drawn)
+        for a, b in drawn
+        if (b, a) not in drawn or (stage[a], rank[a]) < (stage[b], rank[b])
+    ]
+    return sorted(links, key=lambda one: (rank[one[0]], rank[one[1]]))
 
 
 def _stepped(
-    a: str, b: str, back: set[tuple[str, str]], reached: set[str], stage: dict[str, int]
+    a: str, b: str, mutual: set[tuple[str, str]], stage: dict[str, int]
 ) -> tuple[str, str]:
     """A force that reaches a moving part through what stands behind it (a muscle, its chain, the
-    joint) is drawn to the part, which is joined to what stands behind it by an arrow of its own."""
-    for begin, end in sorted(back):
-        if begin == b and end not in reached and stage[a] < stage[end] < stage[b]:
+    joint) is drawn to the part, which is joined to what stands behind it in both ways."""
+    for begin, end in sorted(mutual):
+        if begin == b and stage[a] < stage[end] < stage[b]:
             return a, end
     return a, b
 
@@ -197,7 +211,7 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
     columns, texts = gathered(columns_of(rig), texts)
     placed: list[Box] = []
     links: list[Link] = []
-    led = {(a, b) for a, b, _ in links_of(rig, columns_of(rig))}
+    led = {(a, b): both for a, b, both in links_of(rig, columns_of(rig))}
     y = 0.0
     for k, groups in enumerate(columns.values()):
         if k:
@@ -215,15 +229,15 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
     return Diagram(wide, y + 2.0, tuple(placed), tuple(links))
 
 
-def _within_row(row: list[Box], led: set[tuple[str, str]]) -> list[Link]:
+def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
     """Between two blocks of one column that stand side by side, where one leads to the other."""
     found = []
     for a, b in zip(row, row[1:], strict=False):
         y = a.y + 0.5 * a.tall
         if (a.name, b.name) in led:
-            found.append(Link((a.x + a.wide + 1.0, y), (b.x - 2.0, y)))
+            found.append(Link((a.x + a.wide + 1.0, y), (b.x - 2.0, y), led[a.name, b.name]))
         elif (b.name, a.name) in led:
-            found.append(Link((b.x - 1.0, y), (a.x + a.wide + 2.0, y)))
+            found.append(Link((b.x - 1.0, y), (a.x + a.wide + 2.0, y), led[b.name, a.name]))
     return found
 
 

@@ -1,9 +1,10 @@
 """A DC motor that turns a load through a gearbox.
 
 What it is
-    A brushed motor (or a brushless one with its own commutation), a gearbox, and a load on its
-    output shaft: a drive axis, a conveyor, a robot's joint. The amplifier sets a voltage, the
-    encoder sits on the output shaft, the current is measured where the amplifier tells it.
+    A brushed motor (or a brushless one with its own commutation), a rigid gearbox, and a load on
+    its output shaft: a drive axis, a conveyor, a robot's joint. The amplifier sets a voltage and
+    measures the current, the encoder sits on the output shaft. A gear that gives, with inertias on
+    both sides of it, is `geared-motor`.
 
 Equations
     current   i = (voltage - k N w)/R, the winding's own lag left out
@@ -12,8 +13,9 @@ Equations
 
 Typically missing
     Dry friction of gears and brushes, and friction that grows with the load on the teeth
-    (shaft); play between motor and load (gear); torque ripple and cogging (shaft, position);
-    dead time and dead zone of the amplifier; an encoder that is late or off centre.
+    (shaft); a load that swings behind the encoder, with play or without (gear); torque ripple and
+    cogging (shaft, position); dead time and dead zone of the amplifier; an encoder that is late or
+    off centre.
 
 References
     Krause, Wasynczuk, Sudhoff (2002), Analysis of Electric Machinery and Drive Systems, Wiley;

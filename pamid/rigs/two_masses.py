@@ -40,7 +40,7 @@ class TwoMasses(Rig):
     ports = {
         "drive": Port("command", "N"),
         "spring": Port("motion", "N", {"position": "m", "velocity": "m/s"}),
-        "coupling": Port("transmission", "N", {"position": "m", "velocity": "m/s"}),
+        "coupling": Port("transmission", "N", {"stretch": "m"}),
         "carriage_1": Port("motion", "N", CARRIAGE, kin="carriage"),
         "carriage_2": Port("motion", "N", CARRIAGE, kin="carriage"),
         "ruler_1": Port("reading", "m", {"rate": "m/s"}),
@@ -77,7 +77,7 @@ class TwoMasses(Rig):
         # on the second mass, along the stretch; the first one feels the opposite
         pull = -p.stiffness * stretch - p.coupling_damping * rate
         pull = port("spring", pull, position=stretch, velocity=rate)
-        pull = port("coupling", pull, position=stretch, velocity=rate)
+        pull = port("coupling", pull, stretch=stretch)
         first = port("drive", u.force_n) - p.frame_stiffness * x.position_1
         first = port(
             "carriage_1",

@@ -152,6 +152,14 @@ class RigRow(Model):
     variants: ListOf[Text] = Field(description="named as rig:variant")
 
 
+class NoPlaceRow(Model):
+    """Effects that this rig has no place for, while others for the same quantities have."""
+
+    effects: dict[Text, Text] = Field(description="effect -> what it is")
+    needs: Text = Field(description="the port that they take")
+    rigs: ListOf[Text] = Field(description="rigs of the catalogue that have it")
+
+
 class RigStory(Model):
     """Everything about one rig."""
 
@@ -163,6 +171,7 @@ class RigStory(Model):
     variants: ListOf[Text] = Field(description="named as rig:variant")
     states: ListOf[NamedUnit]
     ports: ListOf[RigPort]
+    no_place: ListOf[NoPlaceRow] = ()
     parameters: ListOf[ParameterRow]
     background: ListOf[BackgroundRow]
     loops: ListOf[LoopRow]

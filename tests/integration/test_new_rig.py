@@ -66,8 +66,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def record(rig: str, capsys: pytest.CaptureFixture[str]) -> Recording:
-    """A virtual recording as a newcomer makes one: nothing said but the rig. A rig without inputs is
-    simulated over the length of a recording."""
+    """A virtual recording as a newcomer makes one: nothing said but the rig. A rig without inputs
+    is simulated over the length of a recording."""
     kind = rig_named(rig)
     if kind.inputs:
         words = ("--duration", f"{20 * kind.hold_s[1]}", "--output", "u.csv")

@@ -10,7 +10,7 @@ import pytest
 from synthetic_run import diagnosis_json
 
 from pamid.model.port_flow import rig_map
-from pamid.model.registry import rig_named
+from pamid.model.registry import rig_named, rigs
 from pamid.report.block_diagram import (
     MOST_IN_COLUMN,
     BlockText,
@@ -29,6 +29,7 @@ from pamid.schemas.model import read
 from pamid.schemas.rig_map import RigMap
 
 ROOT = Path(__file__).resolve().parents[2]
+EACH_DIAGRAM = ("dc-motor", "two-masses", "damper-bench", "geared-motor", "cylinder-bench", "servo")
 
 
 def map_of(name: str) -> RigMap:
@@ -66,14 +67,64 @@ def test_a_row_of_blocks_from_the_command_to_the_sensor() -> None:
     drawn = {(a, b) for a, b, _ in links_of(rig, columns)}
     assert {("command", "valve"), ("muscle", "joint"), ("joint", "structure")} <= drawn
     assert ("command", "pressure") not in drawn  # the valve stands between
-    assert ("muscle", "structure") not in drawn and ("structure", "muscle") not in drawn
+    assert ("muscle", "structure") not in drawn  # the joint stands between
+
+
+def way(begin: str, drawn: set[tuple[str, str]]) -> set[str]:
+    """Blocks to which arrows lead from one."""
+    seen, waiting = set[str](), [begin]
+    while waiting:
+        here = waiting.pop()
+        after = {b for a, b in drawn if a == here} - seen
+        seen |= after
+        waiting += after
+    return seen
+
+
+@pytest.mark.parametrize("name", [n for n in rigs() if n != "two-link"])
+def test_a_way_of_arrows_leads_wherever_one_equation_feeds_another(name: str) -> None:
+    """The fewest arrows, but no block without one, and no feedback that is not to be seen."""
+    rig = map_of(name)
+    group = {one.port: one.group or one.port for one in rig.ports}
+    links = links_of(rig, columns_of(rig))
+    drawn = {(a, b) for a, b, _ in links} | {(b, a) for a, b, both in links if both}
+    for one in rig.ports:
+        fed = {group[other] for other in one.leads_to} - {group[one.port]}
+        assert fed <= way(group[one.port], drawn), one.port
+    assert {name for link in drawn for name in link} == set(group.values())
+
+
+def test_blocks_that_feed_each_other_are_joined_both_ways() -> None:
+    """Heat passes from element to body and back; a shoulder turns its elbow, and the reverse."""
+    heat = map_of("thermal-two-mass")
+    assert ("element", "body", True) in links_of(heat, columns_of(heat))
+    ports = [
+        {"port": "torque", "kind": "command", "leads_to": ["shoulder"]},
+        {"port": "shoulder", "kind": "motion", "leads_to": ["elbow", "encoder"]},
+        {"port": "elbow", "kind": "motion", "leads_to": ["shoulder"]},
+        {"port": "encoder", "kind": "reading", "leads_to": []},
+    ]
+    arm = read(RigMap, {"name": "arm", "inputs": [], "outputs": [], "ports": ports})
+    assert ("shoulder", "elbow", True) in links_of(arm, columns_of(arm))
+    texts = plain_texts(arm)
+    for diagram in (wide_diagram(arm, texts, 920.0), narrow_diagram(arm, texts, 340.0)):
+        assert [one.both for one in diagram.links].count(True) == 1
+
+
+def test_a_sensor_that_was_not_recorded_has_no_block() -> None:
+    rig = rig_named("thermal-two-mass")
+    ports = {one.port for one in rig_map(rig, ("body_temperature_degc",)).ports}
+    assert ports == {"heater", "element", "body", "body_sensor"}
+    upper = rig_map(rig_named("cascaded-tanks"), ("upper_level_cm",))
+    assert {one.port for one in upper.ports} == {"pump", "inlet", "pipe", "upper", "upper_gauge"}
+    assert all(other != "lower" for one in upper.ports for other in one.leads_to)
 
 
 def overlap(a: Box, b: Box) -> bool:
     return a.x < b.x + b.wide and b.x < a.x + a.wide and a.y < b.y + b.tall and b.y < a.y + a.tall
 
 
-@pytest.mark.parametrize("name", ["one-dof", "two-link", "dc-motor", "two-masses", "damper-bench"])
+@pytest.mark.parametrize("name", ["one-dof", "two-link", *EACH_DIAGRAM])
 def test_blocks_never_overlap_and_stay_inside(name: str) -> None:
     rig = map_of(name)
     for diagram in (

@@ -1,0 +1,86 @@
+"""Effects for which a rig has no place, while a rig of the catalogue for the same quantities has
+one: a motor with one inertia has no place for play between motor and load.
+
+A rig for the same quantities takes what this one takes, by its unit, reads something that this one
+reads, and has as many states at least. A recording of the machine could be diagnosed with either.
+Rigs with a catalogue of their own are left out, and so is a command without a unit, which any
+machine may take.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from pamid.model.attachment import attachments, needed_port
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+
+
+@dataclass(frozen=True)
+class NoPlace:
+    """effects: by name, what each is; needs: the port that they want; rigs: those that have it."""
+
+    effects: tuple[tuple[str, str], ...]
+    needs: str
+    rigs: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """For people: what has no place, the port that it needs, and where that is."""
+        named = ", ".join(f"{name} ({title})" for name, title in self.effects)
+        have = f"{' and '.join(self.rigs)} {'have' if len(self.rigs) > 1 else 'has'}"
+        return f"no place for {named}: it takes {self.needs}, which {have}"
+
+
+def no_places(
+    rig: Rig, effects: Iterable[type[Effect]], others: Mapping[str, type[Rig]]
+) -> list[NoPlace]:
+    """Return the effects that fit a rig for the same quantities and not this one.
+
+    Parameters
+    ----------
+    rig
+        Rig, of the catalogue or of a file.
+    effects
+        Catalogue of effects.
+    others
+        Rigs to compare with, by name.
+    """
+    known = {effect.name: effect for effect in effects}
+    here = _placed(rig, known.values())
+    elsewhere: dict[str, list[str]] = {}
+    for name, kind in others.items():
+        other = kind()
+        if name != rig.name and _same_quantities(rig, other):
+            for effect in sorted(_placed(other, known.values()) - here):
+                elsewhere.setdefault(effect, []).append(name)
+    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for effect, names in elsewhere.items():
+        groups.setdefault((needed_port(known[effect]), tuple(names)), []).append(effect)
+    return [
+        NoPlace(tuple((name, _title(known[name])) for name in names), needs, rigs)
+        for (needs, rigs), names in groups.items()
+    ]
+
+
+def _placed(rig: Rig, effects: Iterable[type[Effect]]) -> set[str]:
+    return {a.effect.name for a in attachments(rig, effects)}
+
+
+def _same_quantities(rig: Rig, other: Rig) -> bool:
+    taken, needed = (
+        Counter(symbol for column, symbol in one.inputs.items() if column not in one.optional)
+        for one in (rig, other)
+    )
+    general = all(port.general for one in (rig, other) for port in one.ports.values())
+    # a command without a unit, which any machine may take, says nothing of which it is
+    same = needed == taken and any(needed) == bool(rig.inputs)
+    read = set(rig.outputs.values()) & set(other.outputs.values())
+    return general and same and bool(read) and len(other.states) >= len(rig.states)
+
+
+def _title(effect: type[Effect]) -> str:
+    title = effect.story()["title"][:1].lower() + effect.story()["title"][1:]
+    return title.rstrip(".")
