@@ -29,6 +29,10 @@ MOST_LINKS = 14  # between all columns; more become one broad arrow per pair of 
 LINE, PAD, HEAD_ROOM, GAP_Y, GAP_X = 15.0, 8.0, 22.0, 12.0, 26.0
 _EM, _EM_BOLD = 6.9, 7.6  # width of a letter in the diagram's units, upright and bold
 _MOST_WIDE, _LEAST_WIDE = 190.0, 92.0
+#: of an arrow that passes below: from a block to its first turn, and between two such arrows
+STUB, NEXT_LINE, STUBS = 8.0, 5.0, 3
+LOWER = 0.75  # of a block's height: where it leaves and enters
+NEAR, WAY_POINTS = 3.0, 40  # of an arrow to a box; points at which that is looked for
 _FEW = 5  # columns that leave room for long arrows
 
 
@@ -62,14 +66,14 @@ class Box:
 
 @dataclass(frozen=True)
 class Link:
-    """An arrow between two points; both: with a head at either end; broad: stands for many; below:
-    the height at which it passes below what stands between."""
+    """An arrow between two points; both: with a head at either end; broad: stands for many;
+    corners: points at which it turns, on its way below what stands between."""
 
     begin: tuple[float, float]
     end: tuple[float, float]
     both: bool = False
     broad: bool = False
-    below: float | None = None
+    corners: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -202,7 +206,7 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
             placed[box.name] = _moved(box, x, y)
             y += box.tall + GAP_Y
     links = list(_wide_links(rig, columns, placed, HEAD_ROOM + 0.5 * tall))
-    bottom = max([HEAD_ROOM + tall, *(one.below + 4.0 for one in links if one.below is not None)])
+    bottom = max([HEAD_ROOM + tall, *(y + 4.0 for one in links for _, y in one.corners)])
     return Diagram(wide, bottom + 4.0, tuple(placed.values()), tuple(links), tuple(heads))
 
 
@@ -287,8 +291,11 @@ def _wide_links(
             found[ends] = found.get(ends, False) or both
     if len(found) > MOST_LINKS:
         return _broad(list(columns.values()), placed, middle)
-    boxes = list(placed.values())
-    return [_link(placed[a], placed[b], both, boxes) for (a, b), both in found.items()]
+    links: list[Link] = []
+    for (a, b), both in found.items():
+        aside = sum(bool(one.corners) for one in links)
+        links.append(_link(placed[a], placed[b], both, list(placed.values()), aside))
+    return links
 
 
 def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> list[Link]:
@@ -302,30 +309,48 @@ def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> l
     ]
 
 
-def _within_column(a: Box, b: Box, both: bool) -> Link:
-    """Straight to the next block; past others it is drawn from edge to edge as well, behind
-    them."""
+def _within_column(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
+    """Straight to the next block; past others on their left."""
+    high, low = (a, b) if a.y < b.y else (b, a)
+    if any(one.x == a.x and high.y < one.y < low.y for one in boxes):
+        begin, end = (a.x - 1.0, a.y + LOWER * a.tall), (b.x - 2.0, b.y + (1.0 - LOWER) * b.tall)
+        aside = max(0.5, a.x - 2.0 * STUB)
+        return Link(begin, end, both, corners=((aside, begin[1]), (aside, end[1])))
     middle = a.x + 0.5 * a.wide
     if a.y < b.y:
         return Link((middle, a.y + a.tall + 1.0), (middle, b.y - 2.0), both)
     return Link((middle, a.y - 1.0), (middle, b.y + b.tall + 2.0), both)
 
 
-def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
-    begin_y, end_y = a.y + 0.5 * a.tall, b.y + 0.5 * b.tall
-    left, right = (a, b) if a.x < b.x else (b, a)
-    between = [one for one in boxes if left.x + left.wide < one.x and one.x + one.wide < right.x]
-    low, high = min(begin_y, end_y) - PAD, max(begin_y, end_y) + PAD
+def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box], aside: int) -> Link:
+    """From side to side; below what stands between, where that is in the way; aside: links that
+    pass below already, each on a line of its own."""
     if a.x == b.x:
-        return _within_column(a, b, both)
-    if any(one.y < high and one.y + one.tall > low for one in between):
-        below = max(one.y + one.tall for one in (*between, a, b)) + GAP_Y
-        return Link(
-            (a.x + 0.6 * a.wide, a.y + a.tall + 1.0),
-            (b.x + 0.4 * b.wide, b.y + b.tall + 2.0),
-            both,
-            below=below,
-        )
-    if a is left:
-        return Link((a.x + a.wide + 1.0, begin_y), (b.x - 2.0, end_y), both)
-    return Link((a.x - 1.0, begin_y), (b.x + b.wide + 2.0, end_y), both)
+        return _within_column(a, b, both, boxes)
+    way = 1.0 if a.x < b.x else -1.0
+    begin = (a.x + a.wide + 1.0 if way > 0.0 else a.x - 1.0, a.y + 0.5 * a.tall)
+    end = (b.x - 2.0 if way > 0.0 else b.x + b.wide + 2.0, b.y + 0.5 * b.tall)
+    if not any(_crosses(begin, end, one) for one in boxes if one not in (a, b)):
+        return Link(begin, end, both)
+    # in the lower half of the sides, which the straight arrows leave free
+    begin, end = (begin[0], a.y + LOWER * a.tall), (end[0], b.y + LOWER * b.tall)
+    left, right = min(a.x, b.x), max(a.x, b.x)
+    below = max(one.y + one.tall for one in boxes if left <= one.x <= right)
+    below += GAP_Y + NEXT_LINE * aside
+    out = way * (STUB + NEXT_LINE * (aside % STUBS))
+    turns = ((begin[0] + out, begin[1]), (begin[0] + out, below))
+    turns += ((end[0] - out, below), (end[0] - out, end[1]))
+    return Link(begin, end, both, corners=turns)
+
+
+def _crosses(begin: tuple[float, float], end: tuple[float, float], box: Box) -> bool:
+    """Does an arrow, straight or with level ends, come within some units of a box?"""
+    for k in range(1, WAY_POINTS):
+        part = k / WAY_POINTS
+        x = begin[0] + part * (end[0] - begin[0])
+        if box.x - NEAR < x < box.x + box.wide + NEAR:
+            for share in (part, part * part * (3.0 - 2.0 * part)):
+                y = begin[1] + share * (end[1] - begin[1])
+                if box.y - NEAR < y < box.y + box.tall + NEAR:
+                    return True
+    return False

@@ -184,13 +184,9 @@ def _arrow(one: Link, head: str) -> Markup:
 
 def link_path(one: Link) -> str:
     (x, y), (u, v) = one.begin, one.end
-    if one.below is not None:
-        turn = 10.0 if u > x else -10.0
-        return (
-            f"M{x:.1f} {y:.1f}V{one.below - 8.0:.1f}Q{x:.1f} {one.below:.1f} {x + turn:.1f} "
-            f"{one.below:.1f}H{u - turn:.1f}Q{u:.1f} {one.below:.1f} {u:.1f} "
-            f"{one.below - 8.0:.1f}V{v:.1f}"
-        )
+    if one.corners:
+        turns = "".join(f"L{p:.1f} {q:.1f}" for p, q in one.corners)
+        return f"M{x:.1f} {y:.1f}{turns}L{u:.1f} {v:.1f}"
     if abs(x - u) < 1.0 or abs(y - v) < 1.0:
         return f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}"
     bend = 0.5 * (u - x)
@@ -243,18 +239,14 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
     for x, y, text in diagram.heads:
         axes.text(x, y, text, ha="center", fontsize=10.0 * points, color=colour("muted"))
     for one in diagram.links:
-        (x, y), (u, v) = one.begin, one.end
-        corners = [(x, y), (u, v)]
-        if one.below is not None:
-            corners[1:1] = [(x, one.below), (u, one.below)]
         axes.add_patch(
             FancyArrowPatch(
-                path=Path(corners),
+                path=Path([one.begin, *one.corners, one.end]),
                 arrowstyle="<|-|>" if one.both else "-|>",
                 mutation_scale=9.0 * points,
                 linewidth=(3.0 if one.broad else 1.2) * points,
                 edgecolor=colour("muted"),
-                facecolor="none" if one.below is not None else colour("muted"),
+                facecolor="none" if one.corners else colour("muted"),
             )
         )
     for box in diagram.boxes:

@@ -239,3 +239,21 @@ def test_names_from_a_file_are_text() -> None:
     drawing = rig_drawing(found)
     assert drawing is not None and drawing.own is not None
     assert "<script" not in "".join(drawing.own) + str(panels_html(found)) + rig_svg(found)
+
+
+@pytest.mark.parametrize("name", ["geared-motor", "one-dof", "muscle-mass", "two-masses", "servo"])
+def test_arrows_pass_no_block_that_they_do_not_join(name: str) -> None:
+    """Points along an arrow between two columns lie in no block."""
+    rig = map_of(name)
+    diagram = wide_diagram(rig, plain_texts(rig), 920.0)
+    for link in diagram.links:
+        ways = list(itertools.pairwise([link.begin, *link.corners, link.end]))
+        if not link.corners and link.begin[0] == link.end[0]:
+            continue  # within a column
+        for (x, y), (u, v) in ways:
+            for k in range(21):
+                p, q = x + 0.05 * k * (u - x), y + 0.05 * k * (v - y)
+                for box in diagram.boxes:
+                    inside = box.x < p < box.x + box.wide and box.y < q < box.y + box.tall
+                    assert not inside, (link, box.name)
+        assert all(0.0 <= q <= diagram.tall for _, q in link.corners)
