@@ -16,12 +16,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 Array = NDArray[np.float64]
+#: sampling period in s, and columns by name
+Recorded = tuple[float, dict[str, Array]]
 GRAVITY = 9.81
 
 
@@ -32,7 +35,7 @@ class Machine:
 
     rig: str
     planted: str
-    record: Callable[[np.random.Generator], tuple[float, dict[str, Array]]]
+    record: Callable[[np.random.Generator], Recorded]
 
 
 def levels(rng: np.random.Generator, count: int, hold: tuple[int, int]) -> Array:
@@ -66,9 +69,7 @@ def stepped(
     return states
 
 
-def geared_motor(
-    rng: np.random.Generator, gap: float, dry: float
-) -> tuple[float, dict[str, Array]]:
+def geared_motor(rng: np.random.Generator, gap: float, dry: float) -> Recorded:
     """Motor (1.1 Ohm, 0.048 N m/A), 20:1 gear, load of 0.024 kg m2; gap: half the play, rad; dry:
     friction of the load, N m."""
     period_s, count, ratio, k, resistance = 0.002, 10_000, 20.0, 0.048, 1.1
@@ -98,14 +99,14 @@ def geared_motor(
     }
 
 
-def thruster(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
+def thruster(rng: np.random.Generator) -> Recorded:
     """5.4 N/V behind a dead zone of +-0.9 V."""
     command = 8.0 * levels(rng, 1500, (5, 40))
     force = 5.4 * np.sign(command) * np.maximum(np.abs(command) - 0.9, 0.0) + 0.3
     return 0.02, {"command_v": command, "force_n": force + rng.normal(0.0, 0.2, len(force))}
 
 
-def released_pendulum(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
+def released_pendulum(rng: np.random.Generator) -> Recorded:
     """A pendulum of 0.31 m with 0.012 N m of dry friction, let go from 57 degrees; every half swing
     has one sign of the friction, and ends where it comes to rest."""
     period_s, count, inertia = 0.01, 2500, 0.5 * 0.25 * 0.31
@@ -135,15 +136,15 @@ def released_pendulum(rng: np.random.Generator) -> tuple[float, dict[str, Array]
     return period_s, {"angle_deg": np.rad2deg(angle) + rng.normal(0.0, 0.05, count)}
 
 
-def soldering_iron(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
-    """Element of 35 J/K in a body of 430 J/K, which radiates from 0.035 m2 as well."""
+def furnace(rng: np.random.Generator) -> Recorded:
+    """Element of 35 J/K in a body of 430 J/K, up to 300 degC, which radiates from 0.05 m2."""
     period_s, count, room = 5.0, 2400, 293.15
-    power = 50.0 + 45.0 * levels(rng, count, (30, 200))
+    power = 150.0 + 140.0 * levels(rng, count, (30, 120))
 
     def rate(x: Array, u: float) -> Array:
         over = 2.3 * (x[0] - x[1])
-        radiated = 0.035 * 5.67e-8 * (x[1] ** 4 - room**4)
-        return np.array([(u - over) / 35.0, (over - 0.5 * (x[1] - room) - radiated) / 430.0])
+        radiated = 0.05 * 5.67e-8 * (x[1] ** 4 - room**4)
+        return np.array([(u - over) / 35.0, (over - 0.3 * (x[1] - room) - radiated) / 430.0])
 
     x = stepped(rate, np.full(2, room), power, period_s, 4) - 273.15
     return period_s, {
@@ -153,7 +154,7 @@ def soldering_iron(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
     }
 
 
-def limited_servo(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
+def limited_servo(rng: np.random.Generator) -> Recorded:
     """14 1/s to the goal, a lag of 25 ms, at most 3.2 rad/s."""
     period_s, count = 0.01, 4000
     goal = np.deg2rad(50.0) * levels(rng, count, (20, 120))
@@ -166,7 +167,7 @@ def limited_servo(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
     return period_s, {"goal_deg": np.rad2deg(goal), "angle_deg": read}
 
 
-def overfull_tank(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
+def overfull_tank(rng: np.random.Generator) -> Recorded:
     """9 cm3/s per volt into 52 cm2, out through 0.21 cm2, over the rim at 12 cm."""
     period_s, count = 2.0, 1800
     pump = 3.0 + 1.6 * levels(rng, count, (10, 60))
@@ -184,18 +185,37 @@ def overfull_tank(rng: np.random.Generator) -> tuple[float, dict[str, Array]]:
     return period_s, {"pump_v": pump, "level_cm": 100.0 * level + rng.normal(0.0, 0.05, count)}
 
 
+def without(record: Recorded, column: str) -> Recorded:
+    """The recording less a column."""
+    period_s, columns = record
+    return period_s, {name: values for name, values in columns.items() if name != column}
+
+
+def motor_with_play(rng: np.random.Generator) -> Recorded:
+    """2 degrees of play between motor and load."""
+    return geared_motor(rng, np.deg2rad(1.0), 0.0)
+
+
 MACHINES = {
     "geared-motor-play": Machine(
         "geared-motor",
         "coupling-play",
-        lambda rng: geared_motor(rng, np.deg2rad(1.0), 0.0),
+        motor_with_play,
     ),
     "geared-motor-friction": Machine(
         "geared-motor", "coulomb-friction", lambda rng: geared_motor(rng, 0.0, 0.4)
     ),
+    "geared-motor-load-encoder": Machine(
+        "geared-motor",
+        "coupling-play",
+        lambda rng: without(motor_with_play(rng), "motor_angle_deg"),
+    ),
+    "geared-motor-motor-encoder": Machine(
+        "geared-motor", "coupling-play", lambda rng: without(motor_with_play(rng), "load_angle_deg")
+    ),
     "static-map": Machine("static-map", "dead-zone", thruster),
     "free-decay": Machine("free-decay", "coulomb-friction", released_pendulum),
-    "thermal-two-mass": Machine("thermal-two-mass", "growing-loss", soldering_iron),
+    "thermal-two-mass": Machine("thermal-two-mass", "growing-loss", furnace),
     "servo": Machine("servo", "saturation", limited_servo),
     "pump-tank": Machine("pump-tank", "overflow", overfull_tank),
 }
@@ -208,6 +228,12 @@ def recorded(name: str, path: Path, seed: int = 1) -> None:
     table = np.column_stack([period_s * np.arange(count), *columns.values()])
     head = ",".join(["time_s", *columns])
     np.savetxt(path, table, "%.6g", ",", header=head, comments="")
+
+
+def worded(cause: dict[str, Any]) -> str:
+    """A cause with its parameters."""
+    values = [f"{name} {one['value']:.4g}" for name, one in cause["parameters"].items()]
+    return f"{cause['effect']} {', '.join(values)}"
 
 
 def main() -> None:
@@ -229,7 +255,7 @@ def main() -> None:
                 capture_output=True,
             )
             said = json.loads((run / "diagnosis.json").read_text())
-        causes = ", ".join(f"{c['effect']} ({c['family']})" for c in said["causes"]) or "-"
+        causes = "; ".join(map(worded, said["causes"])) or "-"
         spent = time.perf_counter() - before
         print(f"{name:<24} {machine.planted:<16} {said['verdict']:<18} {spent:4.0f} s  {causes}")
 

@@ -1,0 +1,59 @@
+"""The starter rigs are their machines: recordings of plain equations, each with a known fault, that
+share nothing with a rig's file. Among its look-alikes the fault is named, and its size is right.
+
+`python benchmarks/starter_rigs.py` asks for it among the whole catalogue.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scripts import load_script
+
+import pamid
+from pamid.authoring.column_match import best_match
+from pamid.model.registry import effects
+from pamid.recording.recording import read_recording
+
+SCRIPT = load_script("starter_rigs.py")
+MACHINES = SCRIPT.MACHINES
+
+#: machine -> a parameter of the cause (SI), its planted value, and how far off it may be
+SIZES = {
+    "geared-motor-play": ("half_gap_rad", np.deg2rad(1.0), 0.05),
+    "geared-motor-friction": ("torque_n_m", 0.4, 0.05),
+    "static-map": ("half_width_v", 0.9, 0.1),
+    "free-decay": ("torque_n_m", 0.012, 0.05),
+    "thermal-two-mass": ("power", 2.5, 0.3),
+    "servo": ("limit_rad_per_s", 3.2, 0.02),
+    "pump-tank": ("level_m", 0.12, 0.03),
+}
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_the_fault_of_the_machine_is_named(name: str, tmp_path: Path) -> None:
+    machine = MACHINES[name]
+    SCRIPT.recorded(name, tmp_path / "rec.csv")
+    catalogue = effects()
+    rivals = {machine.planted, *catalogue[machine.planted].look_alikes}
+    found = pamid.diagnose(
+        tmp_path / "rec.csv",
+        machine.rig,
+        without=catalogue.keys() - rivals,
+        jobs=1,
+        output=tmp_path / "run",
+    )
+    assert found.verdict in ("explained", "partly-explained", "ambiguous")
+    cause = found.to_dict()["causes"][0]
+    assert cause["effect"].partition("@")[0] == machine.planted
+    key, planted, off = SIZES[name]
+    assert cause["parameters"][key]["value"] == pytest.approx(planted, rel=off)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_its_columns_lead_to_its_rig(name: str, tmp_path: Path) -> None:
+    SCRIPT.recorded(name, tmp_path / "rec.csv")
+    match, _ = best_match(read_recording(tmp_path / "rec.csv").columns)
+    assert match.rig.name == MACHINES[name].rig and not match.unused
