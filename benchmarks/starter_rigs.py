@@ -221,11 +221,12 @@ MACHINES = {
 }
 
 
-def recorded(name: str, path: Path, seed: int = 1) -> None:
-    """Write the recording of a machine as a CSV file."""
+def recorded(name: str, path: Path, seed: int = 1, share: float = 1.0) -> None:
+    """Write the recording of a machine, or its first share, as a CSV file."""
     period_s, columns = MACHINES[name].record(np.random.default_rng(seed))
     count = len(next(iter(columns.values())))
     table = np.column_stack([period_s * np.arange(count), *columns.values()])
+    table = table[: round(share * count)]
     head = ",".join(["time_s", *columns])
     np.savetxt(path, table, "%.6g", ",", header=head, comments="")
 

@@ -32,7 +32,7 @@ _MOST_WIDE, _LEAST_WIDE = 190.0, 92.0
 #: of an arrow that passes below: from a block to its first turn, and between two such arrows
 STUB, NEXT_LINE, STUBS = 8.0, 5.0, 3
 LOWER = 0.75  # of a block's height: where it leaves and enters
-NEAR, WAY_POINTS = 3.0, 40  # of an arrow to a box; points at which that is looked for
+CLEARANCE, WAY_POINTS = 3.0, 40  # of an arrow to a box; points at which that is looked for
 _FEW = 5  # columns that leave room for long arrows
 
 
@@ -348,9 +348,9 @@ def _crosses(begin: tuple[float, float], end: tuple[float, float], box: Box) -> 
     for k in range(1, WAY_POINTS):
         part = k / WAY_POINTS
         x = begin[0] + part * (end[0] - begin[0])
-        if box.x - NEAR < x < box.x + box.wide + NEAR:
+        if box.x - CLEARANCE < x < box.x + box.wide + CLEARANCE:
             for share in (part, part * part * (3.0 - 2.0 * part)):
                 y = begin[1] + share * (end[1] - begin[1])
-                if box.y - NEAR < y < box.y + box.tall + NEAR:
+                if box.y - CLEARANCE < y < box.y + box.tall + CLEARANCE:
                     return True
     return False

@@ -39,7 +39,9 @@ class Servo(Rig):
     ports = {
         "bus": Port("command", "rad"),
         "speed": Port("command", "rad/s"),
-        "shaft": Port("motion", "rad/s2", {"position": "rad", "velocity": "rad/s"}),
+        "shaft": Port(
+            "motion", "rad/s2", {"position": "rad", "velocity": "rad/s", "load": "rad/s2"}
+        ),
         "encoder": Port("reading", "rad", {"rate": "rad/s"}),
     }
     background = {"speed": RoughMap("speed_map", tolerance=0.02)}
@@ -58,7 +60,8 @@ class Servo(Rig):
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         left = port("bus", u.goal_deg) - x.angle - p.offset_deg
         speed = port("speed", p.gain * left)
-        pace = port("shaft", (speed - x.velocity) / p.lag, position=x.angle, velocity=x.velocity)
+        pace = (speed - x.velocity) / p.lag
+        pace = port("shaft", pace, position=x.angle, velocity=x.velocity, load=speed / p.lag)
         return {"angle": x.velocity, "velocity": pace}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:

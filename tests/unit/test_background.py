@@ -21,7 +21,7 @@ from pamid.model.background import (
 )
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.port_guide import tolerance_words
+from pamid.model.port_guide import mapped_ports, tolerance_words
 from pamid.model.registry import catalogue_rig, rigs
 from pamid.model.rig import Port, Rig, check_rig
 from pamid.recording.recording import Recording, recording_of
@@ -135,7 +135,9 @@ def test_a_rough_map_over_what_is_never_negative_begins_at_zero() -> None:
     assert y == pytest.approx([40.4, 40.4, 40.0, 39.6])
 
 
-@pytest.mark.parametrize("name", [n for n in rigs() if rigs()[n].background])
+@pytest.mark.parametrize(
+    "name", [n for n, rig in rigs().items() if rig.background and mapped_ports(rig())]
+)
 def test_what_check_proposes_for_a_rig_without_tolerances_can_be_pasted(name: str) -> None:
     """The line that is printed is Python, and the rig with it is sound; one that states some is
     told nothing."""
