@@ -30,7 +30,7 @@ from typing import Any
 from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.rig import Port, Rig
+from pamid.model.rig import Loop, Port, Rig
 from pamid.symbolic.vocabulary import Expr, Number
 
 TURNING = {"position": "rad", "velocity": "rad/s", "load": "N m"}
@@ -92,9 +92,16 @@ class GearedMotor(Rig):
             "load_viscous", 0.05, 0.0, 5.0, "N m s/rad", spread=0.05, source="estimate: grease"
         ),
     )
+    loops = (Loop("voltage_v", "reference_deg", "load_angle_deg"),)
+    controller = {
+        "kp_per_deg": 0.3,
+        "kd_s_per_deg": 0.01,
+        "derivative_filter_s": 0.006,
+        "command_limit": 24.0,
+    }
     noise = {"motor_angle_deg": 0.1, "load_angle_deg": 0.02, "current_a": 0.02}
     period_s = 0.002
-    excited = {"voltage_v": 12.0}
+    excited = {"reference_deg": 60.0, "voltage_v": 12.0}
 
     def current(self, x: Any, u: Any, p: Any, port: Any) -> Expr:
         """Current of the motor, A."""

@@ -93,7 +93,8 @@ def excitation(name: str) -> Array:
         wave += 0.2 * np.sin(np.arange(n) * (DURATION_S / n) * 9.0)
         idle = column in rig.optional and usual is None
         columns.append(np.full(n, rig.optional[column]) if idle else centre + half * wave)
-    return np.column_stack(columns)
+    # a rig without inputs moves from its start
+    return np.column_stack(columns) if columns else np.zeros((n, 0))
 
 
 def _closed_loop_commands(rig: Rig, rng: np.random.Generator, n: int) -> Array:
