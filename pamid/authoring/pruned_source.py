@@ -151,11 +151,10 @@ class _Equations(_Text):
     def _function(self, function: ast.FunctionDef) -> None:
         gone = self.hidden if function.name == "rates" else set(self.rig.outputs) - self.recorded
         hidden_locals: set[str] = set()
-        for node in function.body:
-            if isinstance(node, ast.Assign) and self._hidden(node.value, hidden_locals, True):
-                hidden_locals |= {
-                    n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)
-                }
+        for line in function.body:
+            if isinstance(line, ast.Assign) and self._hidden(line.value, hidden_locals, True):
+                names = [n for n in ast.walk(line.targets[0]) if isinstance(n, ast.Name)]
+                hidden_locals |= {n.id for n in names}
         for node in ast.walk(function):
             if function.name in ("rates", "measure") and isinstance(node, ast.Return):
                 assert isinstance(node.value, ast.Dict)

@@ -160,10 +160,16 @@ def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
     if rig.loops:
         return tuple(q.reference if loop == "closed" else q.command for q in rig.loops)
     needed = tuple(c for c in rig.inputs if c not in rig.optional) or tuple(rig.excited)
+    if not rig.inputs:
+        raise UsageError(
+            f"Nothing is sent to rig {rig.name!r}: it has no input.",
+            "Let it go and record it. To simulate it give any recording of its outputs: "
+            f"pamid simulate --rig {rig.name} --excitation REC.csv.",
+        )
     if not needed:
         raise UsageError(
             f"rig {rig.name!r} has no loop and needs no input.",
-            f"Name one with --column: {', '.join(rig.inputs) or 'it has none'}.",
+            f"Name one with --column: {', '.join(rig.inputs)}.",
         )
     return needed
 

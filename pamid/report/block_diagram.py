@@ -338,8 +338,8 @@ def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box], aside: int) -> Link:
     below = max(one.y + one.tall for one in boxes if left <= one.x <= right)
     below += GAP_Y + NEXT_LINE * aside
     out = way * (STUB + NEXT_LINE * (aside % STUBS))
-    turns = ((begin[0] + out, begin[1]), (begin[0] + out, below))
-    turns += ((end[0] - out, below), (end[0] - out, end[1]))
+    first, last = begin[0] + out, end[0] - out
+    turns = ((first, begin[1]), (first, below), (last, below), (last, end[1]))
     return Link(begin, end, both, corners=turns)
 
 

@@ -287,6 +287,21 @@ def test_a_wrong_name_is_met_with_the_right_one(
     assert not Path("my_rig.py").exists()
 
 
+def test_nothing_is_sent_to_a_rig_without_inputs(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = run(capsys, "generate-aprbs", "--rig", "free-decay", "--output", "u.csv", code=2)
+    assert said["message"] == "Nothing is sent to rig 'free-decay': it has no input."
+    assert "pamid simulate --rig free-decay --excitation" in said["hint"]
+
+
+def test_a_recording_in_which_nothing_is_sent_is_of_such_a_rig(here: Path) -> None:
+    """A further column may be what drives the machine."""
+    assert like_of(here, angle_deg=moving(1)) == "free-decay"
+    assert like_of(here, angle_deg=moving(1), motor_current_a=held(2)) != "free-decay"
+    assert like_of(here, goal_position_deg=held(1), position_deg=moving(2)) == "servo"
+
+
 def test_what_fits_no_rig_says_what_each_lacks() -> None:
     with pytest.raises(FileError, match="thermal-block: no column for power_w") as caught:
         best_match(["drive_v", "response_v"])
