@@ -13,7 +13,9 @@ from pamid.estimation.intervals import background_pull, estimates
 from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
+from pamid.model.no_place import no_places
 from pamid.model.port_guide import driving_words, stated_roughness
+from pamid.model.registry import effects, rigs
 from pamid.schemas.diagnosis_file import Remainder
 from pamid.simulation.tracks import noise_remarks
 from pamid.verdict.verdict_words import joined
@@ -21,6 +23,7 @@ from pamid.verdict.verdict_words import joined
 FEW_WINDOWS = 12  # with fewer held out a note says so
 # an effect looks like what stands far off if it takes so many tolerances off it; so many are named
 EASED, EASING_MOST = 0.5, 3
+ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
 ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
 
 
@@ -70,6 +73,8 @@ def notes_of(d: Diagnosis) -> list[str]:
         _instead,
         _set_aside,
         _between,
+        _one_sample,
+        _no_place,
         _windows,
         _split,
         _fits,
@@ -139,6 +144,28 @@ def _between(d: Diagnosis) -> list[str]:
                 f'in the rig (between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
             )
     return found
+
+
+def _one_sample(d: Diagnosis) -> list[str]:
+    """A delay of one sampling period, which a log makes by itself."""
+    if d.answer is None:
+        return []
+    model, period_s = d.answer.model, max(r.sampling_period_s for r in d.evidence.recordings)
+    return [
+        f"{b.owner} comes to {abs(late) / period_s:.2f} sampling periods: this is the log, not the "
+        "machine. A row holds a command that acts from the next row on, or a reading of the row "
+        "before. Shift that column by one row and diagnose again."
+        for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
+        if b.key.endswith((":delay", ":start")) and abs(abs(late) / period_s - 1.0) < ONE_SAMPLE
+    ]
+
+
+def _no_place(d: Diagnosis) -> list[str]:
+    """What the rig cannot express, where the answer leaves something open."""
+    if d.answer is None or d.verdict == "explained":
+        return []
+    rig = d.evidence.rig
+    return [f"{rig.name} has {q.words}." for q in no_places(rig, effects().values(), rigs())]
 
 
 def _windows(d: Diagnosis) -> list[str]:

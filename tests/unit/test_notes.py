@@ -10,9 +10,19 @@ import pytest
 from made_models import comparison, effect, model
 
 from pamid.diagnosis.settings import DEFAULT
+from pamid.model.registry import rig_named
 from pamid.model.rig import Port
 from pamid.schemas.diagnosis_file import Remainder
-from pamid.verdict.notes import _between, _fits, _instead, _set_aside, _windows, roughness
+from pamid.verdict.notes import (
+    _between,
+    _fits,
+    _instead,
+    _no_place,
+    _one_sample,
+    _set_aside,
+    _windows,
+    roughness,
+)
 
 
 def told(late_periods: float, between: dict[str, str]) -> list[str]:
@@ -46,6 +56,37 @@ def test_other_delays_do_not(late: float) -> None:
 
 def test_nor_where_no_input_is_taken_so() -> None:
     assert told(0.5, {}) == []
+
+
+@pytest.mark.parametrize(
+    ("periods", "noted"), [(1.0, True), (-0.98, True), (1.2, False), (2.0, False), (0.0, False)]
+)
+def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
+    delay, lag = (
+        SimpleNamespace(owner="dead-time", key=f"dead-time:{name}")
+        for name in ("delay", "time_constant")
+    )
+    model = SimpleNamespace(
+        assembly=SimpleNamespace(parameters=[lag, delay]),
+        fit=SimpleNamespace(p=[0.002, periods * 0.002]),
+    )
+    d: Any = SimpleNamespace(
+        answer=SimpleNamespace(model=model),
+        evidence=SimpleNamespace(recordings=[SimpleNamespace(sampling_period_s=0.002)]),
+    )
+    told = _one_sample(d)
+    assert ["this is the log, not the machine" in note for note in told] == [True] * noted
+    assert not noted or f"{abs(periods):.2f} sampling periods" in told[0]
+
+
+@pytest.mark.parametrize("verdict", ["explained", "partly-explained", "unknown-effect"])
+def test_what_the_rig_cannot_express_is_stated_where_something_is_left(verdict: str) -> None:
+    evidence = SimpleNamespace(rig=rig_named("dc-motor"))
+    d: Any = SimpleNamespace(answer=SimpleNamespace(), verdict=verdict, evidence=evidence)
+    told = _no_place(d)
+    assert len(told) == (verdict != "explained")
+    assert all("dc-motor has no place for coupling-play" in note for note in told)
+    assert all("which geared-motor has" in note for note in told)
 
 
 @pytest.mark.parametrize("remark", ["", "The data sheet predicts better: it is the baseline."])
