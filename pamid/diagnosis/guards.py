@@ -1,12 +1,13 @@
 """Physical reasons for which a model is set aside, however well it predicts.
 
 A parameter ended at a bound that physics did not set; an amount ended at nothing, so that the model
-is a plainer one; the effect switches the input off; the effect duplicates a term of the rig. Where
-a rig has a term for the drag of its guide, viscous friction there is that term once more, and so is
-a damping that depends on the direction and came out the same in both. Such an effect takes up
-nothing that refitted parameters could not. Where the model with it is better all the same,
-something else changes with the term: a rough map, stated as a share of what passes the port, then
-applies to less.
+is a plainer one; a parameter ended where the effect is one of another family (hysteresis that slips
+at once is dry friction); the effect switches the input off; the effect duplicates a term of the
+rig. Where a rig has a term for the drag of its guide, viscous friction there is that term once
+more, and so is a damping that depends on the direction and came out the same in both. Such an
+effect takes up nothing that refitted parameters could not. Where the model with it is better all
+the same, something else changes with the term: a rough map, stated as a share of what passes the
+port, then applies to less.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.input_response import explained_channels
-from pamid.diagnosis.ranges import at_bounds, vanished
+from pamid.diagnosis.ranges import at_bounds, at_limits, vanished
 from pamid.diagnosis.search import Search
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.intervals import estimates
@@ -55,6 +56,13 @@ class Guards:
                 found.append(f"{', '.join(ended)} of {a.label} ended at a bound")
             if gone := vanished(model, a.label):
                 found.append(f"{', '.join(gone)} of {a.label} ended at nothing")
+            for name, family in at_limits(model, a).items():
+                # without a candidate of that family it is the best name there is
+                if any(
+                    self.search.family(k) == family and set(k.ports) & set(a.ports)
+                    for k in self.search.candidates
+                ):
+                    found.append(f"{name} of {a.label} ended where it is {family}")
             if terms := duplicated_terms(model, a.label, base, settings):
                 found.append(f"{a.label} does what {', '.join(terms)} of the rig does")
         return found

@@ -19,6 +19,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import FittedParameter, estimates
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Bound, Range
 
 WIDER = 4.0  # by which a range is widened
@@ -59,6 +60,17 @@ def at_bounds(
     return tuple(
         e.bound.name for e, pressed in found if pressed > settings.pressed and not _is_limit(e)
     )
+
+
+def at_limits(model: CandidateModel, a: Attachment) -> dict[str, str]:
+    """Parameters of an effect that ended at a bound where it is an effect of another family, by
+    their names outside, with that family."""
+    limits = {f"{a.label}:{name}": family for name, family in a.effect.limits.items()}
+    return {
+        e.bound.name: limits[e.bound.key]
+        for e in estimates(model.fit)
+        if e.bound.key in limits and e.at_bound == "low"
+    }
 
 
 def _is_limit(e: FittedParameter) -> bool:

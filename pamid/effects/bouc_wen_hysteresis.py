@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from pamid.effects.maxwell_slip_hysteresis import anywhere, pressed
 from pamid.model.effect import Effect, State
@@ -70,6 +70,7 @@ class BoucWenHysteresis(Effect):
         ),
     )
     general_parameters = (*anywhere(parameters[1]), parameters[2])
+    limits: ClassVar[dict[str, str]] = {"reach": "friction"}  # slips at once
     look_alikes = (
         "maxwell-slip-hysteresis",
         "prandtl-ishlinskii-hysteresis",

@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from pamid.effects.maxwell_slip_hysteresis import MaxwellSlipHysteresis
 from pamid.model.effect import Effect, State
@@ -60,6 +60,7 @@ class HardeningHysteresis(Effect):
             source="estimate: e times as stiff at the end of the stroke; longer: a straight line",
         ),
     )
+    limits: ClassVar[dict[str, str]] = {"reach": "friction"}  # slips at once
     look_alikes = ("bouc-wen-hysteresis", "maxwell-slip-hysteresis", "cubic-stiffness")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:

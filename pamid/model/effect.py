@@ -118,6 +118,8 @@ class Effect:
     states: ClassVar[tuple[State, ...]] = ()
     # amounts without which it is another, plainer effect
     defining: ClassVar[tuple[str, ...]] = ()
+    # parameter -> family that the effect belongs to where it ends at the lower bound
+    limits: ClassVar[dict[str, str]] = {}
     look_alikes: ClassVar[tuple[str, ...]] = ()
     absorbed_by: ClassVar[tuple[str, ...]] = ()  # parameters of a rig that do the same
 

@@ -22,8 +22,11 @@ def guards() -> Guards:
     return Guards(cast(Any, search))
 
 
-def found(patch: pytest.MonkeyPatch, **by_label: dict[str, tuple[str, ...]]) -> None:
+def found(patch: pytest.MonkeyPatch, **by_label: dict[str, Any]) -> None:
     """What each check finds, by the label of an effect."""
+    patch.setattr(
+        guards_module, "at_limits", lambda c, a: by_label.get("limits", {}).get(a.label, {})
+    )
     for name in ("at_bounds", "vanished", "duplicated_terms"):
         answers = by_label.get(name, {})
 
@@ -51,6 +54,19 @@ def test_every_effect_of_a_model_is_held_against_physics(
         "drag_n_s2_per_m2 of drag@joint ended at nothing",
         "drag@joint does what viscous, offset of the rig does",
     )
+
+
+def test_an_effect_at_the_limit_of_its_form_leaves_its_place_to_the_other_family(
+    guards: Guards, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found(monkeypatch, limits={"drag@joint": {"reach_rad": "friction"}})
+    drag = model(np.full(8, 3.0), DRAG)
+    search: Any = guards.search
+    search.candidates, search.family = [LEAK], lambda a: "friction"
+    assert guards.objections(drag) == (), "no friction at its port"
+    guards._objections.clear()
+    search.candidates = [effect("friction")]
+    assert guards.objections(drag) == ("reach_rad of drag@joint ended where it is friction",)
 
 
 def test_nothing_speaks_against_a_plain_model(

@@ -11,6 +11,7 @@ import pytest
 
 from pamid.diagnosis import ranges
 from pamid.diagnosis.settings import Settings
+from pamid.effects.maxwell_slip_hysteresis import MaxwellSlipHysteresis
 
 
 def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing() -> None:
@@ -53,6 +54,17 @@ def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch)
     assert ranges.at_bounds(model) == ("gap",)
     bound.log = bound.softens = False
     assert ranges.at_bounds(model) == ("gap",)
+
+
+def test_hysteresis_that_slips_at_once_is_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    bounds = [SimpleNamespace(key=f"slip:{name}", name=f"{name}_m") for name in ("level", "reach")]
+    ends = [SimpleNamespace(bound=b, at_bound="low") for b in bounds]
+    monkeypatch.setattr(ranges, "estimates", lambda fitted: ends)
+    slip: Any = SimpleNamespace(label="slip", effect=MaxwellSlipHysteresis())
+    model: Any = SimpleNamespace(fit=None)
+    assert ranges.at_limits(model, slip) == {"reach_m": "friction"}
+    ends[1].at_bound = ""
+    assert ranges.at_limits(model, slip) == {}
 
 
 @dataclass(frozen=True)
