@@ -21,17 +21,30 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
+RIDGE = 1e-10  # share of a column's square that keeps normal equations solvable
+
 
 @dataclass(frozen=True, eq=False)
 class LinearRows:
     """away (m,): what a fit squares and adds up; by_parameters (m, free), in prior spreads;
-    by_starts (m, window starts); channel (m,): of every residual, -1 for joints between windows and
-    for the data sheet, whose `free` rows are the last."""
+    start_blocks: those by the window starts that may differ from 0, each with its first row and
+    column; channel (m,): of every residual, -1 for joints between windows and for the data sheet,
+    whose `free` rows are the last; every: of how many samples one is used."""
 
     away: Array
     by_parameters: Array
-    by_starts: Array
+    start_blocks: tuple[tuple[int, int, Array], ...]
+    start_count: int
     channel: NDArray[np.intp]
+    every: int
+
+    @property
+    def by_starts(self) -> Array:
+        """Derivatives by the window starts (m, start_count)."""
+        rows = np.zeros((len(self.away), self.start_count))
+        for row, column, block in self.start_blocks:
+            rows[row : row + len(block), column : column + block.shape[1]] = block
+        return rows
 
     @property
     def finite(self) -> bool:
@@ -56,10 +69,9 @@ def linear_rows(
     known: slopes along the tracks of a rig that is stepped, used where they hold;
     derivatives: without them those of the model are zero, and the runs cost a small part."""
     free, scale = list(problem.free), problem.scale
-    k, columns = len(free), sum(x.size for x in starts)
-    every = _thinning(problem, most)
-    blocks, at = list[tuple[Array, Array]](), 0  # residuals, derivatives by everything
-    channel = list[NDArray[np.intp]]()
+    k, every, at, row = len(free), _thinning(problem, most), 0, 0
+    blocks = list[tuple[Array, Array]]()  # residuals, derivatives by the parameters
+    by_starts, channel = list[tuple[int, int, Array]](), list[NDArray[np.intp]]()
     for i, (track, x, joint) in enumerate(zip(problem.tracks, starts, continuity, strict=True)):
         runner = Runner(problem.assembly, track, stepping, problem.free)
         runner = runner.keeping(known[i]) if known else runner
@@ -69,27 +81,32 @@ def linear_rows(
         for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
             r = np.nan_to_num((run.Y - track.y[window.start : window.stop]) * root)
             r = np.sqrt(every) * r[::every].ravel()
-            rows = np.zeros((len(r), k + columns))
+            by = np.zeros((len(r), k + n))
             if derivatives:
-                A = np.sqrt(every) * run.JY[::every].reshape(len(r), -1)
-                rows[:, :k], rows[:, k + at : k + at + n] = A[:, :k], A[:, k : k + n]
-            blocks.append((r, rows))
+                by = np.sqrt(every) * run.JY[::every].reshape(len(r), -1)[:, : k + n]
+            blocks.append((r, by[:, :k]))
+            by_starts.append((row, at, by[:, k:]))
             channel.append(np.tile(np.arange(track.y.shape[1]), len(r) // track.y.shape[1]))
+            row += len(r)
             if w + 1 < len(windows):
-                inverse, rows = np.sqrt(joint), np.zeros((n, k + columns))
+                inverse = np.sqrt(joint)
                 end = inverse[:, None] * run.S[:, : k + n] if derivatives else np.zeros((n, k + n))
-                rows[:, :k], rows[:, k + at : k + at + n] = -end[:, :k], -end[:, k:]
-                rows[:, k + at + n : k + at + 2 * n] = np.diag(inverse)
-                blocks.append((inverse * (x[w + 1] - run.end[:n]), rows))
+                blocks.append((inverse * (x[w + 1] - run.end[:n]), -end[:, :k]))
+                by_starts.append((row, at, np.hstack([-end[:, k:], np.diag(inverse)])))
                 channel.append(np.full(n, -1))
+                row += n
             at += n
-    sheet = np.eye(k, k + columns)
     away = np.concatenate([*(r for r, _ in blocks), scale.inside(p[free])])
-    by = np.concatenate([rows for _, rows in blocks])
-    by[:, :k] *= scale.slope(p[free])
-    by = np.concatenate([by, sheet])
+    by_parameters = np.concatenate([by for _, by in blocks]) * scale.slope(p[free])
     channel.append(np.full(k, -1))
-    return LinearRows(away, by[:, :k], by[:, k:], np.concatenate(channel))
+    return LinearRows(
+        away,
+        np.concatenate([by_parameters, np.eye(k)]),
+        tuple(by_starts),
+        at,
+        np.concatenate(channel),
+        every,
+    )
 
 
 def moved_rows(
@@ -125,6 +142,32 @@ def moved_rows(
 def _thinning(problem: Problem, most: int) -> int:
     """Of how many samples one is used, for about `most` rows."""
     return max(1, -(-sum(t.y.size for t in problem.tracks) // most))
+
+
+def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Array:
+    """Columns (m, any) less all that the parameters and the window starts can make of them.
+
+    held: parameters that take no part (free,). The window starts are projected out first: their
+    rows are nearly all zero, so that even the many of a long recording cost little.
+    """
+    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    blocks = rows.start_blocks
+    places = [np.indices(b.shape).reshape(2, -1) + [[row], [column]] for row, column, b in blocks]
+    values = np.concatenate([block.ravel() for *_, block in blocks])
+    shape = len(rows.away), rows.start_count
+    S = coo_array((values, tuple(np.concatenate(places, axis=1))), shape).tocsc()
+    size = np.sqrt(S.power(2).sum(axis=0))
+    S = S @ diags_array(1.0 / np.where(size > 0.0, size, 1.0))
+    # a state that no output shows leaves a column of zeros, or two that are alike
+    factor = splu((S.T @ S + diags_array(np.full(rows.start_count, RIDGE))).tocsc())
+    parameters = rows.by_parameters[:, ~held]
+    left = np.column_stack([parameters, columns])
+    for _ in range(2):  # the second time for what rounding has left
+        left -= S @ factor.solve(S.T @ left)
+    spanned, left = orthonormal_span(left[:, : parameters.shape[1]]), left[:, -columns.shape[1] :]
+    return np.asarray(left - spanned @ (spanned.T @ left))
 
 
 def orthonormal_span(columns: Array) -> Array:

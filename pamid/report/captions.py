@@ -5,6 +5,7 @@ content is trusted here to be more than text; escaping happens where the page is
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
+from pamid.schemas.added_variables_file import AddedVariable
 from pamid.schemas.diagnosis_file import (
     Candidate,
     DiagnosisFile,
@@ -240,6 +242,38 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
         else f"{first} is named; the best of the others is {effect_label(second.effect)}"
     )
     return formatting.sentence(text).removesuffix(".")
+
+
+def added_title(plots: Sequence[AddedVariable], diagnosis: DiagnosisFile) -> str:
+    """ "Coulomb friction explains 98 % of the angle residual, slope 1.00 ± 0.04; offset explains
+    1 %, slope 6 ± 5"."""
+    first, *others = plots
+    text = (
+        f"{effect_label(first.effect)} explains {percent(first.share)} of the refitted model's "
+        f"{channel_label(first.channel)} residual{_next_to(first)}, {slope_text(first)}"
+    )
+    for one in others:
+        of = "" if one.channel == first.channel else f" of that of {channel_label(one.channel)}"
+        text += f"; {effect_label(one.effect)} {percent(one.share)}{of}"
+    if len(plots) == 1 and first.effect in {cause.effect for cause in diagnosis.causes}:
+        text += "; it is named"
+    return formatting.sentence(text).removesuffix(".")
+
+
+def added_words(one: AddedVariable) -> str:
+    """ "98 %, slope 1.00 ± 0.04"."""
+    return f"{percent(one.share)}, {slope_text(one)}".replace(formatting.SPACE, " ")
+
+
+def slope_text(one: AddedVariable) -> str:
+    """The slope with half its 95 % interval; in words where the interval holds zero."""
+    half = 0.5 * (one.high - one.low)
+    text = f"slope {formatting.short(one.slope, 2)} ± {formatting.short(half, 1)}"
+    return f"{text} (may be 0)" if one.low <= 0.0 <= one.high else text
+
+
+def _next_to(one: AddedVariable) -> str:
+    return f" next to {formatting.join(map(effect_label, one.beside))}" if one.beside else ""
 
 
 def candidate_tip(one: Candidate, diagnosis: DiagnosisFile) -> str:

@@ -46,11 +46,13 @@ class Bullets:
 
 @dataclass(frozen=True)
 class TableCell:
-    """style: "", "code" or "strong"; small: a second line in small print."""
+    """style: "", "code" or "strong"; small: a second line in small print; place: of the page, to
+    which the text leads."""
 
     text: str
     style: str = ""
     small: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True)

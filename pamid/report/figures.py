@@ -7,6 +7,9 @@ built from the numbers.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -202,9 +205,11 @@ def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float
     )
 
 
-def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
+def ranking_drawing(
+    diagnosis: DiagnosisFile, places: Mapping[str, str] = MappingProxyType({})
+) -> Drawing | None:
     """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best
-    first."""
+    first. places: by effect, the figure of the page that its row leads to."""
     shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][
         :MOST_CANDIDATES
     ]
@@ -274,12 +279,13 @@ def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
         axes.set_xlabel(f"{what}\n{', '.join(notes)}" if notes else what)
 
     height = 1.0 + 0.27 * len(shown)
-    tips = tuple(
-        (f"{part}{row}", candidate_tip(one, diagnosis))
-        for row, one in enumerate(shown)
-        for part in ("name", "line", "point")
-    )
-    return Drawing("ranking", ranking_title(diagnosis), draw, height, height, tips=tips)
+    parts = [
+        (f"{part}{row}", one) for row, one in enumerate(shown) for part in ("name", "line", "point")
+    ]
+    tips = tuple((part, candidate_tip(one, diagnosis)) for part, one in parts)
+    leads = tuple((part, places[one.effect]) for part, one in parts if one.effect in places)
+    title = ranking_title(diagnosis)
+    return Drawing("ranking", title, draw, height, height, tips=tips, leads=leads)
 
 
 def budget_drawing(

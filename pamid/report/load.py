@@ -9,10 +9,11 @@ from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.base.result_file import REMEDY, damaged, read_result
-from pamid.base.run_folder import Run
+from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
 from pamid.base.units import split_column
 from pamid.networks.network_folders import networks_beside
 from pamid.report.reading import FloatArray, read_columns
+from pamid.schemas.added_variables_file import AddedVariablesFile
 from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
 from pamid.schemas.fit_file import FitFile
 from pamid.schemas.network_file import NetworkFile
@@ -47,6 +48,7 @@ class RunData:
     trace: dict[str, FloatArray] | None
     missing: dict[str, FloatArray] | None
     beside: tuple[NetworkFile, ...] = ()
+    added: AddedVariablesFile | None = None
 
     def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
         """What the networks of the run are worth, by channel: those that correct the replayed
@@ -123,6 +125,7 @@ def load_run(folder: Path) -> RunData:
         residual=None if residual is None else Residual(_in_loops(residual, networks)),
         trace=trace,
         missing=missing,
+        added=read_result(folder / ADDED_VARIABLES_FILE, AddedVariablesFile),
     )
 
 

@@ -3,6 +3,9 @@ answer."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from pamid.report import formatting
 from pamid.report.document import Table, TableCell, table
 from pamid.report.formatting import (
@@ -18,15 +21,18 @@ from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile
 _CLOSE = 0.02  # shares that differ by less say nothing
 
 
-def ranking_table(diagnosis: DiagnosisFile) -> Table:
-    """Every candidate that was refitted, best first, with its errors per channel."""
+def ranking_table(
+    diagnosis: DiagnosisFile, places: Mapping[str, str] = MappingProxyType({})
+) -> Table:
+    """Every candidate that was refitted, best first, with its errors per channel. places: by
+    effect, the figure of the page that its row leads to."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
     heads = ["effect", "family", "port", "P", "held-out error removed", formatting.INTERVAL]
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[str | TableCell]] = []
     for one in diagnosis.ranking:
         row: list[str | TableCell] = [
-            TableCell(formatting.clean(one.effect), "code"),
+            TableCell(formatting.clean(one.effect), "code", place=places.get(one.effect, "")),
             effect_label(one.family),
             formatting.port_label(one.port),
             number(one.probability, 2),

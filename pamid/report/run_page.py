@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from pamid.model.rig import Rig
 from pamid.report import formatting
+from pamid.report.added_variable_figure import ADDED_NOTE, added_panels, added_places
 from pamid.report.answers import (
     AnswerText,
     how_far_answer,
@@ -77,6 +78,7 @@ def run_document(
                     rows,
                     pictures,
                     where=[Interactive(traces.buttons("where"))],
+                    which=[Interactive(added_panels(run))],
                     how_far=[Interactive(traces.buttons("how far")), Interactive(player)],
                 ),
                 "answers",
@@ -98,10 +100,11 @@ def answer_sections(
     pictures: dict[str, Picture],
     *,
     where: Sequence[Block] = (),
+    which: Sequence[Block] = (),
     how_far: Sequence[Block] = (),
 ) -> tuple[Section, ...]:
-    """The three answers, what is left and the next experiment; where, how_far: what else stands
-    below these answers."""
+    """The three answers, what is left and the next experiment; where, which, how_far: what else
+    stands below these answers."""
     unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
     left = left_answer(run)
     # the ranking leads, unless no effect of it is the answer
@@ -130,7 +133,10 @@ def answer_sections(
             which_answer(run),
             drawn(*above),
             (
-                *drawn(*(n for n in order if n not in above), "comparison"),
+                *drawn(*(n for n in order if n not in above), "added-variable"),
+                *([notes(ADDED_NOTE)] if "added-variable" in pictures else []),
+                *which,
+                *drawn("comparison"),
                 *cause_equations(run),
             ),
         ),
@@ -288,7 +294,7 @@ def _candidates(run: RunData) -> Iterator[Block]:
     yield Heading("Comparison of the candidates", 3)
     yield Details(
         f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost",
-        (ranking_table(diagnosis), rivals_table(diagnosis)),
+        (ranking_table(diagnosis, added_places(run)), rivals_table(diagnosis)),
     )
     if diagnosis.notes:
         yield Heading("What to know before believing a figure", 3)

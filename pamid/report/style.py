@@ -24,6 +24,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
+from PIL import Image
 
 from pamid.recording.plot import NotebookFigure
 from pamid.report.formatting import clean
@@ -42,7 +43,7 @@ COLOURS = {
     "faint": ("#eef0f3", "#22272d"),
 }
 WIDE_IN, NARROW_IN = 7.4, 3.7
-PNG_DPI = 160
+PNG_DPI, PNG_COLOURS = 160, 128
 DRAWING_SETTINGS: dict[Any, Any] = {
     "text.parse_math": False,  # a name with dollar signs is a name
     "svg.fonttype": "none",
@@ -81,6 +82,8 @@ _SVG_FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 _SHEET = re.compile(r"<style[^>]*>.*?</style>", re.DOTALL)  # what page.css says for all drawings
+_PATH = re.compile(r' d="[^"]*"')
+_LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
 _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
@@ -88,7 +91,8 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 class Drawing:
     """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states
     a finding; own: SVG for pages, wide and narrow, in place of what is drawn, with links in it;
-    tips: what is said of a group (by its id) where a pointer rests on it."""
+    tips: what is said of a group (by its id) where a pointer rests on it; leads: the figure of the
+    page that a click on a group shows."""
 
     name: str
     title: str
@@ -97,6 +101,7 @@ class Drawing:
     narrow_height: float
     own: tuple[str, str] | None = None
     tips: tuple[tuple[str, str], ...] = ()
+    leads: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ def render(drawing: Drawing) -> Picture:
     """Carry out a drawing; the same drawing gives the same bytes."""
     wide = _svg(drawing, narrow=False)
     narrow = "" if drawing.own else _svg(drawing, narrow=True)
-    shown = drawing.own or (_for_page(wide, drawing.tips), _for_page(narrow, drawing.tips))
+    shown = drawing.own or (_for_page(wide, drawing), _for_page(narrow, drawing))
     return Picture(
         name=drawing.name,
         title=drawing.title,
@@ -178,6 +183,11 @@ def settings(salt: str) -> Iterator[None]:
         yield
 
 
+def page_svg(drawing: Drawing) -> str:
+    """The narrow form alone, for a page."""
+    return _for_page(_svg(drawing, narrow=True), drawing)
+
+
 def _svg(drawing: Drawing, *, narrow: bool) -> str:
     with settings(f"{drawing.name}-{'narrow' if narrow else 'wide'}"):
         size = (NARROW_IN, drawing.narrow_height) if narrow else (WIDE_IN, drawing.height)
@@ -217,15 +227,21 @@ def png_of(drawing: Drawing) -> bytes:
             facecolor=colour("paper"),
             metadata={"Software": None},
         )
-    return buffer.getvalue()
+    # few colours, smoothed: a palette halves the file
+    image = Image.open(buffer).convert("RGB").quantize(PNG_COLOURS, dither=Image.Dither.NONE)
+    found = io.BytesIO()
+    image.save(found, format="png", optimize=True, dpi=(PNG_DPI, PNG_DPI))
+    return found.getvalue()
 
 
-def _for_page(svg: str, tips: tuple[tuple[str, str], ...]) -> str:
+def _for_page(svg: str, drawing: Drawing) -> str:
     """Without comments, metadata, rules and repeated ids, with tooltips; colours and font taken
     from the page."""
-    for group, tip in tips:
+    for group, tip in drawing.tips:
         head = f'<g id="{group}">'
         svg = svg.replace(head, f"{head}<title>{escape(tip)}</title>")
+    for group, figure in drawing.leads:
+        svg = svg.replace(f'<g id="{group}">', f'<g data-figure="{figure}">')
     svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
     svg = _NAMED_GROUP.sub("<g>", _EMPTY_GROUP.sub("", svg))
     svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
@@ -234,7 +250,13 @@ def _for_page(svg: str, tips: tuple[tuple[str, str], ...]) -> str:
         svg,
         count=1,
     )
+    svg = _PATH.sub(lambda path: _LONG_NUMBER.sub(_hundredths, path.group()), svg)
     return "\n".join(line.strip() for line in svg.splitlines() if line.strip())
+
+
+def _hundredths(number: re.Match[str]) -> str:
+    """A coordinate [pt] as exactly as a screen can show it."""
+    return f"{float(number.group()):.2f}"
 
 
 def _page_style(style: str) -> str:

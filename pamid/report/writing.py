@@ -13,6 +13,7 @@ from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.progress import tell
 from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.model.rig import Rig
+from pamid.report.added_variable_figure import added_drawing, added_places
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.comparison_figure import comparison_drawing
 from pamid.report.comparison_page import ComparedRun, comparison_document
@@ -60,6 +61,7 @@ FIGURE_NAMES = (
     "missing",
     "ranking",
     "comparison",
+    "added-variable",
     "budget",
     "window",
     "window-network",
@@ -202,7 +204,8 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
         found += [rig_drawing(diagnosis)]
-        found += [ranking_drawing(diagnosis), comparison_drawing(diagnosis)]
+        found += [ranking_drawing(diagnosis, added_places(run)), added_drawing(run)]
+        found.append(comparison_drawing(diagnosis))
         found += [free_form_drawing(diagnosis), missing_drawing(run)]
         found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]

@@ -9,7 +9,8 @@ from typing import Any
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, Settled, silent
-from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
+from pamid.base.run_folder import ADDED_VARIABLES_FILE, FIT_FILE, RESIDUAL_FILE, Run
+from pamid.diagnosis.added_variables import added_variables
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
@@ -63,11 +64,12 @@ def diagnose_into(
     pool: WorkerPool | None = None,
     settings: Settings = DEFAULT,
 ) -> dict[str, Any]:
-    """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect),
-    next-experiment.csv (where there is something left to measure, with its TOML; a further one per
-    further setting) and diagnosis.json; returns the last. pool: who does the jobs (default: `jobs`
-    processes of this machine); those that failed are named in `failed_jobs`. settings: as in
-    `pamid.diagnosis.tournament.diagnose`."""
+    """Diagnose and write fit.json, residual.csv, added-variables.json (where candidates were
+    refitted), missing.csv (the points of an unknown effect), next-experiment.csv (where there is
+    something left to measure, with its TOML; a further one per further setting) and diagnosis.json;
+    returns the last. pool: who does the jobs (default: `jobs` processes of this machine); those
+    that failed are named in `failed_jobs`. settings: as in `pamid.diagnosis.tournament.diagnose`.
+    """
     pool = pool or WorkerPool(jobs)
     result = diagnosed(
         evidence, catalogue, pool=pool, seed=seed, progress=progress, settings=settings
@@ -82,6 +84,8 @@ def diagnose_into(
         run.path(RESIDUAL_FILE),
         residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
     )
+    if found.ranking:
+        write_json(run.path(ADDED_VARIABLES_FILE), added_variables(found).as_json())
     if result.missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(result.missing))
     if isinstance(proposal, Proposal):

@@ -40,6 +40,17 @@
   if (first) choose(first.id);
   document.querySelectorAll(".port-panels").forEach((one) => one.setAttribute("aria-live", "polite"));
 
+  // ---- the ranking: a row that is chosen shows its added-variable plot ---------------------------------------------
+  const plots = [...document.querySelectorAll(".added-panel")];
+  function plot(id) {
+    for (const one of plots) one.classList.toggle("shown", one.id === id);
+    document.getElementById(id).scrollIntoView({block: "nearest"});
+  }
+  for (const row of document.querySelectorAll("[data-figure]")) row.addEventListener("click", () => plot(row.dataset.figure));
+  for (const {id} of plots)
+    for (const link of document.querySelectorAll(`a[href="#${id}"]`))
+      link.addEventListener("click", (event) => { event.preventDefault(); plot(id); document.getElementById(id).focus(); });
+
   // ---- contents: where the reader is ---------------------------------------------------------------------------------
   const listed = new Map([...document.querySelectorAll(".contents a")].map((link) =>
     [document.getElementById(decodeURIComponent(link.hash.slice(1))), link]));

@@ -1,0 +1,153 @@
+"""Added-variable plots: what the refitted model leaves, over what a candidate adds to it.
+
+With the rows r of the refitted model's least squares (`pamid.estimation.linear_rows`), their
+derivatives J by its parameters and window starts, and P = I - J (J'J)^-1 J', the plot shows
+
+    y = -P r   over   x = P (r(candidate) - r(candidate without its effect))
+
+and a line of slope x'y / x'x. By the theorem of Frisch, Waugh and Lovell this is the coefficient of
+the effect in the joint least squares, here as a multiple of its refitted size.
+
+Both runs of a candidate are at its refitted parameters. The derivative at the null would do for
+effects that are linear in their size. It misses half of a dead time, and of a saturation it sees
+what is left after the refitted gain has shrunk in its place.
+
+Frisch and Waugh (1933), Econometrica 1:387; Lovell (1963), JASA 58:993; Belsley, Kuh and Welsch
+(1980), Regression Diagnostics, Wiley, section 2.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.units import size_from_si, split_column
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.linear_rows import LinearRows, left_over, linear_rows
+from pamid.estimation.problem import Fit
+from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
+
+Array = NDArray[np.float64]
+
+PLOT_ROWS = 8000  # residuals to which the rows are thinned
+PLOT_POINTS = 300  # shown, of one channel
+DIGITS = 4
+NORMAL_95 = 1.96
+
+
+def added_variables(d: Diagnosis) -> AddedVariablesFile:
+    """The plots of a diagnosis: of several causes each next to the others, then of each candidate
+    of the ranking by itself."""
+    plots = [
+        plot
+        for below, models in _compared(d)
+        for plot in _plots(below, models, d.evidence.channels)
+    ]
+    return AddedVariablesFile(plots=tuple(plots))
+
+
+def _compared(d: Diagnosis) -> Iterator[tuple[CandidateModel, list[tuple[CandidateModel, str]]]]:
+    """Refitted models, and those that add an effect to each, with its label."""
+    if d.cause is not None and d.selection is not None and len(d.cause.attached) > 1:
+        for label, below in d.selection.without.items():
+            if len(below.attached) == len(d.cause.attached) - 1:
+                yield below, [(d.cause, label)]
+    yield d.budget.baseline, [(c, c.label) for c in d.ranking]
+
+
+def _plots(
+    below: CandidateModel, models: list[tuple[CandidateModel, str]], channels: tuple[str, ...]
+) -> list[AddedVariable]:
+    """The plots of models that each add an effect to the same refitted model."""
+    if not models:
+        return []
+    fitted = below.fit
+    ground = _rows(fitted, fitted, fitted.p, derivatives=True)
+    responses = [_response(fitted, c, label) for c, label in models]
+    usable = [k for k, x in enumerate(responses) if np.isfinite(x).all() and x.any()]
+    if not ground.finite or not usable:
+        return []
+    k = len(fitted.problem.free)
+    added = np.column_stack([responses[i] for i in usable])
+    sheet = np.zeros((k, len(usable)))  # both runs of a candidate have the same other parameters
+    rows = np.column_stack([-ground.away, np.concatenate([added, sheet])])
+    held = fitted.held != 0.0 if len(fitted.held) == k else np.zeros(k, bool)
+    y, *columns = left_over(ground, rows, held).T
+    root = fitted.weights.root * np.sqrt(ground.every)
+    beside = tuple(a.label for a in below.attached)
+    return [
+        _plot(models[i][1], beside, ground, root, channels, x, y)
+        for i, x in zip(usable, columns, strict=True)
+        if x @ x > 0.0 and y @ y > 0.0
+    ]
+
+
+def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> LinearRows:
+    """Rows of a fit's model at p, weighed as those of the refitted model."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return linear_rows(
+            at.problem,
+            p,
+            at.starts,
+            fitted.weights,
+            fitted.continuity,
+            at.stepping,
+            PLOT_ROWS,
+            derivatives=derivatives,
+        )
+
+
+def _response(fitted: Fit, model: CandidateModel, label: str) -> Array:
+    """Rows of a model less those of it without one of its effects, but for the data sheet's."""
+    p = model.fit.p.copy()
+    for i, bound in enumerate(model.assembly.parameters):
+        if bound.owner == label and bound.null is not None:
+            p[i] = bound.null
+    free = len(model.fit.problem.free)
+    with_effect = _rows(fitted, model.fit, model.fit.p).away
+    without = _rows(fitted, model.fit, p).away
+    return (with_effect - without)[: len(without) - free]
+
+
+def _plot(
+    label: str,
+    beside: tuple[str, ...],
+    ground: LinearRows,
+    root: Array,
+    channels: tuple[str, ...],
+    x: Array,
+    y: Array,
+) -> AddedVariable:
+    """The slope over all rows, and the points of the channel that contributes most to it."""
+    slope = float(x @ y / (x @ x))
+    # the weights make the variance of an independent residual of the refitted model 1
+    error = NORMAL_95 * float(np.sqrt(max(1.0 - _share(x, y), 0.0) / (x @ x)))
+    parts = [abs(float(x[at] @ y[at])) for at in (ground.channel == c for c in range(len(root)))]
+    channel = int(np.argmax(parts))
+    places = np.flatnonzero((ground.channel == channel) & ((x != 0.0) | (y != 0.0)))
+    shown = places[np.unique(np.linspace(0, len(places) - 1, PLOT_POINTS).round().astype(int))]
+    unit = split_column(channels[channel])[1]
+    added, residual = (size_from_si(v[shown] / root[channel], unit) for v in (x, y))
+    return AddedVariable(
+        effect=label,
+        beside=beside,
+        channel=channels[channel],
+        slope=slope,
+        low=slope - error,
+        high=slope + error,
+        share=_share(x[places], y[places]),
+        added=_rounded(added),
+        residual=_rounded(residual),
+    )
+
+
+def _share(x: Array, y: Array) -> float:
+    """Share of the squares of y that a line through zero over x explains."""
+    return float((x @ y) ** 2 / (x @ x) / (y @ y))
+
+
+def _rounded(values: Array) -> tuple[float, ...]:
+    return tuple(float(f"{value:.{DIGITS}g}") for value in values)

@@ -1,0 +1,172 @@
+"""Added-variable plots: what the refitted model leaves, over what an effect adds to it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.ticker import MaxNLocator
+
+from pamid.report import formatting
+from pamid.report.captions import added_title, added_words
+from pamid.report.load import RunData
+from pamid.report.markup import prose, tag
+from pamid.report.reading import FloatArray
+from pamid.report.style import Drawing, colour, grid, label, page_svg
+from pamid.schemas.added_variables_file import AddedVariable
+from pamid.schemas.diagnosis_file import DiagnosisFile
+
+MOST_LEADERS = 3
+_MARGIN = 1.08
+_DOT = 2e-3  # of the width: no renderer draws a line of no length
+_ROLE = re.compile(r"var\(--([a-z-]+)\)")
+ADDED_NOTE = (
+    "Added-variable plots, on the recordings that were fitted. Up: measured less the refitted "
+    "model. Across: what the effect adds to the channel at its refitted size. What the other "
+    "parameters can make of either is projected out. A missing term is a narrow cloud along the "
+    "line; slope 1 is the refitted size of the effect, 0 is no effect."
+)
+
+
+def added_leaders(run: RunData) -> list[AddedVariable]:
+    """The plots shown at once: those of the causes, then of the best candidate of each further
+    family, three in all."""
+    diagnosis = run.diagnosis
+    if diagnosis is None:
+        return []
+    plots = {(one.effect, bool(one.beside)): one for one in reversed(usable_plots(run))}
+    families = {one.effect: one.family for one in diagnosis.ranking}
+    families |= {one.effect: one.family for one in diagnosis.causes}
+    together = any(beside for _, beside in plots)
+    leaders = [
+        plots[key]
+        for cause in diagnosis.causes
+        for key in [(cause.effect, together and diagnosis.verdict != "ambiguous")]
+        if key in plots
+    ]
+    for candidate in diagnosis.ranking:
+        seen = {families.get(one.effect) for one in leaders}
+        plot = plots.get((candidate.effect, False))
+        if plot is not None and candidate.family not in seen:
+            leaders.append(plot)
+    return leaders[:MOST_LEADERS]
+
+
+def usable_plots(run: RunData) -> list[AddedVariable]:
+    """The plots of a run that hold two points or more."""
+    plots = run.added.plots if run.added is not None else ()
+    return [one for one in plots if len(one.added) == len(one.residual) >= 2 and any(one.added)]
+
+
+def added_drawing(run: RunData) -> Drawing | None:
+    """Points and a line per leading candidate: residual over what the candidate adds, in the unit
+    of the channel."""
+    leaders = added_leaders(run)
+    if not leaders or run.diagnosis is None:
+        return None
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        shape = (len(leaders), 1) if narrow else (1, len(leaders))
+        panels = figure.subplots(*shape, squeeze=False).flat
+        for axes, one in zip(panels, leaders, strict=True):
+            _panel(axes, one, heading=True)
+
+    title = added_title(leaders, run.diagnosis)
+    return Drawing("added-variable", title, draw, 2.75, 2.55 * len(leaders))
+
+
+def single_drawing(one: AddedVariable, diagnosis: DiagnosisFile) -> Drawing:
+    """The plot of one candidate."""
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        _panel(figure.subplots(), one, heading=False)
+
+    return Drawing(added_place(one.effect), added_title([one], diagnosis), draw, 2.6, 2.6)
+
+
+def added_panels(run: RunData) -> Markup:
+    """A figure per candidate of the ranking, of which the page shows the one that is chosen."""
+    if run.diagnosis is None:
+        return Markup("")
+    alone = [one for one in usable_plots(run) if not one.beside]
+    figures = [
+        tag(
+            "figure",
+            tag("figcaption", prose(drawing.title)),
+            tag("div", Markup(page_svg(drawing)), role="img", aria_label=drawing.title),
+            class_="added-panel",
+            id=added_place(one.effect),
+            tabindex="-1",
+        )
+        for one in alone
+        for drawing in [single_drawing(one, run.diagnosis)]
+    ]
+    hint = tag("p", "Choose a row of the ranking to see its added-variable plot.", class_="note")
+    return tag("div", hint, figures, class_="added-panels") if figures else Markup("")
+
+
+def added_places(run: RunData) -> dict[str, str]:
+    """Where the plot of each candidate stands on the page, by effect."""
+    return {one.effect: added_place(one.effect) for one in usable_plots(run) if not one.beside}
+
+
+def added_place(effect: str) -> str:
+    return f"added-{re.sub('[^a-z0-9]+', '-', effect.lower())}"
+
+
+def card_svg(run: RunData) -> str:
+    """The plot of the leading candidate for a notebook, its ink that of what it stands on."""
+    leaders = added_leaders(run)
+    if not leaders or run.diagnosis is None:
+        return ""
+    svg = page_svg(single_drawing(leaders[0], run.diagnosis))
+    plain = {"ink": "currentColor", "muted": "currentColor", "font": "sans-serif"}
+    svg = _ROLE.sub(lambda m: plain.get(m[1]) or colour(m[1].replace("-", "_")), svg)
+    return str(tag("div", Markup(svg), style="max-width:26em;margin:.5em 0"))
+
+
+def _panel(axes: Axes, one: AddedVariable, *, heading: bool) -> None:
+    x, y = np.asarray(one.added), np.asarray(one.residual)
+    wide = _MARGIN * float(np.abs(x).max())
+    tall = _MARGIN * (float(np.abs(y).max()) or wide)
+    axes.set_xlim(-wide, wide)
+    axes.set_ylim(-tall, tall)
+    axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
+    axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
+    axes.add_patch(_dots(x, y, 2.0 * wide * _DOT))
+    ends = np.array([-wide, wide])
+    axes.plot(ends, one.slope * ends, color=colour("with_cause"), linewidth=1.8)
+    unit = label(formatting.channel_unit(one.channel))
+    what = label(formatting.channel_label(one.channel), 22)
+    if heading:
+        axes.set_title(
+            f"{label(formatting.effect_label(one.effect), 30)}\n{label(added_words(one), 40)}",
+            loc="left",
+            fontsize=8.5,
+        )
+    axes.set_xlabel(formatting.axis_label("added by the effect", unit))
+    axes.set_ylabel(formatting.axis_label(f"{what} residual", unit))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.yaxis.set_major_locator(MaxNLocator(6))
+    grid(axes, "y")
+
+
+def _dots(x: FloatArray, y: FloatArray, length: float) -> PathPatch:
+    """Round dots as one path, a tenth of the size of as many markers."""
+    ends = np.stack([x - 0.5 * length, y, x + 0.5 * length, y], axis=1).reshape(-1, 2)
+    path = Path(ends, np.tile([Path.MOVETO, Path.LINETO], len(x)))
+    path.should_simplify = False  # which would drop lines as short as these
+    return PathPatch(
+        path,
+        fill=False,
+        edgecolor=colour("refitted"),
+        linewidth=2.6,
+        alpha=0.55,
+        capstyle="round",
+        snap=False,
+    )
