@@ -60,7 +60,10 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option(
     "--resume", is_flag=True, help="Go on with the same diagnosis where it was interrupted."
 )
-@figure_option("the rig as a block diagram, with the shares of the gap and the effects found")
+@figure_option(
+    "the rig as a block diagram, with the shares of the gap and the effects found; below it the "
+    "residual over what the leading candidates add"
+)
 @frame.overwrite_option("Replace an earlier run in that folder, and the figure.")
 def command(
     recordings: tuple[Path, ...],
@@ -113,7 +116,7 @@ def command(
     found, text = said_of(output / "diagnosis.json", lambda found: diagnosis_text(found, output))
     if figure is not None:
         text, line, follow = text.rpartition("\nNext: ")  # what to do next stays the last line
-        text += f"\n{write_figure(figure, run.rig_png())}{line}{follow}"
+        text += f"\n{write_figure(figure, run.overview_png())}{line}{follow}"
     return frame.Result(found, text, 6 if run.failed_jobs else 0)
 
 

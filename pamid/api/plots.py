@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.recording.plot import NotebookFigure
+from pamid.report.added_variable_figure import added_drawing, single_drawing, usable_plots
 from pamid.report.channel_errors import errors_of, headline, worst_window
 from pamid.report.evidence_figures import training_drawing
 from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing, window_drawing
@@ -43,6 +44,26 @@ def rig_map_figure(run: RunData) -> NotebookFigure:
 
 def rig_map_png(run: RunData) -> bytes:
     return png_of(_required(rig_drawing(run.diagnosis), "ports of its rig"))
+
+
+def overview_png(run: RunData) -> bytes:
+    """The rig's diagram, and below it the added-variable plots where the run holds them."""
+    rig, added = _required(rig_drawing(run.diagnosis), "ports of its rig"), added_drawing(run)
+    return png_of(rig, added) if added is not None else png_of(rig)
+
+
+def added_variable_figure(run: RunData, effect: str | None = None) -> NotebookFigure:
+    """The plots of the leading candidates, or that of one; UsageError for an effect that the run
+    holds none of."""
+    plots = {one.effect: one for one in usable_plots(run)}
+    if effect is not None and plots and effect not in plots:
+        raise UsageError(
+            f"The run has no added-variable plot of {effect!r}.",
+            nearest(effect, plots) or f"There are {', '.join(plots)}.",
+        )
+    if effect is None or run.diagnosis is None or effect not in plots:
+        return _shown(added_drawing(run), "added-variable plots")
+    return figure_of(single_drawing(plots[effect], run.diagnosis))
 
 
 def ports_figure(run: RunData) -> NotebookFigure:

@@ -327,6 +327,20 @@ class DiagnosisResult(FitResult):
 
         return rig_map_png(self.data)
 
+    def overview_png(self) -> bytes:
+        """The rig's diagram with the added-variable plots below it, as a PNG file."""
+        from pamid.api.plots import overview_png
+
+        return overview_png(self.data)
+
+    def plot_added_variable(self, effect: str | None = None) -> NotebookFigure:
+        """The refitted model's residual over what the three leading candidates add, or what
+        `effect` does, with all other parameters projected out; DataError for a run that holds no
+        such plots, UsageError for an effect that was not refitted."""
+        from pamid.api.plots import added_variable_figure
+
+        return added_variable_figure(self.data, effect)
+
     def plot_ports(self) -> NotebookFigure:
         """The share of the gap that enters at every port; DataError where there is no gap."""
         from pamid.api.plots import ports_figure
@@ -344,7 +358,9 @@ class DiagnosisResult(FitResult):
         return f"<DiagnosisResult {self.verdict}: {self.remark or self.sentence}>{causes}"
 
     def _repr_html_(self) -> str:
-        from pamid.report.rig_card import rig_svg  # with matplotlib, which no diagnosis needs
+        # with matplotlib, which no diagnosis needs
+        from pamid.report.added_variable_figure import card_svg
+        from pamid.report.rig_card import rig_svg
 
         if self.remark:
             return card(self.verdict, paragraph(self.remark), self._errors_html())
@@ -371,6 +387,7 @@ class DiagnosisResult(FitResult):
             paragraph(f"Where: {where}" if where else ""),
             rig_svg(self.data.diagnosis),
             html_table((CAUSE_HEADS, causes)),
+            card_svg(self.data),
             paragraph(self._left()),
             paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
             self._errors_html(),

@@ -1,16 +1,18 @@
 """Added-variable plots: what the refitted model leaves, over what a candidate adds to it.
 
-With the rows r of the refitted model's least squares (`pamid.estimation.linear_rows`), their
-derivatives J by its parameters and window starts, and P = I - J (J'J)^-1 J', the plot shows
+With the rows r of the refitted model's least squares (`pamid.estimation.linear_rows`), the plot of
+a candidate shows
 
     y = -P r   over   x = P (r(candidate) - r(candidate without its effect))
 
-and a line of slope x'y / x'x. By the theorem of Frisch, Waugh and Lovell this is the coefficient of
-the effect in the joint least squares, here as a multiple of its refitted size.
+and a line of slope x'y / x'x. P projects out what the other parameters and the window starts can
+make of either: their derivatives, and the change r(candidate without its effect) - r, which differs
+from these where the refit has moved them far. By the theorem of Frisch, Waugh and Lovell the slope
+is the coefficient of the effect in the joint least squares, as a multiple of its refitted size.
 
-Both runs of a candidate are at its refitted parameters. The derivative at the null would do for
-effects that are linear in their size. It misses half of a dead time, and of a saturation it sees
-what is left after the refitted gain has shrunk in its place.
+The derivative by the amount at the null would do for effects that are linear in it. It misses half
+of a dead time, and of a saturation it sees what is left after the refitted gain has shrunk in its
+place.
 
 Frisch and Waugh (1933), Econometrica 1:387; Lovell (1963), JASA 58:993; Belsley, Kuh and Welsch
 (1980), Regression Diagnostics, Wiley, section 2.1.
@@ -66,23 +68,29 @@ def _plots(
         return []
     fitted = below.fit
     ground = _rows(fitted, fitted, fitted.p, derivatives=True)
-    responses = [_response(fitted, c, label) for c, label in models]
-    usable = [k for k, x in enumerate(responses) if np.isfinite(x).all() and x.any()]
+    pairs = [_with_and_without(fitted, c, label) for c, label in models]
+    usable = [k for k, (a, b) in enumerate(pairs) if np.isfinite(a - b).all() and (a != b).any()]
     if not ground.finite or not usable:
         return []
     k = len(fitted.problem.free)
-    added = np.column_stack([responses[i] for i in usable])
-    sheet = np.zeros((k, len(usable)))  # both runs of a candidate have the same other parameters
-    rows = np.column_stack([-ground.away, np.concatenate([added, sheet])])
+    added = [pairs[i][0] - pairs[i][1] for i in usable]
+    others = [pairs[i][1] - ground.away for i in usable]
     held = fitted.held != 0.0 if len(fitted.held) == k else np.zeros(k, bool)
-    y, *columns = left_over(ground, rows, held).T
+    left, *columns = left_over(ground, np.column_stack([-ground.away, *added, *others]), held).T
     root = fitted.weights.root * np.sqrt(ground.every)
     beside = tuple(a.label for a in below.attached)
-    return [
-        _plot(models[i][1], beside, ground, root, channels, x, y)
-        for i, x in zip(usable, columns, strict=True)
-        if x @ x > 0.0 and y @ y > 0.0
-    ]
+    plots = []
+    for i, x, other in zip(usable, columns[: len(usable)], columns[len(usable) :], strict=True):
+        x, y = _without(x, other), _without(left, other)
+        if x @ x > 0.0 and y @ y > 0.0:
+            plots.append(_plot(models[i][1], beside, ground, root, channels, x, y))
+    return plots
+
+
+def _without(column: Array, other: Array) -> Array:
+    """A column less its part along another one."""
+    size = float(other @ other)
+    return column - other * (float(other @ column) / size) if size > 0.0 else column
 
 
 def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> LinearRows:
@@ -100,16 +108,18 @@ def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> Linea
         )
 
 
-def _response(fitted: Fit, model: CandidateModel, label: str) -> Array:
-    """Rows of a model less those of it without one of its effects, but for the data sheet's."""
+def _with_and_without(fitted: Fit, model: CandidateModel, label: str) -> tuple[Array, Array]:
+    """Rows of a model, and of it without one of its effects; of the data sheet those of the other
+    parameters."""
     p = model.fit.p.copy()
     for i, bound in enumerate(model.assembly.parameters):
         if bound.owner == label and bound.null is not None:
             p[i] = bound.null
-    free = len(model.fit.problem.free)
-    with_effect = _rows(fitted, model.fit, model.fit.p).away
-    without = _rows(fitted, model.fit, p).away
-    return (with_effect - without)[: len(without) - free]
+    bounds = [model.assembly.parameters[i] for i in model.fit.problem.free]
+    with_effect, without = (_rows(fitted, model.fit, values).away for values in (model.fit.p, p))
+    counted = np.ones(len(without), bool)
+    counted[len(without) - len(bounds) :] = [bound.owner != label for bound in bounds]
+    return with_effect[counted], without[counted]
 
 
 def _plot(

@@ -74,7 +74,7 @@ def added_drawing(run: RunData) -> Drawing | None:
         shape = (len(leaders), 1) if narrow else (1, len(leaders))
         panels = figure.subplots(*shape, squeeze=False).flat
         for axes, one in zip(panels, leaders, strict=True):
-            _panel(axes, one, heading=True)
+            _panel(axes, one, 44 if narrow else 26)
 
     title = added_title(leaders, run.diagnosis)
     return Drawing("added-variable", title, draw, 2.75, 2.55 * len(leaders))
@@ -84,7 +84,7 @@ def single_drawing(one: AddedVariable, diagnosis: DiagnosisFile) -> Drawing:
     """The plot of one candidate."""
 
     def draw(figure: Figure, narrow: bool) -> None:
-        _panel(figure.subplots(), one, heading=False)
+        _panel(figure.subplots(), one, 0)
 
     return Drawing(added_place(one.effect), added_title([one], diagnosis), draw, 2.6, 2.6)
 
@@ -124,13 +124,16 @@ def card_svg(run: RunData) -> str:
     leaders = added_leaders(run)
     if not leaders or run.diagnosis is None:
         return ""
-    svg = page_svg(single_drawing(leaders[0], run.diagnosis))
+    drawing = single_drawing(leaders[0], run.diagnosis)
+    svg = page_svg(drawing)
     plain = {"ink": "currentColor", "muted": "currentColor", "font": "sans-serif"}
     svg = _ROLE.sub(lambda m: plain.get(m[1]) or colour(m[1].replace("-", "_")), svg)
-    return str(tag("div", Markup(svg), style="max-width:26em;margin:.5em 0"))
+    title = tag("p", drawing.title)
+    return str(tag("div", title, Markup(svg), style="max-width:26em;margin:.5em 0"))
 
 
-def _panel(axes: Axes, one: AddedVariable, *, heading: bool) -> None:
+def _panel(axes: Axes, one: AddedVariable, letters: int) -> None:
+    """letters: of the effect's name above the axes."""
     x, y = np.asarray(one.added), np.asarray(one.residual)
     wide = _MARGIN * float(np.abs(x).max())
     tall = _MARGIN * (float(np.abs(y).max()) or wide)
@@ -143,9 +146,9 @@ def _panel(axes: Axes, one: AddedVariable, *, heading: bool) -> None:
     axes.plot(ends, one.slope * ends, color=colour("with_cause"), linewidth=1.8)
     unit = label(formatting.channel_unit(one.channel))
     what = label(formatting.channel_label(one.channel), 22)
-    if heading:
+    if letters:
         axes.set_title(
-            f"{label(formatting.effect_label(one.effect), 30)}\n{label(added_words(one), 40)}",
+            f"{label(formatting.effect_label(one.effect), letters)}\n{label(added_words(one), 40)}",
             loc="left",
             fontsize=8.5,
         )

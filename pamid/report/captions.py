@@ -248,16 +248,21 @@ def added_title(plots: Sequence[AddedVariable], diagnosis: DiagnosisFile) -> str
     """ "Coulomb friction explains 98 % of the angle residual, slope 1.00 ± 0.04; offset explains
     1 %, slope 6 ± 5"."""
     first, *others = plots
-    text = (
-        f"{effect_label(first.effect)} explains {percent(first.share)} of the refitted model's "
-        f"{channel_label(first.channel)} residual{_next_to(first)}, {slope_text(first)}"
-    )
+    text = f"{effect_label(first.effect)} {added_line(first)}"
     for one in others:
         of = "" if one.channel == first.channel else f" of that of {channel_label(one.channel)}"
         text += f"; {effect_label(one.effect)} {percent(one.share)}{of}"
     if len(plots) == 1 and first.effect in {cause.effect for cause in diagnosis.causes}:
         text += "; it is named"
     return formatting.sentence(text).removesuffix(".")
+
+
+def added_line(one: AddedVariable) -> str:
+    """ "explains 98 % of the refitted model's angle residual, slope 1 ± 0.04"."""
+    return (
+        f"explains {percent(one.share)} of the refitted model's {channel_label(one.channel)} "
+        f"residual{_next_to(one)}, {slope_text(one)}"
+    )
 
 
 def added_words(one: AddedVariable) -> str:

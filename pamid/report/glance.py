@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pamid.base.share_words import minutes_text
 from pamid.report import formatting
-from pamid.report.captions import SPELLING, closest, regime_label, set_figures
+from pamid.report.added_variable_figure import added_leaders
+from pamid.report.captions import SPELLING, added_line, closest, regime_label, set_figures
 from pamid.report.channel_errors import ChannelErrors, headline
 from pamid.report.document import AnswerCard
 from pamid.report.formatting import (
@@ -17,6 +20,7 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.report.rig_texts import first_parameter
+from pamid.schemas.added_variables_file import AddedVariable
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
 from pamid.verdict import verdict_words
 from pamid.verdict.verdict_words import chance_figure
@@ -30,7 +34,7 @@ def cards_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> tuple[AnswerCard,
         return (_how_far_card(None, rows),) if rows else ()
     return (
         _where_card(run.diagnosis),
-        _which_card(run.diagnosis),
+        _which_card(run.diagnosis, added_leaders(run)),
         _how_far_card(run.diagnosis, rows),
     )
 
@@ -118,7 +122,7 @@ def _alike(diagnosis: DiagnosisFile) -> list[str]:
 # ---- which ---------------------------------------------------------------------------------------
 
 
-def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
+def _which_card(diagnosis: DiagnosisFile, plots: Sequence[AddedVariable]) -> AnswerCard:
     if diagnosis.remark:
         lines = ("Check the recordings first.",)
         return AnswerCard("Which", "Undetermined", lines, "which", True)
@@ -136,6 +140,9 @@ def _which_card(diagnosis: DiagnosisFile) -> AnswerCard:
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
     figures = [_cause_line(one, len(shown) > 1) for one in shown]
+    if plots:
+        named = f"{effect_label(plots[0].effect)} " if len(shown) > 1 else ""
+        figures.append(named + added_line(plots[0]))
     return AnswerCard(
         "Which",
         sentence(lead).removesuffix("."),

@@ -216,22 +216,27 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
     return figure
 
 
-def png_of(drawing: Drawing) -> bytes:
-    """The drawing with its title as a PNG file; the same drawing gives the same bytes."""
+def png_of(*drawings: Drawing) -> bytes:
+    """Drawings with their titles, one below the other, as a PNG file; the same drawings give the
+    same bytes."""
+    images = [_image(one) for one in drawings]
+    size = max(one.width for one in images), sum(one.height for one in images)
+    sheet, top = Image.new("RGB", size, colour("paper")), 0
+    for image in images:
+        sheet.paste(image, (0, top))
+        top += image.height
+    # few colours, smoothed: a palette halves the file
+    palette = sheet.quantize(PNG_COLOURS, dither=Image.Dither.NONE)
+    buffer = io.BytesIO()
+    palette.save(buffer, format="png", optimize=True, dpi=(PNG_DPI, PNG_DPI))
+    return buffer.getvalue()
+
+
+def _image(drawing: Drawing) -> Image.Image:
     with settings(drawing.name):
         buffer = io.BytesIO()
-        figure_of(drawing).savefig(
-            buffer,
-            format="png",
-            dpi=PNG_DPI,
-            facecolor=colour("paper"),
-            metadata={"Software": None},
-        )
-    # few colours, smoothed: a palette halves the file
-    image = Image.open(buffer).convert("RGB").quantize(PNG_COLOURS, dither=Image.Dither.NONE)
-    found = io.BytesIO()
-    image.save(found, format="png", optimize=True, dpi=(PNG_DPI, PNG_DPI))
-    return found.getvalue()
+        figure_of(drawing).savefig(buffer, format="png", dpi=PNG_DPI, facecolor=colour("paper"))
+    return Image.open(buffer).convert("RGB")
 
 
 def _for_page(svg: str, drawing: Drawing) -> str:
