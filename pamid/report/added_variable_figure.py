@@ -8,22 +8,18 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
 from pamid.report import formatting
 from pamid.report.captions import added_title, added_words
 from pamid.report.load import RunData
 from pamid.report.markup import prose, tag
-from pamid.report.reading import FloatArray
-from pamid.report.style import Drawing, colour, grid, label, page_svg
+from pamid.report.style import Drawing, colour, dots, grid, label, page_svg
 from pamid.schemas.added_variables_file import AddedVariable
 from pamid.schemas.diagnosis_file import DiagnosisFile
 
 MOST_LEADERS = 3
 _MARGIN = 1.08
-_DOT = 2e-3  # of the width: no renderer draws a line of no length
 _ROLE = re.compile(r"var\(--([a-z-]+)\)")
 ADDED_NOTE = (
     "Added-variable plots, on the recordings that were fitted. Up: measured less the refitted "
@@ -141,7 +137,7 @@ def _panel(axes: Axes, one: AddedVariable, letters: int) -> None:
     axes.set_ylim(-tall, tall)
     axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
     axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
-    axes.add_patch(_dots(x, y, 2.0 * wide * _DOT))
+    axes.add_patch(dots(x, y, 4e-3 * wide))
     ends = np.array([-wide, wide])
     axes.plot(ends, one.slope * ends, color=colour("with_cause"), linewidth=1.8)
     unit = label(formatting.channel_unit(one.channel))
@@ -157,19 +153,3 @@ def _panel(axes: Axes, one: AddedVariable, letters: int) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_locator(MaxNLocator(6))
     grid(axes, "y")
-
-
-def _dots(x: FloatArray, y: FloatArray, length: float) -> PathPatch:
-    """Round dots as one path, a tenth of the size of as many markers."""
-    ends = np.stack([x - 0.5 * length, y, x + 0.5 * length, y], axis=1).reshape(-1, 2)
-    path = Path(ends, np.tile([Path.MOVETO, Path.LINETO], len(x)))
-    path.should_simplify = False  # which would drop lines as short as these
-    return PathPatch(
-        path,
-        fill=False,
-        edgecolor=colour("refitted"),
-        linewidth=2.6,
-        alpha=0.55,
-        capstyle="round",
-        snap=False,
-    )

@@ -163,6 +163,23 @@ def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
     )
 
 
+def whole_recording(residual: Residual, channel: str, recording: int) -> WorstWindow | None:
+    """The whole of a recording with the MAE of the free runs; None where there is none of the
+    refitted model, as of an earlier version or where it became unstable."""
+    rows = np.flatnonzero(residual.columns["recording"] == recording)
+    if not rows.size:
+        return None
+    part = slice(int(rows[0]), int(rows[-1]) + 1)
+    measured, time = residual.columns[channel][part], residual.columns["time_s"][part]
+    traces = {kind: residual.of(channel, kind) for kind in ("free_run", "cause_free_run")}
+    mae = {kind: _mae(measured, x[part]) for kind, x in traces.items() if x is not None}
+    mae = {kind: value for kind, value in mae.items() if np.isfinite(value)}
+    if "free_run" not in mae:
+        return None
+    mae["refitted"] = mae["free_run"]
+    return WorstWindow(part, recording, float(time[0]), float(time[-1]), False, mae)
+
+
 def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
     """Runs of successive rows with one recording and window, as slices."""
     if not rows.size:

@@ -8,6 +8,7 @@ built from the numbers.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -21,6 +22,7 @@ from pamid.report.captions import (
     budget_title,
     candidate_order,
     candidate_tip,
+    free_run_title,
     missing_title,
     model_label,
     over_channels,
@@ -29,10 +31,17 @@ from pamid.report.captions import (
     regimes_title,
     window_title,
 )
-from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow
+from pamid.report.channel_errors import (
+    MODEL_NAMES,
+    ChannelErrors,
+    WorstWindow,
+    whole_recording,
+    worst_window,
+)
 from pamid.report.load import Residual, RunData
 from pamid.report.missing_term import missing_term
 from pamid.report.reading import FloatArray
+from pamid.report.samples import FREE_RUNS
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Where
 
@@ -41,7 +50,7 @@ _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, wi
 _NOTHING = 0.005
 _HUGE = 4.0
 _LONG, _LONG_NARROW = 34, 22  # letters of a model's name beside its bar
-_POINTS = 1500
+_POINTS, _FREE_POINTS = 1500, 500  # of a trace that is drawn
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
 NO_SIGNALS = ("time", "recording", "missing")
 MODEL_LINES = {
@@ -49,6 +58,8 @@ MODEL_LINES = {
     "refitted": ("refitted", 1.5, "-"),
     "network": ("with_network", 1.5, (0, (1, 1.2))),
     "cause": ("with_cause", 1.7, "-"),
+    "free_run": ("refitted", 1.5, "-"),
+    "cause_free_run": ("with_cause", 1.7, "-"),
 }
 
 
@@ -144,7 +155,7 @@ def missing_drawing(run: RunData) -> Drawing | None:
     if not found:
         return None
     signal, x, y = stems[found[0]], run.missing[stems[found[0]]], run.missing[stems["missing"]]
-    centres, middles, share = _binned(x, y)
+    centres, middles, share = binned(x, y)
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
@@ -185,7 +196,7 @@ def missing_drawing(run: RunData) -> Drawing | None:
     return Drawing("missing", missing_title(term.port, found[0], share), draw, 2.8, 2.8)
 
 
-def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Medians of x and y in parts of about equal count, none too narrow to be seen, and the share
     of the variance of y that lies between the parts."""
     edges = [x.min()]
@@ -317,10 +328,15 @@ def budget_drawing(
 
 
 def window_drawing(
-    run: RunData, residual: Residual, channel: str, window: WorstWindow, kinds: tuple[str, ...]
+    run: RunData,
+    residual: Residual,
+    channel: str,
+    window: WorstWindow,
+    kinds: tuple[str, ...],
+    most: int = _POINTS,
 ) -> Drawing:
     """Measured and modelled traces over the worst window, and their errors below [channel's unit]
-    over time [s]."""
+    over time [s]; most: points of a trace."""
     diagnosis = run.diagnosis
     unit_text, what = formatting.channel_unit(channel), formatting.channel_label(channel)
     time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
@@ -329,13 +345,15 @@ def window_drawing(
 
     def draw(figure: Figure, narrow: bool) -> None:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1.7, 1.0]})
-        above.plot(*_thinned(time, measured), color=colour("ink"), linewidth=2.2, label="measured")
+        above.plot(
+            *_thinned(time, measured, most), color=colour("ink"), linewidth=2.2, label="measured"
+        )
         below.axhline(0.0, color=colour("ink"), linewidth=0.8)
         for kind, trace in traces.items():
             role, width, dashes = MODEL_LINES[kind]
             name = _model_name(role, diagnosis, narrow)
             above.plot(
-                *_thinned(time, trace),
+                *_thinned(time, trace, most),
                 color=colour(role),
                 linewidth=width,
                 linestyle=dashes,
@@ -344,7 +362,7 @@ def window_drawing(
             # else nothing else could be read
             if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:
                 below.plot(
-                    *_thinned(time, measured - trace),
+                    *_thinned(time, measured - trace, most),
                     color=colour(role),
                     linewidth=width,
                     linestyle=dashes,
@@ -363,6 +381,19 @@ def window_drawing(
 
     name = "window-network" if "network" in kinds else "window"
     return Drawing(name, window_title(channel, window, diagnosis, kinds), draw, 3.3, 3.5)
+
+
+def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing | None:
+    """Measured and modelled traces over the whole recording of the worst window, each model run
+    from one estimated state, and their errors below [channel's unit] over time [s]."""
+    worst = worst_window(residual, channel)
+    whole = None if worst is None else whole_recording(residual, channel, worst.recording)
+    if whole is None:
+        return None
+    kinds = tuple(kind for kind in FREE_RUNS if kind in whole.mae)
+    title = free_run_title(channel, whole, run.diagnosis)
+    drawing = window_drawing(run, residual, channel, whole, kinds, _FREE_POINTS)
+    return replace(drawing, name="free-run", title=title)
 
 
 def _large_shares(where: Where) -> list[tuple[str, float]]:
@@ -476,13 +507,13 @@ def _value(axes: Axes, x: float, row: float, text: str) -> None:
     )
 
 
-def _thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """At most about `_POINTS` points that keep every extreme: first, lowest and highest of each
+def _thinned(time: FloatArray, values: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+    """At most about so many points that keep every extreme: first, lowest and highest of each
     stretch."""
     size = values.size
-    if size <= _POINTS:
+    if size <= most:
         return time, values
-    stretch = -(-size // (_POINTS // 2))
+    stretch = -(-size // (most // 2))
     keep = []
     for start in range(0, size, stretch):
         part = values[start : start + stretch]

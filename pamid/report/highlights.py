@@ -121,7 +121,7 @@ def _regime(
     high = np.inf if regime.high is None else regime.high
     inside = {}
     for one in found:
-        values = _signal(residual, regime.signal, one.rows)
+        values = signal_along(residual, regime.signal, one.rows)
         if values is None:
             return None
         inside[one.recording] = (values >= low) & (values <= high)
@@ -147,7 +147,7 @@ def _regime(
     )
 
 
-def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
+def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
     """A measured or sent signal by the name that regimes give it, or the rate of a measured one
     (per s)."""
     stems = {

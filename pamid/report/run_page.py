@@ -125,7 +125,7 @@ def answer_sections(
                 *(() if "rig" in pictures else drawn("ports")),
                 *drawn("regimes"),
             ),
-            (*drawn("timeline"), *where),
+            (*drawn("timeline", "error-signal"), *where),
             listed="regimes" not in pictures,
         ),
         _answer(
@@ -144,7 +144,7 @@ def answer_sections(
             "How far",
             how_far_answer(run, rows),
             drawn("budget"),
-            (*drawn("window"), *how_far),
+            (*drawn("window", "free-run"), *how_far),
             listed="budget" not in pictures,
         ),
         *(

@@ -47,6 +47,8 @@ LOOKS: dict[str, tuple[str, tuple[int, ...]]] = {
     "refitted": ("refitted", ()),
     "network": ("with-network", (3, 2)),
     "cause": ("with-cause", ()),
+    "free_run": ("refitted", (2, 2)),
+    "cause_free_run": ("with-cause", (2, 2)),
 }
 _FIELDS = {
     "data_sheet": "data_sheet",
@@ -54,6 +56,7 @@ _FIELDS = {
     "network": "with_network",
     "cause": "with_cause",
 }
+_FREE = {"free_run": "refitted", "cause_free_run": "cause"}  # the model that runs freely
 _IN_LOOP = {"loop": "refitted, own loop", "loop_network": "with network, own loop"}
 _MOVING = (
     "Drag across a plot to enlarge a stretch of time, down to single samples; double-click to see "
@@ -124,7 +127,9 @@ def traces_of(
                 "name": _kind_label(kind, run),
                 "role": LOOKS[kind][0],
                 "dash": LOOKS[kind][1],
-                "off": _hides(kind, rows) or (kind in _IN_LOOP and "loop_network" not in kinds),
+                "off": _hides(kind, rows)
+                or kind in _FREE
+                or (kind in _IN_LOOP and "loop_network" not in kinds),
             }
             for kind in kinds
         },
@@ -187,6 +192,8 @@ def _input_plot(column: str) -> dict[str, Any]:
 def _kind_label(kind: str, run: RunData) -> str:
     if kind in _FIELDS:
         return model_label(_FIELDS[kind], run.diagnosis)
+    if kind in _FREE:
+        return f"{_kind_label(_FREE[kind], run)}, free run"
     return _IN_LOOP.get(kind, kind)
 
 

@@ -19,6 +19,7 @@ from pamid.report.comparison_figure import comparison_drawing
 from pamid.report.comparison_page import ComparedRun, comparison_document
 from pamid.report.correlation_figure import correlation_drawing
 from pamid.report.document import Document
+from pamid.report.error_signal_figure import error_signal_drawing
 from pamid.report.evidence_figures import (
     pulls_drawing,
     pulls_of,
@@ -27,6 +28,7 @@ from pamid.report.evidence_figures import (
 )
 from pamid.report.figures import (
     budget_drawing,
+    free_run_drawing,
     missing_drawing,
     ports_drawing,
     ranking_drawing,
@@ -57,12 +59,14 @@ FIGURE_NAMES = (
     "ports",
     "regimes",
     "timeline",
+    "error-signal",
     "free-form",
     "missing",
     "ranking",
     "comparison",
     "added-variable",
     "budget",
+    "free-run",
     "window",
     "window-network",
     "background",
@@ -213,6 +217,8 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     if run.residual is not None and row is not None:
         found += [
             *([timeline_drawing(run, row.channel)] if gap else []),
+            *([error_signal_drawing(run, row.channel)] if gap else []),
+            free_run_drawing(run, run.residual, row.channel),
             *_windows(run, row.channel),
         ]
     if run.trace is not None:

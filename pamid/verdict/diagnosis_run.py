@@ -13,7 +13,7 @@ from pamid.base.run_folder import ADDED_VARIABLES_FILE, FIT_FILE, RESIDUAL_FILE,
 from pamid.diagnosis.added_variables import added_variables
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.estimation.fit_files import fit_json, model_json, residual_csv
+from pamid.estimation.fit_files import fit_json, free_runs, model_json, residual_csv
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.planning.next_experiment import Proposal, Proposing
@@ -80,10 +80,7 @@ def diagnose_into(
     proposal = pool.one(Proposing(), found)
     content = with_experiment(draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found))
-    write_atomically(
-        run.path(RESIDUAL_FILE),
-        residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
-    )
+    write_atomically(run.path(RESIDUAL_FILE), residuals(found))
     if found.ranking:
         write_json(run.path(ADDED_VARIABLES_FILE), added_variables(found).as_json())
     if result.missing is not None:
@@ -92,6 +89,15 @@ def diagnose_into(
         proposal.write(run.claim)
     write_json(run.path("diagnosis.json"), content)
     return content
+
+
+def residuals(d: Diagnosis) -> bytes:
+    """residual.csv of the refitted model and, where there is a cause, the model that has it."""
+    model, cause = d.budget.model, d.cause
+    if cause is None:
+        return residual_csv(model)
+    free = free_runs(model.evidence, cause.assembly, cause.fit.p, cause.fit.stepping)
+    return residual_csv(model, cause.replays, free)
 
 
 def models_json(d: Diagnosis) -> dict[str, Any]:

@@ -271,6 +271,34 @@ def ranking(verdict: str) -> list[dict[str, Any]]:
     return rows
 
 
+def added_variables_json(verdict: str) -> dict[str, Any]:
+    """An added-variable plot per candidate that was refitted: friction explains nearly all, dead
+    time nothing."""
+    random = np.random.default_rng(11)
+    explained = {"coulomb-friction": 0.95, "lugre-friction": 0.93, "bouc-wen-hysteresis": 0.5}
+    plots = []
+    for row in ranking(verdict):
+        share = explained.get(row["effect"], 0.0)
+        added = random.normal(0.0, 0.5, 300)
+        rest = random.normal(0.0, 0.5, 300)
+        residual = np.sqrt(share) * added + np.sqrt(1.0 - share) * rest
+        slope, error = np.sqrt(share), 0.3 * np.sqrt(1.0 - share)
+        plots.append(
+            {
+                "effect": row["effect"],
+                "beside": [],
+                "channel": "angle_deg",
+                "slope": slope,
+                "low": slope - error,
+                "high": slope + error,
+                "share": share,
+                "added": [round(x, 4) for x in added],
+                "residual": [round(x, 4) for x in residual],
+            }
+        )
+    return {"schema": "pamid.added-variables/1", "plots": plots}
+
+
 def rig_map_json() -> dict[str, Any]:
     """Five ports in a row, the last one read; the sensor group has two of them."""
     row = [
@@ -507,6 +535,7 @@ def make_run(
         "fit": fit_json(),
         "diagnosis": diagnosis_json(verdict),
         "network": network_json(),
+        "added-variables": added_variables_json(verdict),
     }
     for name, value in {**content, **parts}.items():
         if f"{name}.json" not in without:

@@ -1,0 +1,141 @@
+"""The error of the refitted model over the recorded signal that explains most of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from pamid.base.units import quotient, split_column
+from pamid.base.units import unit as unit_of
+from pamid.report import formatting
+from pamid.report.captions import error_signal_title
+from pamid.report.figures import MODEL_LINES, binned
+from pamid.report.highlights import signal_along
+from pamid.report.load import Residual, RunData
+from pamid.report.reading import FloatArray
+from pamid.report.samples import channels_of, inputs_of, stretches_of
+from pamid.report.style import Drawing, colour, dots, grid, label, legend_above
+
+_MOST_DOTS = 300
+_KINDS = {"refitted": "refitted", "cause": "with cause"}
+
+
+@dataclass(frozen=True)
+class ErrorOverSignal:
+    """Scored samples: a signal (n,) in its unit; errors by model, measured less modelled, in the
+    channel's unit; share: of the variance of the refitted error, what lies between parts of the
+    signal."""
+
+    signal: str
+    unit: str
+    values: FloatArray
+    errors: dict[str, FloatArray]
+    share: float
+
+    @property
+    def removed(self) -> float | None:
+        """Share of that part that the cause takes away."""
+        if "cause" not in self.errors or not self.share > 0.0:
+            return None
+        before, after = self.errors["refitted"], self.errors["cause"]
+        left = binned(self.values, after)[2] * float(after.var())
+        return 1.0 - left / (self.share * float(before.var()))
+
+
+def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | None:
+    """The error of a channel over the measured or sent signal, or the rate of a measured one, that
+    explains most of its variance; None where no sample is scored."""
+    scored = _scored(residual, channel)
+    if scored.sum() < 2:
+        return None
+    errors = {
+        kind: (residual.columns[channel] - trace)[scored]
+        for kind in _KINDS
+        if (trace := residual.of(channel, kind)) is not None and np.isfinite(trace[scored]).all()
+    }
+    best: ErrorOverSignal | None = None
+    for name, unit in _signals(residual).items():
+        values = _along(residual, name)[scored]
+        if not np.isfinite(values).all():
+            continue
+        share = binned(values, errors["refitted"])[2]
+        if best is None or share > best.share:
+            best = ErrorOverSignal(name, unit, values, errors, share)
+    return best
+
+
+def _scored(residual: Residual, channel: str) -> NDArray[np.bool_]:
+    """Rows that are scored, of what was held out where there are any."""
+    columns, refitted = residual.columns, residual.of(channel, "refitted")
+    if refitted is None or channel not in columns:
+        return np.zeros(columns["window"].size, bool)
+    scored = (columns["window"] >= 0) & np.isfinite(columns[channel] - refitted)
+    held_out = scored & (columns["part"] == 1)
+    return held_out if held_out.any() else scored
+
+
+def _along(residual: Residual, name: str) -> FloatArray:
+    """A signal at every row, a rate along each whole recording; nan where it is not known."""
+    values = np.full(residual.columns["time_s"].size, np.nan)
+    for one in stretches_of(residual, values.size):
+        found = signal_along(residual, name, one.rows)
+        if found is not None:
+            values[one.rows] = found
+    return values
+
+
+def _signals(residual: Residual) -> dict[str, str]:
+    """Names of signals, with their units."""
+    measured, found = channels_of(residual), {}
+    for column in (*measured, *inputs_of(residual)):
+        stem, unit = split_column(column)
+        found[stem] = unit
+    for column in measured:
+        stem, unit = split_column(column)
+        name = "velocity" if stem in ("angle", "position") else f"{stem}_rate"
+        found.setdefault(name, quotient("K" if unit_of(unit).offset else unit, "s"))
+    return found
+
+
+def error_signal_drawing(run: RunData, channel: str) -> Drawing | None:
+    """Points and medians: the error over the signal that explains most of it."""
+    found = error_over_signal(run.residual, channel) if run.residual is not None else None
+    if found is None:
+        return None
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        every = -(-found.values.size // _MOST_DOTS)
+        x, y = found.values[::every], found.errors["refitted"][::every]
+        wide = float(np.ptp(x)) or 1.0
+        axes.set_xlim(float(x.min()) - 0.03 * wide, float(x.max()) + 0.03 * wide)
+        tall = 1.08 * (float(np.abs(y).max()) or 1.0)
+        axes.set_ylim(-tall, tall)
+        axes.add_patch(dots(x, y, 6e-4 * wide))
+        axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
+        for kind, error in found.errors.items():
+            centres, middles, _ = binned(found.values, error)
+            role = colour(MODEL_LINES[kind][0])
+            axes.plot(
+                centres,
+                middles,
+                color=role,
+                linewidth=1.8,
+                marker="o",
+                markersize=4.0,
+                label=f"median, {_KINDS[kind]}",
+            )
+        unit = label(formatting.unit_label(found.unit))
+        axes.set_xlabel(formatting.axis_label(label(formatting.port_label(found.signal)), unit))
+        what = f"{label(formatting.channel_label(channel), 22)} error"
+        axes.set_ylabel(formatting.axis_label(what, label(formatting.channel_unit(channel))))
+        axes.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
+        grid(axes, "y")
+        legend_above(axes, 2)
+
+    title = error_signal_title(channel, found.signal, found.share, found.removed, run.diagnosis)
+    return Drawing("error-signal", title, draw, 2.8, 2.8)
