@@ -147,8 +147,11 @@ def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> N
         "ports",
         "regimes",
         "timeline",
+        "error-signal",
         "ranking",
+        "added-variable",
         "budget",
+        "free-run",
         "window",
         "window-network",
         "background",
@@ -158,7 +161,9 @@ def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> N
     every |= {"free-form"} if verdict == "unknown-effect" else set()
     every |= {"comparison"} if verdict in CAUSED else set()
     assert set(names) == every - (
-        {"ports", "regimes", "timeline"} if verdict == "no-structural-gap" else set()
+        {"ports", "regimes", "timeline", "error-signal"}
+        if verdict == "no-structural-gap"
+        else set()
     )
     for path in (folder / "figures").iterdir():
         assert path.read_bytes().startswith(b"\x89PNG")
@@ -508,7 +513,7 @@ def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFix
     told = json.loads(capsys.readouterr().out)
     assert told["schema"] == "pamid.report/1"
     assert Path(told["page"]) == folder / "report.html" and Path(told["page"]).is_file()
-    assert len(told["figures"]) == 11 and all(Path(path).is_file() for path in told["figures"])
+    assert len(told["figures"]) == 14 and all(Path(path).is_file() for path in told["figures"])
     assert told["mae"]["angle_deg"] == {
         "data_sheet": 1.29,
         "refitted": 0.52,

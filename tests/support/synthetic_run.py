@@ -484,6 +484,13 @@ def write_residual(folder: Path, *, causes: bool, network: bool) -> None:
         if network and name == "angle_deg":
             columns[f"{stem}_network_{unit}"] = scale * shape + 0.2 * gap
     columns["command"] = np.clip(shape, -1, 1)
+    drift = 0.02 * time * np.tanh(8 * np.cos(0.9 * time))  # of a run without a new start
+    for name in CHANNELS:
+        stem, unit = name.rsplit("_", 1)
+        for kind, of in (("free_run", "refitted"), ("cause_free_run", "cause")):
+            if f"{stem}_{of}_{unit}" in columns:
+                off = drift if kind == "free_run" else 0.1 * drift
+                columns[f"{stem}_{kind}_{unit}"] = columns[f"{stem}_{of}_{unit}"] + off
     rows_of_text = (
         ",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)
     )

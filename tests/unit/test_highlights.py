@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pamid.report.highlights import _signal
+from pamid.report.highlights import signal_along
 from pamid.report.load import Residual
 
 
@@ -21,7 +21,7 @@ def test_the_rate_of_a_signal_is_taken_as_well_at_any_pace(period_s: float) -> N
         "place_data_sheet_m": measured,
         "place_refitted_m": measured,
     }
-    found = _signal(Residual(columns), "place_rate", samples)
+    found = signal_along(Residual(columns), "place_rate", samples)
     assert found is not None
     true = turn / period_s * np.cos(turn * samples)
     assert np.abs(found - true)[10:-10].mean() < 0.1 * turn / period_s
