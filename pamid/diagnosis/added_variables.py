@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from pamid.base.units import size_from_si, split_column
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.linear_rows import LinearRows, left_over, linear_rows
 from pamid.estimation.problem import Fit
 from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
@@ -36,8 +37,7 @@ Array = NDArray[np.float64]
 
 PLOT_ROWS = 8000  # residuals to which the rows are thinned
 PLOT_POINTS = 300  # shown, of one channel
-DIGITS = 4
-NORMAL_95 = 1.96
+DIGITS = 4  # of a point: a file half as large
 
 
 def added_variables(d: Diagnosis) -> AddedVariablesFile:

@@ -21,7 +21,7 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
-RIDGE = 1e-10  # share of a column's square that keeps normal equations solvable
+STARTS_RIDGE = 1e-10  # share of a column's square that keeps normal equations solvable
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Arra
     size = np.sqrt(S.power(2).sum(axis=0))
     S = S @ diags_array(1.0 / np.where(size > 0.0, size, 1.0))
     # a state that no output shows leaves a column of zeros, or two that are alike
-    factor = splu((S.T @ S + diags_array(np.full(rows.start_count, RIDGE))).tocsc())
+    factor = splu((S.T @ S + diags_array(np.full(rows.start_count, STARTS_RIDGE))).tocsc())
     parameters = rows.by_parameters[:, ~held]
     left = np.column_stack([parameters, columns])
     for _ in range(2):  # the second time for what rounding has left

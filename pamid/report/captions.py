@@ -35,7 +35,7 @@ from pamid.verdict.verdict_words import Spelling, free_families, sentence
 
 #: where the reason for an experiment goes on with its settings, or with what it was weighed by
 _WEIGHED = re.compile(r"; (?:with \w+ =|simulated on )")
-LEAST_EXPLAINED = 0.1  # share of an error that a signal explains, to be named
+LEAST_SIGNAL_SHARE = 0.1  # share of an error that a signal explains, to be named
 #: names in the sentence of a verdict
 SPELLING = Spelling(effect_label, formatting.port_label)
 
@@ -374,7 +374,7 @@ def error_signal_title(
     """ "Velocity alone accounts for 62 % of the variance of the refitted angle error; Coulomb
     friction removes 97 % of that part"."""
     what = f"the variance of the refitted {channel_label(channel)} error"
-    if share < LEAST_EXPLAINED:
+    if share < LEAST_SIGNAL_SHARE:
         return f"No recorded signal alone accounts for more than {percent(share)} of {what}"
     text = f"{formatting.port_label(signal)} alone accounts for {percent(share)} of {what}"
     if removed is not None and removed > 0.0 and diagnosis is not None and diagnosis.causes:
