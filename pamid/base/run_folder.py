@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
 NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
-ADDED_VARIABLES_FILE = "added-variables.json"
+ADDED_VARIABLES_FILE, FREE_RUN_FILE = "added-variables.json", "free-run.csv"
 FIGURES_FOLDER = "figures"
 # results of single jobs while a run goes on (pamid.parallel.result_store)
 JOBS, JOURNAL = "jobs", "journal.jsonl"

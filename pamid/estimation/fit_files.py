@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,6 @@ from numpy.typing import NDArray
 
 from pamid.base.csv_table import table_bytes
 from pamid.base.units import column_size, from_si, split_column, with_unit
-from pamid.engine.program import Stepping
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
@@ -23,8 +20,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.between_samples import between_of
 from pamid.recording.recording import Recording
 from pamid.schemas import fit_file as result
-from pamid.simulation.data_split import DataSplit, Span
-from pamid.simulation.replay import WHOLE, Replay, channel_mae, replay_track
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.replay import Replay, channel_mae, replay_track
 
 Array = NDArray[np.float64]
 
@@ -145,37 +142,9 @@ def _role(e: DataSplit, recording: Recording) -> str:
     return "both" if fit and held else "fit" if fit else "held-out"
 
 
-def free_runs(e: DataSplit, assembly: Assembly, p: Array, stepping: Stepping) -> tuple[Replay, ...]:
-    """A model over every whole recording, each from one estimated state; of an excerpt, over every
-    stretch. In the order of the rows of residual.csv."""
-    spans: list[Span] = []
-    for s in _by_time(e, (*e.fit, *e.held_out)):
-        if spans and spans[-1].recording is s.recording and spans[-1].stop == s.start:
-            spans[-1] = Span(s.recording, spans[-1].start, s.stop)
-        else:
-            spans.append(s)
-    tracks = replace(e, fit=tuple(spans)).tracks(assembly)
-    return tuple(replay_track(assembly, p, t, stepping, e.noise, per_run=WHOLE) for t in tracks)
-
-
-def _by_time(e: DataSplit, spans: Sequence[Span]) -> list[Span]:
-    """Spans by recording, those of one in order of time."""
-    place = {id(r): k for k, r in enumerate(e.recordings)}
-    return sorted(spans, key=lambda s: (place[id(s.recording)], s.start))
-
-
-def _free_columns(e: DataSplit, runs: tuple[Replay, ...]) -> list[Array]:
-    """Outputs of free runs, a column per channel in its unit; blank where a run became unstable."""
-    whole = [r.model if r.finite else np.full_like(r.model, np.nan) for r in runs]
-    units = (split_column(c)[1] for c in e.channels)
-    return [from_si(y, unit) for y, unit in zip(np.concatenate(whole).T, units, strict=True)]
-
-
-def residual_table(
-    g: GreyBox, cause: tuple[Replay, ...] = (), cause_free: tuple[Replay, ...] = ()
-) -> tuple[list[str], Array]:
+def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str], Array]:
     """Header and rows of residual.csv: measured, data sheet, refitted (and with the cause) over
-    everything; in the last columns the free runs (`free_runs`) of the latter two."""
+    everything."""
     e, header, rows = g.evidence, ["time_s", "recording", "part", "window"], []
     spans = [(0, s) for s in e.fit] + [(1, s) for s in e.held_out]
     fitted = [
@@ -188,8 +157,9 @@ def residual_table(
     fitted += g.held_out
     sheet += g.data_sheet
     for c in e.channels:
-        kinds = ("data_sheet", "refitted", *(("cause",) if cause else ()))
-        header += [c, *(named_trace(c, kind) for kind in kinds)]
+        stem, unit = split_column(c)
+        header += [c, with_unit(f"{stem}_data_sheet", unit), with_unit(f"{stem}_refitted", unit)]
+        header += [with_unit(f"{stem}_cause", unit)] if cause else []
     inputs = [n for n in e.rig.inputs if all(r.has(n) for r in e.recordings)]
     loops = [
         q
@@ -226,25 +196,12 @@ def residual_table(
         rows.append(np.stack(table, axis=1))
     # a recording's parts in order of time
     order = sorted(range(len(spans)), key=lambda i: (rows[i][0, 1], spans[i][1].start))
-    free = {"free_run": free_runs(e, g.assembly, g.fit.p, g.fit.stepping)}
-    free |= {"cause_free_run": cause_free} if cause_free else {}
-    for kind in free:
-        header += [named_trace(c, kind) for c in e.channels]
-    columns = [column for runs in free.values() for column in _free_columns(e, runs)]
-    return header, np.column_stack([np.concatenate([rows[i] for i in order]), *columns])
+    return header, np.concatenate([rows[i] for i in order])
 
 
-def named_trace(channel: str, kind: str) -> str:
-    """The column of residual.csv that holds a model's trace of a channel."""
-    stem, unit = split_column(channel)
-    return with_unit(f"{stem}_{kind}", unit)
-
-
-def residual_csv(
-    g: GreyBox, cause: tuple[Replay, ...] = (), cause_free: tuple[Replay, ...] = ()
-) -> bytes:
+def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
     """residual.csv as bytes, 9 significant digits."""
-    header, rows = residual_table(g, cause, cause_free)
+    header, rows = residual_table(g, cause)
     formats = ["%.12g"] + ["%.9g"] * (len(header) - 1)
     # blank: a channel that this recording lacks
     return table_bytes(header, rows, formats, blank=True)

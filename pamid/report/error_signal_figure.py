@@ -20,8 +20,8 @@ from pamid.report.reading import FloatArray
 from pamid.report.samples import channels_of, inputs_of, stretches_of
 from pamid.report.style import Drawing, colour, dots, grid, label, legend_above
 
-_MOST_DOTS = 300
-_KINDS = {"refitted": "refitted", "cause": "with cause"}
+_SIGNAL_DOTS = 300
+_MODELS = {"refitted": "refitted", "cause": "with cause"}
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | Non
         return None
     errors = {
         kind: (residual.columns[channel] - trace)[scored]
-        for kind in _KINDS
+        for kind in _MODELS
         if (trace := residual.of(channel, kind)) is not None and np.isfinite(trace[scored]).all()
     }
     best: ErrorOverSignal | None = None
@@ -109,7 +109,7 @@ def error_signal_drawing(run: RunData, channel: str) -> Drawing | None:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        every = -(-found.values.size // _MOST_DOTS)
+        every = -(-found.values.size // _SIGNAL_DOTS)
         x, y = found.values[::every], found.errors["refitted"][::every]
         wide = float(np.ptp(x)) or 1.0
         axes.set_xlim(float(x.min()) - 0.03 * wide, float(x.max()) + 0.03 * wide)
@@ -127,7 +127,7 @@ def error_signal_drawing(run: RunData, channel: str) -> Drawing | None:
                 linewidth=1.8,
                 marker="o",
                 markersize=4.0,
-                label=f"median, {_KINDS[kind]}",
+                label=f"median, {_MODELS[kind]}",
             )
         unit = label(formatting.unit_label(found.unit))
         axes.set_xlabel(formatting.axis_label(label(formatting.port_label(found.signal)), unit))

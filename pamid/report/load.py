@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from pamid.base.errors import FileError
 from pamid.base.result_file import REMEDY, damaged, read_result
-from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
+from pamid.base.run_folder import ADDED_VARIABLES_FILE, FREE_RUN_FILE, Run
 from pamid.base.units import split_column
 from pamid.networks.network_folders import networks_beside
 from pamid.report.reading import FloatArray, read_columns
@@ -24,7 +26,7 @@ KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that
 
 @dataclass(frozen=True)
 class Residual:
-    """residual.csv: every column (n,) in the unit of its name."""
+    """residual.csv with the free runs: every column (n,) in the unit of its name."""
 
     columns: dict[str, FloatArray]
 
@@ -105,6 +107,7 @@ def load_run(folder: Path) -> RunData:
     residual = read_columns(folder / "residual.csv")
     if residual is not None:
         _require(folder / "residual.csv", residual, KEYS)
+        residual |= _free_runs(folder, residual)
     trace = read_columns(folder / "trace.csv")
     if trace is not None:
         _require(folder / "trace.csv", trace, ("iteration", "mse"))
@@ -145,6 +148,15 @@ def _in_loops(
             for name, values in columns.items()
         }
     return columns
+
+
+def _free_runs(folder: Path, residual: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The columns of free-run.csv that residual.csv has not; none where it is of other rows."""
+    found = read_columns(folder / FREE_RUN_FILE) or {}
+    keys = ("time_s", "recording")
+    if not all(k in found and np.array_equal(found[k], residual[k]) for k in keys):
+        return {}
+    return {name: x for name, x in found.items() if name not in residual}
 
 
 def _beside(folder: Path) -> tuple[NetworkFile, ...]:

@@ -9,11 +9,18 @@ from typing import Any
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, Settled, silent
-from pamid.base.run_folder import ADDED_VARIABLES_FILE, FIT_FILE, RESIDUAL_FILE, Run
+from pamid.base.run_folder import (
+    ADDED_VARIABLES_FILE,
+    FIT_FILE,
+    FREE_RUN_FILE,
+    RESIDUAL_FILE,
+    Run,
+)
 from pamid.diagnosis.added_variables import added_variables
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.estimation.fit_files import fit_json, free_runs, model_json, residual_csv
+from pamid.estimation.fit_files import fit_json, model_json, residual_csv
+from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.planning.next_experiment import Proposal, Proposing
@@ -64,10 +71,10 @@ def diagnose_into(
     pool: WorkerPool | None = None,
     settings: Settings = DEFAULT,
 ) -> dict[str, Any]:
-    """Diagnose and write fit.json, residual.csv, added-variables.json (where candidates were
-    refitted), missing.csv (the points of an unknown effect), next-experiment.csv (where there is
-    something left to measure, with its TOML; a further one per further setting) and diagnosis.json;
-    returns the last. pool: who does the jobs (default: `jobs` processes of this machine); those
+    """Diagnose and write fit.json, residual.csv, free-run.csv, added-variables.json (where
+    candidates were refitted), missing.csv (the points of an unknown effect), next-experiment.csv
+    (where there is something left to measure, with its TOML; a further one per further setting) and
+    diagnosis.json; returns the last. pool: who does the jobs (default: `jobs` processes of this machine); those
     that failed are named in `failed_jobs`. settings: as in `pamid.diagnosis.tournament.diagnose`.
     """
     pool = pool or WorkerPool(jobs)
@@ -80,7 +87,11 @@ def diagnose_into(
     proposal = pool.one(Proposing(), found)
     content = with_experiment(draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found))
-    write_atomically(run.path(RESIDUAL_FILE), residuals(found))
+    write_atomically(
+        run.path(RESIDUAL_FILE),
+        residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
+    )
+    write_atomically(run.path(FREE_RUN_FILE), free_runs_of(found))
     if found.ranking:
         write_json(run.path(ADDED_VARIABLES_FILE), added_variables(found).as_json())
     if result.missing is not None:
@@ -91,13 +102,17 @@ def diagnose_into(
     return content
 
 
-def residuals(d: Diagnosis) -> bytes:
-    """residual.csv of the refitted model and, where there is a cause, the model that has it."""
-    model, cause = d.budget.model, d.cause
-    if cause is None:
-        return residual_csv(model)
-    free = free_runs(model.evidence, cause.assembly, cause.fit.p, cause.fit.stepping)
-    return residual_csv(model, cause.replays, free)
+def free_runs_of(d: Diagnosis) -> bytes:
+    """free-run.csv of the refitted model and, where there is a cause, the model that has it."""
+    models = {"free_run": d.budget.baseline} | ({"cause_free_run": d.cause} if d.cause else {})
+    evidence = d.budget.model.evidence
+    return free_run_csv(
+        evidence,
+        {
+            kind: free_runs(evidence, c.assembly, c.fit.p, c.fit.stepping)
+            for kind, c in models.items()
+        },
+    )
 
 
 def models_json(d: Diagnosis) -> dict[str, Any]:

@@ -292,7 +292,7 @@ def test_a_diagnosis_is_the_commands(
     drawn = tmp_path / "pictures" / "rig.png"
     words += ["--output", str(folder), "--figure", str(drawn)]
     assert frame.run(["diagnose", str(recorded), "--rig", RIG, *words]) == 0
-    assert drawn.read_bytes() == found.rig_png()
+    assert drawn.read_bytes() == found.overview_png()
     saved = found.save(tmp_path / "saved")
     assert sorted(p.name for p in folder.iterdir()) == sorted(p.name for p in saved.iterdir())
     for path in folder.iterdir():

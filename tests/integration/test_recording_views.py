@@ -13,8 +13,8 @@ from report_pages import flat
 from small_cart import cart_evidence, record_cart
 from synthetic_run import make_run
 
-from pamid.base.units import to_si
-from pamid.estimation.fit_files import free_runs, residual_table
+from pamid.estimation.fit_files import residual_table
+from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.report.channel_errors import errors_of, whole_recording, worst_window
 from pamid.report.error_signal_figure import error_over_signal, error_signal_drawing
@@ -24,6 +24,7 @@ from pamid.report.samples import FREE_RUNS, inputs_of
 from pamid.report.style import render
 from pamid.report.traces import traces_of
 from pamid.simulation.data_split import DataSplit
+from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner
 
 MOST_BYTES = 60_000
@@ -39,10 +40,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     return load_run(make_run(tmp_path_factory.mktemp("views") / "run"))
 
 
-def without_columns(run: RunData, pattern: str) -> RunData:
-    assert run.residual is not None
-    kept = {k: x for k, x in run.residual.columns.items() if not re.search(pattern, k)}
-    return replace(run, residual=Residual(kept))
+def written(e: DataSplit, models: dict[str, tuple[Replay, ...]]) -> dict[str, np.ndarray]:
+    """The columns of free-run.csv by name; blank cells are nan."""
+    header, *lines = free_run_csv(e, models).decode().splitlines()
+    rows = [[float(cell or "nan") for cell in line.split(",")] for line in lines]
+    return dict(zip(header.split(","), np.array(rows).T, strict=True))
 
 
 # ---- the free run ---------------------------------------------
@@ -60,10 +62,14 @@ def test_a_free_run_has_one_start_over_what_was_fitted_and_held_out(fitted: Grey
     runner.enter(memory, free.entered[0])
     whole = replace(free.windows[0], stop=len(free.model))
     assert free.model == pytest.approx(runner.run(memory, whole, values, False)[0], rel=1e-9)
-    header, rows = residual_table(fitted)
-    assert header[-1] == "position_free_run_m"
-    assert to_si(rows[:, -1], "m") == pytest.approx(free.model[:, 0])
-    assert "position_cause_free_run_m" in residual_table(fitted, fitted.held_out, (free,))[0]
+    found = written(e, {"free_run": (free,), "cause_free_run": (free,)})
+    assert list(found) == [
+        "time_s",
+        "recording",
+        "position_free_run_m",
+        "position_cause_free_run_m",
+    ]
+    assert found["position_free_run_m"] == pytest.approx(free.model[:, 0], rel=1e-8)
 
 
 def test_two_recordings_are_two_free_runs_in_the_order_of_the_rows(tmp_path: Path) -> None:
@@ -76,16 +82,19 @@ def test_two_recordings_are_two_free_runs_in_the_order_of_the_rows(tmp_path: Pat
     runs = free_runs(both, g.assembly, g.fit.p, g.fit.stepping)
     assert [len(r.model) for r in runs] == [len(r) for r in both.recordings]
     header, rows = residual_table(g)
-    measured, free = rows[:, header.index("position_m")], rows[:, -1]
+    measured = rows[:, header.index("position_m")]
     assert np.concatenate([r.track.y[:, 0] for r in runs]) == pytest.approx(measured)
-    assert np.concatenate([r.model[:, 0] for r in runs]) == pytest.approx(free)
+    found = written(both, {"free_run": runs})
+    for key in ("time_s", "recording"):
+        assert found[key] == pytest.approx(rows[:, header.index(key)])
 
 
 def test_a_free_run_that_becomes_unstable_is_left_blank(fitted: GreyBox) -> None:
     (free,) = free_runs(fitted.evidence, fitted.assembly, fitted.fit.p, fitted.fit.stepping)
-    header, rows = residual_table(fitted, fitted.held_out, (replace(free, finite=False),))
-    assert np.isnan(rows[:, header.index("position_cause_free_run_m")]).all()
-    assert np.isfinite(rows[:, header.index("position_free_run_m")]).all()
+    lost = {"free_run": (free,), "cause_free_run": (replace(free, finite=False),)}
+    found = written(fitted.evidence, lost)
+    assert np.isnan(found["position_cause_free_run_m"]).all()
+    assert np.isfinite(found["position_free_run_m"]).all()
 
 
 def test_the_whole_recording_is_drawn_with_its_free_runs(run: RunData) -> None:
@@ -120,8 +129,14 @@ def test_all_samples_offer_the_free_runs_and_hide_them_at_first(run: RunData) ->
     assert run.residual is not None and inputs_of(run.residual) == ["command"]
 
 
-def test_a_run_of_an_earlier_version_has_no_free_run(run: RunData) -> None:
-    old = without_columns(run, "free_run")
+@pytest.mark.parametrize("change", ["missing", "of other rows"])
+def test_a_run_of_an_earlier_version_has_no_free_run(change: str, tmp_path: Path) -> None:
+    file = make_run(tmp_path / "run") / "free-run.csv"
+    if change == "missing":
+        file.unlink()
+    else:
+        file.write_text("".join(file.read_text().splitlines(keepends=True)[:-1]))
+    old = load_run(tmp_path / "run")
     assert old.residual is not None and free_run_drawing(old, old.residual, "angle_deg") is None
     assert "free run" not in str(traces_of(old, errors_of(old)).section)
 

@@ -484,18 +484,23 @@ def write_residual(folder: Path, *, causes: bool, network: bool) -> None:
         if network and name == "angle_deg":
             columns[f"{stem}_network_{unit}"] = scale * shape + 0.2 * gap
     columns["command"] = np.clip(shape, -1, 1)
+    _write_table(folder / "residual.csv", columns)
+    free = {"time_s": time, "recording": columns["recording"]}
     drift = 0.02 * time * np.tanh(8 * np.cos(0.9 * time))  # of a run without a new start
     for name in CHANNELS:
         stem, unit = name.rsplit("_", 1)
         for kind, of in (("free_run", "refitted"), ("cause_free_run", "cause")):
             if f"{stem}_{of}_{unit}" in columns:
                 off = drift if kind == "free_run" else 0.1 * drift
-                columns[f"{stem}_{kind}_{unit}"] = columns[f"{stem}_{of}_{unit}"] + off
-    rows_of_text = (
+                free[f"{stem}_{kind}_{unit}"] = columns[f"{stem}_{of}_{unit}"] + off
+    _write_table(folder / "free-run.csv", free)
+
+
+def _write_table(path: Path, columns: dict[str, Any]) -> None:
+    rows = (
         ",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)
     )
-    lines = [",".join(columns), *rows_of_text]
-    (folder / "residual.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text("\n".join([",".join(columns), *rows]) + "\n", encoding="utf-8")
 
 
 def write_missing(folder: Path) -> None:
