@@ -21,7 +21,7 @@ from pamid.report.samples import channels_of, inputs_of, stretches_of
 from pamid.report.style import Drawing, colour, dots, grid, label, legend_above
 
 _SIGNAL_DOTS = 300
-_MODELS = {"refitted": "refitted", "cause": "with cause"}
+_ERROR_KINDS = {"refitted": "refitted", "cause": "with cause"}
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | Non
         return None
     errors = {
         kind: (residual.columns[channel] - trace)[scored]
-        for kind in _MODELS
+        for kind in _ERROR_KINDS
         if (trace := residual.of(channel, kind)) is not None and np.isfinite(trace[scored]).all()
     }
     best: ErrorOverSignal | None = None
@@ -127,7 +127,7 @@ def error_signal_drawing(run: RunData, channel: str) -> Drawing | None:
                 linewidth=1.8,
                 marker="o",
                 markersize=4.0,
-                label=f"median, {_MODELS[kind]}",
+                label=f"median, {_ERROR_KINDS[kind]}",
             )
         unit = label(formatting.unit_label(found.unit))
         axes.set_xlabel(formatting.axis_label(label(formatting.port_label(found.signal)), unit))

@@ -74,9 +74,9 @@ def diagnose_into(
     """Diagnose and write fit.json, residual.csv, free-run.csv, added-variables.json (where
     candidates were refitted), missing.csv (the points of an unknown effect), next-experiment.csv
     (where there is something left to measure, with its TOML; a further one per further setting) and
-    diagnosis.json; returns the last. pool: who does the jobs (default: `jobs` processes of this machine); those
-    that failed are named in `failed_jobs`. settings: as in `pamid.diagnosis.tournament.diagnose`.
-    """
+    diagnosis.json; returns the last. pool: who does the jobs (default: `jobs` processes of this
+    machine); those that failed are named in `failed_jobs`. settings: as in
+    `pamid.diagnosis.tournament.diagnose`."""
     pool = pool or WorkerPool(jobs)
     result = diagnosed(
         evidence, catalogue, pool=pool, seed=seed, progress=progress, settings=settings

@@ -14,8 +14,8 @@ from small_cart import cart_evidence, record_cart
 from synthetic_run import make_run
 
 from pamid.estimation.fit_files import residual_table
-from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.estimation.grey_box import GreyBox, fit_model
+from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.report.channel_errors import errors_of, whole_recording, worst_window
 from pamid.report.error_signal_figure import error_over_signal, error_signal_drawing
 from pamid.report.figures import free_run_drawing
