@@ -180,7 +180,9 @@ def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path
     saved = fitted.save(tmp_path / "by-hand")
     names = {path.name for path in folder.iterdir()}
     assert (
-        names == {path.name for path in saved.iterdir()} == {"fit.json", "residual.csv", "run.json"}
+        names
+        == {path.name for path in saved.iterdir()}
+        == {"fit.json", "free-run.csv", "residual.csv", "run.json"}
     )
     for name in names - {"run.json"}:
         assert (folder / name).read_bytes() == (saved / name).read_bytes(), name
