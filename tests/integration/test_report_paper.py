@@ -43,7 +43,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> Document:
     pictures = {
         one.name: replace(small, name=one.name, title=one.title) for one in content.drawings
     }
-    assert len(pictures) == 11
+    assert len(pictures) == 14
     return content.document_of(pictures)
 
 
