@@ -28,6 +28,8 @@ FILES = (
     "diagnosis.json",
     "fit.json",
     "residual.csv",
+    "free-run.csv",
+    "added-variables.json",
     "next-experiment.csv",
     "next-experiment.toml",
 )
@@ -135,7 +137,12 @@ def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
     for more in ((), ("--resume",), ("--overwrite",)):
         folder = shutil.copytree(tmp_path / "run", tmp_path / f"run{more}")
         assert frame.run([*fitted, str(folder), *more]) == 0
-        assert sorted(p.name for p in folder.iterdir()) == ["fit.json", "residual.csv", "run.json"]
+        assert sorted(p.name for p in folder.iterdir()) == [
+            "fit.json",
+            "free-run.csv",
+            "residual.csv",
+            "run.json",
+        ]
 
 
 def test_what_was_damaged_meanwhile_is_worked_out_again(
