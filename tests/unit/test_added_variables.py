@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pamid.diagnosis.diagnosis_run import diagnose_into
 from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.base.json_file import read_json
@@ -16,7 +17,6 @@ from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
 from pamid.diagnosis import added_variables as module
 from pamid.diagnosis.added_variables import added_variables
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
-from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.linear_rows import LinearRows, left_over, linear_rows
