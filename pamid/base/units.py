@@ -2,10 +2,11 @@
 
 A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_per_deg`. A symbol is
 the same unit as people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors
-separated by a space or `*`, a digit after a factor is its exponent, `/` before what divides
-("N s/m/A" is "N s/(m A)"), parentheses around a denominator of several factors. An angle counts as
-a dimension of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad", are never taken for
-each other.
+separated by a space, `*` or a dot, a digit after a factor is its exponent, with or without `^`, `/`
+before what divides ("N s/m/A" is "N s/(m A)"), parentheses around a denominator of several factors.
+Factors may be run together where one reading makes sense: "Nm" is "N m", "Nms/rad" is "N m s/rad".
+An angle counts as a dimension of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad",
+are never taken for each other.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 from pamid.base.errors import FileError, nearest
 
 Dimension = tuple[int, ...]  # exponents of kg, m, s, A, K, rad
+Factors = list[tuple[str, int]]  # units with their exponents
 
 NONE = "1"
 _DIMENSIONLESS: Dimension = (0, 0, 0, 0, 0, 0)
@@ -44,6 +46,7 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "deg": (0.017453292519943295, 0.0, (0, 0, 0, 0, 0, 1)),
     "rpm": (0.10471975511965977, 0.0, (0, 0, -1, 0, 0, 1)),  # 2 pi / 60
     "N": (1.0, 0.0, (1, 1, -2, 0, 0, 0)),
+    "mN": (1e-3, 0.0, (1, 1, -2, 0, 0, 0)),
     "kN": (1e3, 0.0, (1, 1, -2, 0, 0, 0)),
     "Pa": (1.0, 0.0, (1, -1, -2, 0, 0, 0)),
     "kPa": (1e3, 0.0, (1, -1, -2, 0, 0, 0)),
@@ -59,6 +62,7 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "mA": (1e-3, 0.0, (0, 0, 0, 1, 0, 0)),
     "V": (1.0, 0.0, (1, 2, -3, -1, 0, 0)),
     "mV": (1e-3, 0.0, (1, 2, -3, -1, 0, 0)),
+    "kV": (1e3, 0.0, (1, 2, -3, -1, 0, 0)),
     "Ohm": (1.0, 0.0, (1, 2, -3, -2, 0, 0)),
     "K": (1.0, 0.0, (0, 0, 0, 0, 1, 0)),
     "degC": (1.0, 273.15, (0, 0, 0, 0, 1, 0)),
@@ -98,8 +102,25 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
     ("N m s/rad", "rotational damping"),
     ("m3/(s Pa)", "sonic conductance"),
 )
+_RARE = ("us", "ms", "um")  # parts of products in which nobody measures
 _DISPLAY = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "Pa": "kPa", "Pa/s": "kPa/s"}
-_FACTOR = re.compile(r"([A-Za-z]+|1)(\d*)")
+_FACTOR = re.compile(r"([A-Za-z]+|1)(?:\^?(\d+)|\^-(\d+))?")
+_OTHER_SPELLINGS = {
+    "**": "^",
+    "·": " ",
+    "⋅": " ",
+    "×": " ",
+    "⁻": "^-",
+    "¹": "1",
+    "²": "2",
+    "³": "3",
+    "°C": "degC",
+    "°": "deg",
+    "Ω": "Ohm",
+    "µ": "u",
+    "μ": "u",
+    "%": "percent",
+}
 
 
 @dataclass(frozen=True)
@@ -121,6 +142,8 @@ def unit(symbol: str) -> Unit:
     FileError if unknown."""
     text = " ".join(symbol.split()) or NONE
     above, below = _split_fraction(text)
+    if not _plainly_written(text):
+        text = _join_symbol(above, below)
     factor, offset, dimension = 1.0, 0.0, list(_DIMENSIONLESS)
     for sign, part in ((1, above), (-1, below)):
         for atom, exponent in part:
@@ -327,6 +350,25 @@ def suffixes_for(symbol: str) -> tuple[str, ...]:
     return tuple(sorted(word for word in words if _read_suffix([word])))
 
 
+@lru_cache(maxsize=256)
+def kindred_units(symbol: str) -> tuple[str, ...]:
+    """Other units of the same quantity: "deg/s" -> ("rpm", "rad/s", "mrad/s" ...), by exchanging
+    one factor for another of its kind; none of the same size twice."""
+    here = unit(symbol)
+    above, below = _split_fraction(symbol or NONE)
+    names = [atom for atom in (*_ATOMS, NONE) if compatible(atom, symbol)]
+    for k, (old, power) in enumerate([*above, *below]):
+        for atom in _ATOMS:
+            if atom not in (old, *_RARE) and compatible(atom, old):
+                factors = [*above, *below]
+                factors[k] = (atom, power)
+                names.append(_join_symbol(factors[: len(above)], factors[len(above) :]))
+    found: dict[tuple[float, float], str] = {(here.factor, here.offset): symbol}
+    for name in names:
+        found.setdefault((unit(name).factor, unit(name).offset), name)
+    return tuple(found.values())[1:]
+
+
 def _quantity(dimension: Dimension, symbol: str) -> str:
     for known, name in _QUANTITIES:
         if known == symbol:
@@ -349,29 +391,89 @@ def _dimension_of(symbol: str) -> Dimension:
     return tuple(total)
 
 
-def _split_fraction(text: str) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
+def _plainly_written(text: str) -> bool:
+    """Whether the symbol is written as pamid writes it: known factors, no sign of a power."""
+    words = [word for word in re.split(r"[\s/()]+", text) if word and word != NONE]
+    return all(word.rstrip("0123456789") in _ATOMS for word in words)
+
+
+def _split_fraction(text: str) -> tuple[Factors, Factors]:
+    """Factors above and below the line, with their exponents."""
+    for spelling, plain in _OTHER_SPELLINGS.items():
+        text = text.replace(spelling, plain)
+    text = re.sub(r"/\s*\(([^()/]+)/([^()/]+)\)", r" \2/\1", text)  # N m/(rad/s)
     above, *rest = text.split("/")
-    under = []
+    parts = [(1, above)]
     for below in rest:
         below = below.strip()
         if below.startswith("(") and below.endswith(")"):
             below = below[1:-1]
-        under += _factors(below, text)
-    return _factors(above, text), under
+        parts.append((-1, below))
+    readings = [[(way, _factors(word, text)) for way, word in _signed(parts)]]
+    for k, (way, options) in enumerate(readings[0]):
+        if len(options) > 1:  # run together: every way to take it apart
+            readings = [
+                [*r[:k], (way, [option]), *r[k + 1 :]] for r in readings for option in options
+            ]
+    factors = _likeliest([[(way, one[0]) for way, one in reading] for reading in readings])
+    signed = [(atom, way * power) for way, part in factors for atom, power in part]
+    return [(a, n) for a, n in signed if n > 0], [(a, -n) for a, n in signed if n < 0]
 
 
-def _factors(part: str, text: str) -> list[tuple[str, int]]:
-    factors = []
-    words = part.replace("*", " ").split()
-    for word in words or [""]:
-        match = _FACTOR.fullmatch(word)
-        atom = match.group(1) if match else ""
-        if match is None or (atom not in _ATOMS and word != NONE):
-            hint = nearest(atom or word, _ATOMS) or "Known units: " + ", ".join(_ATOMS) + "."
-            raise FileError(f"{text!r} is not a unit: {word!r} is unknown.", hint, code="unit")
-        if word != NONE:
-            factors.append((atom, int(match.group(2) or 1)))
-    return factors
+def _signed(parts: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Every factor as it is written, with 1 above the line and -1 below it."""
+    return [(way, word) for way, part in parts for word in part.replace("*", " ").split() or [""]]
+
+
+def _likeliest(readings: list[list[tuple[int, Factors]]]) -> list[tuple[int, Factors]]:
+    """Of several readings of one symbol that of a known quantity, else that with a torque in it,
+    else that of the fewest units."""
+
+    def rank(reading: list[tuple[int, Factors]]) -> tuple[bool, bool, int]:
+        dimension = list(_DIMENSIONLESS)
+        for way, part in reading:
+            for atom, power in part:
+                for k, n in enumerate(_ATOMS[atom][2]):
+                    dimension[k] += way * power * n
+        known = any(tuple(dimension) == _dimension_of(symbol) for symbol, _ in _QUANTITIES)
+        torque = any([a for a, _ in part[:2]] == ["N", "m"] for _, part in reading)
+        return not known, not torque, sum(len(part) for _, part in reading)
+
+    return readings[0] if len(readings) == 1 else min(readings, key=rank)
+
+
+def _factors(word: str, text: str) -> list[Factors]:
+    """The ways to read one word as factors; FileError where there is none."""
+    match = _FACTOR.fullmatch(word)
+    letters = match.group(1) if match else ""
+    if word == NONE:
+        return [[]]
+    options = _taken_apart(letters)
+    if match is None or not options:
+        hint = nearest(letters or word, _ATOMS) or "Known units: " + ", ".join(_ATOMS) + "."
+        raise FileError(f"{text!r} is not a unit: {word!r} is unknown.", hint, code="unit")
+    power = int(match.group(2) or 1) if not match.group(3) else -int(match.group(3))
+    return [[*((atom, 1) for atom in atoms[:-1]), (atoms[-1], power)] for atoms in options]
+
+
+def _taken_apart(letters: str) -> list[list[str]]:
+    """The ways to read letters as units of different quantities, run together; a unit that they
+    are stays whole. The first one is named after a person, or a mass: "hmm" is no product."""
+    if letters in _ATOMS:
+        return [[letters]]
+    return [
+        atoms
+        for atoms in _splits(letters)
+        if len({_ATOMS[atom][2] for atom in atoms}) == len(atoms)
+        and (any(c.isupper() for c in atoms[0]) or atoms[0] in ("kg", "g"))
+    ]
+
+
+def _splits(letters: str) -> list[list[str]]:
+    """Every way to cut letters into units."""
+    whole = [[letters]] if letters in _ATOMS else []
+    cuts = [k for k in range(1, len(letters)) if letters[:k] in _ATOMS]
+    return whole + [[letters[:k], *rest] for k in cuts for rest in _splits(letters[k:])]
 
 
 def _read_suffix(words: list[str]) -> str:
@@ -400,8 +502,8 @@ def _read_suffix(words: list[str]) -> str:
     return _join_symbol(above, below)
 
 
-def _read_words(words: list[str], *, divides: bool = False) -> list[tuple[str, int]] | None:
-    factors: list[tuple[str, int]] = []
+def _read_words(words: list[str], *, divides: bool = False) -> Factors | None:
+    factors: Factors = []
     for word in words:
         match = _FACTOR.fullmatch(word)
         if word == "nm":
@@ -414,7 +516,7 @@ def _read_words(words: list[str], *, divides: bool = False) -> list[tuple[str, i
     return factors
 
 
-def _join_symbol(above: list[tuple[str, int]], below: list[tuple[str, int]]) -> str:
+def _join_symbol(above: Factors, below: Factors) -> str:
     top = " ".join(f"{atom}{power if power > 1 else ''}" for atom, power in above) or NONE
     bottom = " ".join(f"{atom}{power if power > 1 else ''}" for atom, power in below)
     if not bottom:
@@ -422,7 +524,7 @@ def _join_symbol(above: list[tuple[str, int]], below: list[tuple[str, int]]) -> 
     return f"{top}/({bottom})" if len(below) > 1 else f"{top}/{bottom}"
 
 
-def _join_suffix(above: list[tuple[str, int]], below: list[tuple[str, int]]) -> str:
+def _join_suffix(above: Factors, below: Factors) -> str:
     words = [f"{atom.lower()}{power if power > 1 else ''}" for atom, power in above]
     if below:
         words += ["per", *(f"{atom.lower()}{power if power > 1 else ''}" for atom, power in below)]

@@ -44,6 +44,7 @@ from pamid.base.units import (
     NONE,
     compatible,
     divided_name,
+    quantity_of,
     si_symbol,
     split_column,
     unit,
@@ -94,6 +95,13 @@ class Port:
     general: bool = True
     called: dict[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Units as pamid writes them, so that "Nm" is a torque wherever one is looked for."""
+        object.__setattr__(self, "unit", _si_unit(self.unit))
+        if isinstance(self.signals, dict):
+            signals = {name: _si_unit(symbol) for name, symbol in self.signals.items()}
+            object.__setattr__(self, "signals", signals)
+
     def unit_of(self, signal: str) -> str:
         """SI unit of the value or of a signal offered here; mechanical signals follow from the
         port's unit."""
@@ -101,7 +109,7 @@ class Port:
             return self.unit
         if isinstance(self.signals, dict) and signal in self.signals:
             return self.signals[signal]
-        length = {"N m": "rad", "rad": "rad"}.get(self.unit, "m")
+        length = "rad" if quantity_of(self.unit) in ("torque", "angle") else "m"
         return {
             "position": length,
             "velocity": f"{length}/s",
@@ -109,6 +117,23 @@ class Port:
             "load": "N",
             "time": "s",
         }.get(signal, "")
+
+
+def _si_unit(symbol: str) -> str:
+    """The unit of a port as pamid writes it; FileError for what is none, or not SI."""
+    if not symbol or symbol == NONE:
+        return symbol
+    try:
+        read = unit(symbol)
+    except FileError as error:
+        raise FileError(f"unit of a port: {error.message}", error.hint, code="unit") from None
+    if read.factor != 1.0 or read.offset:
+        raise FileError(
+            f"a port is declared in {symbol!r}, but the equations see SI",
+            f"Declare it in {si_symbol(symbol)!r}.",
+            code="unit",
+        )
+    return read.symbol
 
 
 @dataclass(frozen=True)

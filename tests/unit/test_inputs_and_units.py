@@ -15,6 +15,7 @@ from pamid.checks.hold_or_line import HoldOrLine, tried_both_ways, wrongly_taken
 from pamid.checks.recording_quality import examine
 from pamid.model.assembly import Assembly
 from pamid.model.parameter import Parameter
+from pamid.model.port_guide import reachable
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import check_rig
 from pamid.recording.recording import Recording, read_recording, recording_of
@@ -228,6 +229,26 @@ def test_equations_see_si_and_known_values_any_unit() -> None:
     assert p[places] == pytest.approx([0.5, 9e3])
     with pytest.raises(FileError):
         assembly.index_of("mass_mm")
+
+
+@pytest.mark.parametrize("written", ["Nm", "N*m", "N m"])
+def test_a_torque_port_offers_gravity_and_an_angular_velocity(written: str) -> None:
+    port = pamid.Port("motion", written, ("position", "velocity"))
+    assert (port.unit, port.unit_of("velocity")) == ("N m", "rad/s")
+    assert "gravity" in {n for names in reachable(port, effects().values()).values() for n in names}
+
+
+@pytest.mark.parametrize(
+    ("declared", "mend"),
+    [
+        (("motion", "bananas"), "'bananas' is not a unit"),
+        (("motion", "N", {"velocity": "bananas"}), "'bananas' is not a unit"),
+        (("motion", "kN"), "the equations see SI"),
+    ],
+)
+def test_a_port_has_an_si_unit(declared: tuple[object, ...], mend: str) -> None:
+    with pytest.raises(FileError, match=mend):
+        pamid.Port(*declared)  # type: ignore[arg-type]
 
 
 # ---- exports -------------------------------------------------------------------------------------

@@ -237,7 +237,41 @@ def test_a_name_that_multiplies_by_a_time_was_meant_to_divide(name: str, meant: 
     assert divided_name(name) == meant
 
 
-@pytest.mark.parametrize("symbol", ["psi", "N mm2x", "kPA", "m/(s", "N//m", "m-2", "2", "N (m"])
+@pytest.mark.parametrize(
+    ("written", "symbol", "factor"),
+    [
+        ("m/s^2", "m/s2", 1.0),
+        ("m s^-2", "m/s2", 1.0),
+        ("rad/s²", "rad/s2", 1.0),
+        ("kg m^2", "kg m2", 1.0),
+        ("kgm2", "kg m2", 1.0),
+        ("kgcm^2", "kg cm2", 1e-4),
+        ("Nm", "N m", 1.0),
+        ("N*m", "N m", 1.0),
+        ("N·m", "N m", 1.0),
+        ("mNm", "mN m", 1e-3),
+        ("Nmm", "N mm", 1e-3),
+        ("Nm/rad", "N m/rad", 1.0),
+        ("Nms/rad", "N m s/rad", 1.0),
+        ("Nms", "N m s", 1.0),
+        ("Nm/(rad/s)", "N m s/rad", 1.0),
+        ("Vs/rad", "V s/rad", 1.0),
+        ("mAh", "mA h", 3.6),
+        ("kV", "kV", 1e3),
+        ("°C", "degC", 1.0),
+    ],
+)
+def test_a_unit_is_read_as_people_write_it(written: str, symbol: str, factor: float) -> None:
+    """Units run together are the quantity that they make; "Nms" is not N ms."""
+    read = unit(written)
+    assert (read.symbol, read.factor) == (symbol, pytest.approx(factor, rel=1e-14))
+    assert read.dimension == unit(symbol).dimension and read.suffix == suffix_of(symbol)
+
+
+@pytest.mark.parametrize(
+    "symbol",
+    ["psi", "bananas", "hmm", "mass", "1^2", "N mm2x", "kPA", "m/(s", "N//m", "m-2", "2", "N (m"],
+)
 def test_unknown_symbols_are_refused(symbol: str) -> None:
     assert not is_unit(symbol)
     with pytest.raises(FileError, match="is not a unit"):
