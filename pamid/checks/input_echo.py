@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.checks.channel_quality import QualityIssue
-from pamid.checks.rig_consistency import SheetComparison, recorded_as
+from pamid.checks.sheet_comparison import SheetComparison, recorded_as
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level

@@ -128,24 +128,17 @@ def _against(
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """What only the rig can tell, and where it has judged, so that nothing need be guessed from the
     values alone: kind of issue -> columns. thorough: also what takes many runs of the model."""
-    from pamid.checks import rig_consistency as quality_rig  # the engine is needed only here
-    from pamid.checks import scale_slips as quality_scale  # the engine is needed only here
+    # the engine is needed only here
     from pamid.checks.input_echo import echoed_inputs
+    from pamid.checks.rig_consistency import clock, contradictions
+    from pamid.checks.sheet_comparison import compared_with_sheet
 
-    evidence = quality_rig.compared_with_sheet(recording, rig)
-    found = quality_scale.clock(recording, rig, evidence)
-    if found:
+    if found := clock(recording, rig):
         return found, {}
+    evidence = compared_with_sheet(recording, rig)
     if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
         return echoes, {}  # signs and units would mislead
-    found, judged, mended = quality_rig.contradictions(recording, rig, evidence)
-    if mended is not None:
-        dead = quality_scale.unplugged(recording, rig, mended)
-        judged = {**judged, "dead": judged["dead"] | {i.columns[0] for i in dead}}
-        found += dead
-    if thorough and evidence is not None and not any(i.severity == "wrong" for i in found):
-        found += quality_scale.far_off(recording, rig, evidence)
-    return found, judged
+    return contradictions(recording, rig, evidence, thorough=thorough)
 
 
 def channel_figures(

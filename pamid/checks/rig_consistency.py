@@ -1,62 +1,56 @@
-"""What a recording claims that its rig contradicts: columns exchanged, signs turned, units
-mistaken, channels late.
+"""Findings about a recording that only the model of its rig can make: a clock that does not count
+seconds, columns exchanged, of the opposite sign or in another unit, channels that are dead, late,
+or that the rig does not explain at all.
 
-The recording is compared with the data sheet's model, run on the recorded commands. That model is
-off by a lot, but not in its signs: shapes are compared (correlation, block by block without level
-and trend), never sizes, except for units, where a factor of 6 and more is needed. Two like channels
-are distinguished by their difference, whose sign an exchange turns.
-
-    finding            statistic and threshold
-    sign, exchanged    a correlation below CONTRARY, and a change that raises the sum of all
-                       correlations by CORRELATION_GAIN
-    unit               least-squares gain sum(y m)/sum(m^2) of a channel beyond WRONG_UNIT and
-                       within NEAR_UNIT of the ratio of two units, correlation above
-                       COMPARABLE_CORRELATION
-    absolute-pressure  median of y - m within ATMOSPHERE_RANGE_PA
-    delay              lag of the largest cross-correlation of the rates, at least LATE_SAMPLES and
-                       LATE correlation times of the recording, that raises the correlation by
-                       LAG_GAIN
+    finding              statistic and threshold
+    clock                period beyond FAR_CLOCK of the one that the rig states
+    unit, sign, exchanged, absolute-pressure, far-off, clock of a rig that states no period
+                         the slip that explains the recording best: see `slips`
+    delay                lag of the largest cross-correlation of the rates, at least LATE_SAMPLES
+                         and LATE correlation times of the recording, that raises the correlation
+                         by LAG_GAIN
+    dead                 constant, where the model moves by LIVELY times the noise
 """
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import PamidError
-from pamid.base.units import duration_text, quantity_of, split_column, suffixes_for, unit, with_unit
-from pamid.checks.channel_quality import QualityIssue
-from pamid.checks.likeness import blind_sides, correlation, shapes
-from pamid.model.assembly import Assembly
-from pamid.model.rig import Rig
-from pamid.model.step_rig import StepRig
-from pamid.recording.noise import noise_level
-from pamid.recording.recording import Recording, match_column
-from pamid.simulation.correlation_time import timescale_of
-from pamid.simulation.free_runs import (
-    choose_stepping,
-    free_run,
-    input_table,
-    known_values,
-    measured_outputs,
-    output_table,
+from pamid.base.metrics import motion
+from pamid.base.units import NONE, duration_text, from_si, quantity_of, split_column, with_unit
+from pamid.checks.channel_quality import PLUGGED, QualityIssue
+from pamid.checks.sheet_comparison import SheetComparison, blind_sides, recorded_as, shapes
+from pamid.checks.slips import (
+    CLOCKS,
+    MOST_NAMED_SLIPS,
+    RUNAWAY,
+    UNEXPLAINED_MOTION,
+    UNNAMED,
+    Explanation,
+    Judgement,
+    Slip,
+    explained,
 )
+from pamid.model.rig import Rig
+from pamid.model.sampling import stated_period
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording
+from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
 
-MOST_COMPARED_SAMPLES = 20000
-CONTRARY = -0.5  # correlation below which a sign is looked at
-CORRELATION_GAIN = 1.0  # by which the sum of all correlations must grow
-COMPARABLE_CORRELATION = 0.85  # correlation from which sizes and delays are compared
-WRONG_UNIT, NEAR_UNIT = 6.0, 1.7  # factors: surely another unit, and that unit
-ATMOSPHERE_RANGE_PA = (80e3, 125e3)  # by which absolute pressures lie above gauge
+FAR_CLOCK = 20.0  # times the period that a rig states: not its clock
+# factor to which a clock is recognised by the period alone: prefixes, other units
+NEAR_CLOCK = {True: 20.0, False: 3.0}
+COMPARABLE_CORRELATION = 0.85  # correlation from which delays are compared
 STIR = 2.0  # times its noise: what stirs less in the model, too, is at rest
+LIVELY = 20.0  # times its noise and print: what moves so much in the model is no rest
+LEAST_MOTION = 2.0  # times its noise: a channel that shows something
 # samples: rates are compared, since they show more sharply when something happens
 RATE_OVER = 8
 LATE_SAMPLES = 3
@@ -65,336 +59,300 @@ LATE, LONGEST_LAG = 0.008, 0.5
 LAG_GAIN = 0.005  # by which a delay must raise the correlation
 
 
-@dataclass(frozen=True, eq=False)
-class SheetComparison:
-    """A recording beside the data sheet's run on its commands; SI.
-
-    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs
-    of the run (NaN where it ran away); simulate: outputs at other inputs, other parameters
-    (default: p) and a clock that runs so many times slower, None where they run away.
-    """
-
-    names: tuple[str, ...]
-    inputs: tuple[str, ...]
-    y: Array
-    u: Array
-    model: Array
-    simulate: Callable[..., Array | None]
-    assembly: Assembly
-    p: Array
-
-    @property
-    def ran(self) -> bool:
-        return bool(np.isfinite(self.model).all())
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Places of like outputs."""
-        return _like(self.names)
-
-    def agreement(self) -> tuple[Array, Array]:
-        """Correlations of every output with the model, and of the differences of like outputs; of
-        what a sensor shows that is blind to the sign, with the model's size."""
-        way = blind_sides(self.y, self.model)
-        shown = np.where(way == 0.0, self.model, way * np.abs(self.model))
-        ours, theirs = shapes(self.y), shapes(shown)
-        single = np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
-        double = np.array(
-            [correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs]
-        )
-        return single, double
-
-    @property
-    def score(self) -> float:
-        return float(sum(part.sum() for part in self.agreement()))
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """Something to be set right: what, in which columns, and the evidence as it then is."""
-
-    kind: str
-    columns: tuple[str, ...]
-    after: SheetComparison
-
-
 def contradictions(
-    recording: Recording, rig: Rig, evidence: SheetComparison | None
-) -> tuple[list[QualityIssue], dict[str, set[str]], SheetComparison | None]:
+    recording: Recording, rig: Rig, evidence: SheetComparison | None, *, thorough: bool
+) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """Everything in which the recording contradicts the rig; per kind of issue the columns in which
-    the rig has judged, so that it need not be guessed from the values alone; and the evidence with
-    all contradictions set right. Where the rig cannot be run on the recording, only what is in
-    percent is found."""
-    found = _percent(recording, rig)
-    if evidence is None or not evidence.ran:
-        return found, {}, None
-    for _ in range(4):
-        change = _best_change(evidence)
-        if change is None:
-            break
-        found.append(_issue_of(change, evidence, recording, rig))
-        evidence = change.after
-    mended, units = _units(evidence, recording, rig)
-    columns = recorded_as(mended.names, recording)
-    judged = {
+    the rig has judged, so that it need not be guessed from the values alone. thorough: also slips
+    of the data sheet, and channels that the rig does not explain."""
+    if evidence is None:
+        return [], {}
+    slips, recording_, e, judgement = explained(recording, evidence, thorough=thorough)
+    clocks = [one for one in slips if one.slip.kind == "clock"]
+    if clocks:
+        return [_clock_issue(recording, rig, clocks[0].slip)], {}
+    found = _slip_issues([one for one in slips if one.slip.kind not in UNNAMED], evidence, rig)
+    factors = [one for one in slips if one.slip.kind in UNNAMED]
+    if thorough and not any(i.severity == "wrong" for i in found):
+        found += _far_off(factors, judgement, recording_, e, rig)
+    if not e.ran:
+        return found, {}
+    noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
+    columns = recorded_as(e.names, recording)
+    suits = {
         c
-        for c, alike in zip(columns, mended.agreement()[0], strict=True)
+        for c, alike in zip(columns, e.agreement()[0], strict=True)
         if alike > COMPARABLE_CORRELATION
     }
-    noise = np.maximum(noise_level(mended.y), stated_noise(rig, mended.names))
-    resting = {
-        c
-        for c, still in zip(columns, mended.model.std(axis=0) < STIR * noise, strict=True)
-        if still
+    rests = {
+        c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still
     }
-    judged_by_kind = {
-        "unit": judged,
-        "pressure": judged,
-        "absolute-pressure": judged,
-        "dead": resting,
+    found += _delays(e, recording, rig) + (dead := unplugged(recording, rig, e))
+    return found, {
+        "unit": suits,
+        "pressure": suits,
+        "absolute-pressure": suits,
+        "dead": rests | {i.columns[0] for i in dead},
     }
-    return (
-        found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig),
-        judged_by_kind,
-        mended,
-    )
 
 
-def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | None:
-    """The recording beside the data sheet's run; None where the rig cannot be run on it, which is
-    said elsewhere."""
-    try:
-        return _evidence(recording, rig)
-    except PamidError:
-        return None
+# ---- clock ---------------------------------------------------------------------------------------
 
 
-def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
-    assembly = Assembly(rig)
-    names = measured_outputs(assembly, recording)
-    assembly = Assembly(rig, outputs=names)
-    p, _ = known_values(
-        assembly,
-        {k: v for k, v in recording.known.items() if assembly.knows(k)},
-    )
-    u, y = (
-        input_table(assembly, recording)[:MOST_COMPARED_SAMPLES],
-        output_table(names, recording)[:MOST_COMPARED_SAMPLES],
-    )
-    order = [assembly.program.outputs.index(n) for n in names]
+def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
+    """Stamps whose period is far from the one that the rig states."""
+    period, usual = recording.sampling_period_s, stated_period(rig)
+    if usual is None or 1.0 / FAR_CLOCK < period / usual < FAR_CLOCK:
+        return []
+    ratio = period / usual
+    near = min(CLOCKS, key=lambda c: abs(np.log(ratio * c)))
+    wide = NEAR_CLOCK[near < 1.0]
+    looks = CLOCKS[near] if 1.0 / wide < ratio * near < wide else ""
+    counted = period == 1.0 and bool(np.all(recording.time == np.round(recording.time)))
+    if counted and not 0.5 < ratio * near < 2.0:
+        looks = "a count of samples: multiply them by the period"
+    text = f"where rig {rig.name!r} is sampled every {usual:g} s"
+    return [_clock_words(recording, text, looks, ratio)]
+
+
+def _clock_issue(recording: Recording, rig: Rig, slip: Slip) -> QualityIssue:
+    text = f"at which rig {rig.name!r} would behave quite differently"
+    return _clock_words(recording, text, CLOCKS[slip.factor], 1.0 / slip.factor)
+
+
+def _clock_words(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
     period = recording.sampling_period_s
-
-    # hundreds of runs may follow: of what steps by itself the exchanges are chosen once
-    stepped = isinstance(rig, StepRig)
-    steps = choose_stepping(assembly, u, p, period, assembly.start(p)) if stepped else None
-
-    def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
-        run = free_run(
-            assembly,
-            np.ascontiguousarray(inputs),
-            values,
-            clock * period,
-            stepping=steps if clock == 1.0 else None,
-        )
-        return (
-            None
-            if run.blown_up >= 0 or not np.isfinite(run.outputs).all()
-            else run.outputs[:, order]
-        )
-
-    found = simulate(u)
-    model = np.full_like(y, np.nan) if found is None else found
-    return SheetComparison(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
-
-
-# ---- signs and exchanges -----------------------------------------------------------------------
-
-
-def _best_change(evidence: SheetComparison) -> Change | None:
-    """The one change that makes recording and model agree best, if something runs clearly against
-    the model."""
-    single, double = evidence.agreement()
-    if min(single.min(), double.min(initial=1.0)) > CONTRARY:
-        return None
-    before = evidence.score
-    scored = [
-        (change.after.score - before, change) for change in _changes(evidence, single, double)
-    ]
-    gain, best = max(scored, key=lambda pair: pair[0], default=(0.0, None))
-    return best if best is not None and gain > CORRELATION_GAIN else None
-
-
-def _changes(e: SheetComparison, single: Array, double: Array) -> Iterator[Change]:
-    """Every sign turned and every two like columns exchanged that could be the matter; inputs come
-    first, since one of them explains what else would take several outputs."""
-    for j, name in enumerate(e.inputs):
-        if e.u[:, j].min() < 0.0 < e.u[:, j].max():
-            turned = e.u.copy()
-            turned[:, j] *= -1.0
-            yield from _with_inputs(e, "sign", (name,), turned)
-    for i, j in _like(e.inputs):
-        swapped = e.u.copy()
-        swapped[:, [i, j]] = e.u[:, [j, i]]
-        yield from _with_inputs(e, "exchanged", (e.inputs[i], e.inputs[j]), swapped)
-    for (i, j), against in zip(e.pairs, double, strict=True):
-        if against < CONTRARY:
-            swapped = e.y.copy()
-            swapped[:, [i, j]] = e.y[:, [j, i]]
-            yield Change("exchanged", (e.names[i], e.names[j]), replace(e, y=swapped))
-    for k, name in enumerate(e.names):
-        one_sided = min(e.y[:, k].min(), e.model[:, k].min()) >= -0.02 * np.ptp(e.model[:, k])
-        if single[k] < CONTRARY and not one_sided:
-            turned = e.y.copy()
-            turned[:, k] *= -1.0
-            yield Change("sign", (name,), replace(e, y=turned))
-
-
-def _with_inputs(
-    e: SheetComparison, kind: str, columns: tuple[str, ...], u: Array
-) -> Iterator[Change]:
-    model = e.simulate(u)
-    if model is not None:
-        yield Change(kind, columns, replace(e, u=u, model=model))
-
-
-def _issue_of(
-    change: Change, before: SheetComparison, recording: Recording, rig: Rig
-) -> QualityIssue:
-    columns = recorded_as(change.columns, recording)
-    numbers = {
-        "agreement_as_recorded": before.score / _most(before),
-        "agreement_mended": change.after.score / _most(before),
-    }
-    figures = (
-        f"agreement with rig {rig.name!r} {numbers['agreement_as_recorded']:.2f} as recorded, "
-        f"{numbers['agreement_mended']:.2f} the other way"
-    )
-    if change.kind == "exchanged":
-        return QualityIssue(
-            "exchanged",
-            columns,
-            "wrong",
-            f"{columns[0]} and {columns[1]} are exchanged: {figures}",
-            f"Exchange the two columns in the mapping of `pamid ingest`; if rig {rig.name!r} "
-            "really is plugged so, change the rig file.",
-            (),
-            numbers,
-        )
-    other = ""
-    if len(before.names) == 1 and change.columns[0] in before.inputs:
-        other = f" (or that of {recorded_as(before.names, recording)[0]})"
     return QualityIssue(
-        "sign",
-        columns,
+        "clock",
+        ("time_s",),
         "wrong",
-        f"{columns[0]} has the opposite sign{other}: {figures}",
+        f"samples are {period:g} s apart, {text}",
+        f"The stamps look like {looks}." if looks else "Are the stamps seconds?",
+        (),
+        {"period_s": period, "ratio": ratio},
+    )
+
+
+# ---- slips ---------------------------------------------------------------------------------------
+
+
+def _slip_issues(
+    slips: Sequence[Explanation], before: SheetComparison, rig: Rig
+) -> list[QualityIssue]:
+    """A finding for each slip; columns in one and the same other unit share one."""
+    groups: dict[tuple[str, ...], list[Explanation]] = {}
+    for k, one in enumerate(slips):
+        units = {split_column(name)[1] for name in one.slip.names}
+        same = (one.slip.kind, one.slip.meaning, *sorted(units))
+        joined = one.slip.kind in ("unit", "absolute-pressure")
+        groups.setdefault(same if joined else (str(k),), []).append(one)
+    return [_slip_issue(group, before, rig) for group in groups.values()]
+
+
+def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> QualityIssue:
+    first = max(group, key=lambda one: one.gain)
+    slip, names = first.slip, tuple(name for one in group for name in one.slip.names)
+    message, hint = _SLIP_WORDS[slip.kind](slip, names, before, rig)
+    figures = first.figures
+    others = [other.words for other in first.others][:MOST_NAMED_SLIPS]
+    if others and slip.kind == "unit":
+        hint += f" Or {', or '.join(others)} explains it as well."
+    if first.wrong:
+        evidence = (
+            f"a fit of rig {rig.name!r} is off by {figures['error_as_recorded']:.2g} times the "
+            f"motion as recorded, by {figures['error_mended']:.2g} times the other way"
+        )
+    else:
+        evidence = f"a fit of rig {rig.name!r} would explain it better"
+    bend = figures["tolerances_as_recorded"]
+    if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
+        evidence += f"; as recorded its data sheet would be {bend:.2g} tolerances off"
+    severity = "wrong" if first.wrong else "advice"
+    return QualityIssue(slip.kind, names, severity, f"{message}: {evidence}", hint, (), figures)
+
+
+def _unit_words(
+    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+) -> tuple[str, str]:
+    many, symbol = listed(list(names)), split_column(names[0])[1]
+    verb = "seems" if len(names) == 1 else "seem"
+    if " " in slip.meaning:
+        return (
+            f"{many} {verb} to be {slip.meaning}",
+            f"Multiply by {slip.factor:g}, or let rig {rig.name!r} measure it there.",
+        )
+    if slip.meaning == "percent":
+        how = 'Divide by 100: unit = "percent" in the mapping of `pamid ingest`.'
+        return f"the values of {many} look like percent, not {symbol}", how
+    named = [
+        f"{n} to {with_unit(split_column(n)[0], slip.meaning)}" for n in names if slip.readable
+    ]
+    rename = f"Rename {listed(named)}, or set" if named else "Set"
+    return (
+        f"the values of {many} look like {slip.meaning}, not {symbol}",
+        f'{rename} unit = "{slip.meaning}" in the mapping of `pamid ingest`.',
+    )
+
+
+def _sign_words(
+    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+) -> tuple[str, str]:
+    other = ""
+    if len(before.names) == 1 and names[0] not in before.names:
+        other = f" (or that of {before.names[0]})"
+    return (
+        f"{names[0]} has the opposite sign{other}",
         "Turn its sign, or set sign = -1 for it in the mapping of `pamid ingest`; if rig "
         f"{rig.name!r} really is built so, change the rig file.",
-        (),
-        numbers,
     )
 
 
-def _most(e: SheetComparison) -> int:
-    return len(e.names) + len(e.pairs)
+def _exchange_words(
+    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+) -> tuple[str, str]:
+    return (
+        f"{names[0]} and {names[1]} are exchanged",
+        f"Exchange the two columns in the mapping of `pamid ingest`; if rig {rig.name!r} really is "
+        "plugged so, change the rig file.",
+    )
 
 
-# ---- units, pressures, delays ------------------------------------------------------------------
-
-
-def _units(
-    e: SheetComparison, recording: Recording, rig: Rig
-) -> tuple[SheetComparison, list[QualityIssue]]:
-    """Outputs whose size fits another unit of the same quantity, and the evidence with these set
-    right."""
-    y = e.y.copy()
-    mistaken: dict[tuple[str, str], dict[str, float]] = {}
-    columns = recorded_as(e.names, recording)
-    for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
-        symbol = split_column(columns[k])[1]
-        gain = float((ours * theirs).sum() / max(float((theirs * theirs).sum()), 1e-300))
-        if correlation(ours, theirs) < COMPARABLE_CORRELATION or abs(
-            math.log(max(gain, 1e-12))
-        ) < math.log(WRONG_UNIT):
-            continue
-        for other in (split_column(f"signal_{suffix}")[1] for suffix in suffixes_for(symbol)):
-            # values in the other unit look this much too large
-            factor = unit(symbol).factor / unit(other).factor
-            if abs(math.log(gain / factor)) < math.log(NEAR_UNIT):
-                y[:, k] /= factor
-                mistaken.setdefault((symbol, other), {})[columns[k]] = gain
-                break
-    found = [
-        QualityIssue(
-            "unit",
-            tuple(gains),
-            "wrong",
-            f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times what the data sheet "
-            f"of rig {rig.name!r} leads to; the values look like {other}, not {symbol}",
-            f'Rename {named}, or set unit = "{other}" in the mapping of `pamid ingest`.',
-            (),
-            {"gain": float(np.mean(list(gains.values())))},
-        )
-        for (symbol, other), gains in mistaken.items()
-        for named in [listed([f"{n} to {with_unit(split_column(n)[0], other)}" for n in gains])]
+def _pressure_words(
+    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+) -> tuple[str, str]:
+    sheet = [
+        p.outside_name for p in rig.parameters if not p.fitted and quantity_of(p.unit) == "pressure"
     ]
-    return replace(e, y=y), found
+    gauge = f"; if they are gauge pressures, state {listed(sheet)} under [known]." if sheet else "."
+    return (
+        f"{listed(list(names))} {'lies' if len(names) == 1 else 'lie'} about one atmosphere too "
+        "high, as absolute pressures do",
+        f'Set pressure = "absolute" in the mapping of `pamid ingest`{gauge}',
+    )
 
 
-def _percent(recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Inputs without a unit that are a hundred times what is usual."""
+_SLIP_WORDS = {
+    "unit": _unit_words,
+    "sign": _sign_words,
+    "exchanged": _exchange_words,
+    "absolute-pressure": _pressure_words,
+}
+
+
+def _far_off(
+    factors: Sequence[Explanation],
+    judgement: Judgement,
+    recording: Recording,
+    e: SheetComparison,
+    rig: Rig,
+) -> list[QualityIssue]:
+    """Factors that bring recording and rig together and are no other unit; and channels that the
+    data sheet misses by more than they move and that a refit does not explain either."""
+    if not e.ran and not factors:
+        return []
+    moves = e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)
+    missed = _missed(e)
+    left = np.array([judgement.errors.get(name, 0.0) for name in e.names])
+    blind = blind_sides(e.y, e.model) != 0.0 if e.ran else np.zeros(len(e.names), dtype=bool)
+    lost = np.flatnonzero(moves & (missed > 1.0) & (blind | (left > UNEXPLAINED_MOTION))).tolist()
+    if not factors and not lost:
+        return []
+    columns = recorded_as(e.names, recording)
+    size = np.log(np.maximum(e.model.std(axis=0), 1e-300) / np.maximum(e.y.std(axis=0), 1e-300))
+    shown = sorted(lost, key=lambda k: -missed[k]) or [int(np.argmax(np.abs(size)))]
+    k = shown[0]
+    miss = f"misses by {missed[k]:.2g} times what the signal moves"
+    if missed[k] >= RUNAWAY:
+        miss = "runs away"
+    elif missed[k] <= 1.0:
+        miss = f"is {np.exp(size[k]):.2g} times as large"
+    every = [slip for one in factors for slip in (one.slip, *one.others)]
+    text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
+    if lost and left[k] > UNEXPLAINED_MOTION:
+        text += f", and a refit is off by {left[k]:.2g} times the motion"
+    return [
+        QualityIssue(
+            "far-off",
+            tuple(columns[i] for i in shown),
+            "advice",
+            text,
+            advice(every) + _blind(columns[k], e, k),
+            (),
+            {"error": float(missed[k])},
+        )
+    ]
+
+
+def _missed(e: SheetComparison) -> Array:
+    """Per output, error of the data sheet's run over the motion recorded: the smaller of that of
+    the shapes and that of the values."""
+    if not e.ran:
+        return np.full(len(e.names), RUNAWAY)
+    ours, theirs = shapes(e.y), shapes(e.model)
+    with np.errstate(over="ignore"):
+        off = [np.sqrt(((ours - theirs) ** 2).mean(axis=(1, 2))), (e.y - e.model) ** 2]
+        size = [np.sqrt((ours * ours).mean(axis=(1, 2))), e.y.std(axis=0)]
+    off[1] = np.sqrt(off[1].mean(axis=0))
+    shares = [
+        o / np.maximum(np.maximum(s, o / RUNAWAY), 1e-300) for o, s in zip(off, size, strict=True)
+    ]
+    return np.minimum(np.minimum(*shares), RUNAWAY)
+
+
+def advice(slips: Sequence[Slip]) -> str:
+    """The sentence that sends a reader to units and signs."""
+    by_name = sorted(slips, key=lambda s: [t.names for t in slips].index(s.names))
+    parts = [
+        " or ".join([first.words, *(s.factor_words for s in more)])
+        for _, (first, *more) in groupby(by_name, key=lambda s: (s.kind in UNNAMED, s.names))
+    ][:MOST_NAMED_SLIPS]
+    named = f": {', or '.join(parts)} would bring them together" if parts else ""
+    return f"Check units and signs{named}."
+
+
+def _blind(column: str, e: SheetComparison, k: int) -> str:
+    """The question, after a space, whether the sensor shows a size only; nothing where it does
+    not."""
+    y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
+    way = float(blind_sides(y, model)[0]) if np.isfinite(model).all() else 0.0
+    if not way:
+        return ""
+    side = "below" if way > 0.0 else "above"
+    return f" {column} never goes {side} 0, where the model does: is its sensor blind to the sign?"
+
+
+# ---- dead and late ------------------------------------------------------------------------------
+
+
+def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
+    """Sensors that show one number throughout while another one moves, and should move
+    themselves."""
+    still = np.array([motion(y) == 0.0 for y in e.y.T])
+    if not e.ran or still.all():
+        return []
     found = []
-    for name, usual in rig.excited.items():
-        column = match_column(recording.columns, name)
-        if column is None or quantity_of(split_column(column)[1]) != "dimensionless":
-            continue
-        size = float(np.quantile(np.abs(recording.columns[column]), 0.95))
-        if 20.0 * usual < size < 200.0 * usual:
+    for k, (name, column) in enumerate(zip(e.names, recorded_as(e.names, recording), strict=True)):
+        moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
+        if (
+            still[k]
+            and motion(recording.columns[column]) == 0.0
+            and moves > LIVELY * rig.noise.get(name, 0.0)
+        ):
+            value, symbol = float(recording.columns[column][0]), split_column(column)[1]
+            shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
             found.append(
                 QualityIssue(
-                    "unit",
+                    "dead",
                     (column,),
                     "wrong",
-                    f"{column} reaches {size:.3g}, where {usual:g} is usual for "
-                    f"rig {rig.name!r}: it looks like percent",
-                    'Divide it by 100: unit = "percent" in the mapping of `pamid ingest`.',
+                    f"{column} is constant ({shown}) throughout, where the "
+                    f"model of rig {rig.name!r} moves",
+                    f"{PLUGGED} Leave the column out if it was not measured.",
                     (),
-                    {"size": size, "usual": usual},
+                    {"value": value},
                 )
             )
     return found
-
-
-def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Pressures that lie one atmosphere above the data sheet's."""
-    lifted: dict[str, float] = {}
-    for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
-        above = float(np.median(e.y[:, k] - e.model[:, k]))
-        if (
-            rig.outputs[e.names[k]] == "Pa"
-            and correlation(ours, theirs) > COMPARABLE_CORRELATION
-            and ATMOSPHERE_RANGE_PA[0] < above < ATMOSPHERE_RANGE_PA[1]
-        ):
-            lifted[recorded_as((e.names[k],), recording)[0]] = above
-    if not lifted:
-        return []
-    sheet = [p for p in rig.parameters if not p.fitted and quantity_of(p.unit) == "pressure"]
-    stated = listed([p.outside_name for p in sheet]) if sheet else ""
-    columns, above = tuple(lifted), float(np.mean(list(lifted.values())))
-    many = "lies" if len(columns) == 1 else "lie"
-    return [
-        QualityIssue(
-            "absolute-pressure",
-            columns,
-            "advice",
-            f"{listed(columns)} {many} {above / 1e3:.0f} kPa above "
-            f"what the data sheet of rig {rig.name!r} leads to, as absolute pressures do",
-            'Set pressure = "absolute" in the mapping of `pamid ingest`'
-            + (f"; if they are gauge pressures, state {stated} under [known]." if stated else "."),
-            (),
-            {"above_kpa": above / 1e3},
-        )
-    ]
 
 
 def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
@@ -420,9 +378,9 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
         columns, delay = recorded_as(names, recording), lag * period
         many = "answers" if len(columns) == 1 else "answer"
         hint = (
-            "A load heavier than the data sheet's answers late, too: state it below [known]. A "
-            "dead time or a lag "
-            "is for `pamid diagnose` to find; if clocks differ, shift the channel in the raw log."
+            "Parameters off the data sheet shift an answer, too: state what is known below "
+            "[known]. A dead time or a lag is for `pamid diagnose` to find; if clocks differ, "
+            "shift the channel in the raw log."
             if lag > 0
             else "No rig answers before it is asked: shift the channel, or the command, in the "
             "raw log."
@@ -442,9 +400,6 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
     return found
 
 
-# ---- shapes ------------------------------------------------------------------------------------
-
-
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
     """By how many samples ours comes later, and the correlations of the rates at once and so
     shifted."""
@@ -461,17 +416,6 @@ def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
     likeness = product[lags] / np.sqrt(np.maximum(overlap, 1e-300))
     best = int(np.argmax(likeness))
     return int(lags[best]), float(likeness[most]), float(likeness[best])
-
-
-def _like(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Places of columns of one quantity."""
-    kinds = [quantity_of(split_column(n)[1]) for n in names]
-    return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
-
-
-def recorded_as(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
-    """The recording's own columns for the rig's."""
-    return tuple(match_column(recording.columns, n) or n for n in names)
 
 
 def listed(names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ from pamid.base.errors import FileError
 from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.conformance import rig_findings
 from pamid.checks.recording_quality import examine
-from pamid.checks.scale_slips import ScaleSlip
+from pamid.checks.slips import Slip
 from pamid.model.port_guide import driven_by_speed
 from pamid.model.registry import rig_named, rigs
 from pamid.recording.recording import Recording, match_column, recording_of
@@ -219,10 +219,10 @@ def test_a_blind_sensor_is_not_taken_for_a_wrong_sign(way: str, tmp_path: Path) 
 
 
 def test_a_slip_of_a_column_is_told_with_the_unit_that_it_looks_like() -> None:
-    words = ScaleSlip("column", "position_m", 0.001, 0.1).words
+    words = Slip("scale", ("position_m",), 0.001).words
     assert words == "the column position_m times 0.001 (as if written in mm)"
-    assert ScaleSlip("column", "force_n", -10.0, 0.1).words == "the column force_n times -10"
-    assert ScaleSlip("parameter", "count", 100.0, 0.1).words.startswith("the parameter count")
+    assert Slip("scale", ("force_n",), -10.0).words == "the column force_n times -10"
+    assert Slip("parameter", ("count",), 100.0).words.startswith("the parameter count")
 
 
 def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:

@@ -92,12 +92,12 @@ def worst_of_both(truth: str) -> tuple[list[HoldOrLine], list[HoldOrLine], list[
     random = np.random.default_rng(6)
     recording.columns["valve_percent"] = 30.0 + 1e-3 * random.standard_normal(len(recording))
     fitted: list[str] = []
-    compared = hold_or_line._TriedOn.compared
+    compared = hold_or_line.compared
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            hold_or_line._TriedOn,
+            hold_or_line,
             "compared",
-            lambda self, base, column: (fitted.append(column), compared(self, base, column))[1],
+            lambda data, base, column: (fitted.append(column), compared(data, base, column))[1],
         )
         screened = wrongly_taken(recording, varied())
     return screened, [one for one in tried_both_ways(recording, varied()) if one.wrong], fitted

@@ -397,9 +397,9 @@ def test_a_sign_is_found_on_a_rig_of_ones_own(make: Make) -> None:
 def test_two_faults_are_told_one_by_one(joint: Recording) -> None:
     c = joint.columns
     spoilt = changed(joint, **{P1: c[P2], P2: c[P1], ANGLE: np.radians(c[ANGLE])})
-    exchanged, unit = examine(spoilt, library.rig_named("one-dof"))
-    assert exchanged.kind == "exchanged" and set(exchanged.columns) == {P1, P2}
-    assert unit.kind == "unit" and unit.columns == (ANGLE,)
+    found = {i.kind: i for i in examine(spoilt, library.rig_named("one-dof"))}
+    assert set(found) == {"exchanged", "unit"}
+    assert set(found["exchanged"].columns) == {P1, P2} and found["unit"].columns == (ANGLE,)
 
 
 # ---- figures, command, picture --------------------

@@ -1,0 +1,170 @@
+"""A recording and the data sheet's run on its commands, and how alike the two are, whatever their
+levels, units and trends.
+
+The data sheet is off by a lot, but not in its signs or by orders of magnitude. Shapes are compared
+block by block without level and trend: what integrates drifts away with the best of data sheets.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import PamidError
+from pamid.base.units import quantity_of, split_column
+from pamid.model.assembly import Assembly
+from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording, match_column
+from pamid.simulation.free_runs import (
+    choose_stepping,
+    free_run,
+    input_table,
+    known_values,
+    measured_outputs,
+    output_table,
+)
+
+Array = NDArray[np.float64]
+
+MOST_COMPARED_SAMPLES = 20000
+CORRELATION_BLOCKS = 20
+CROSSES = 0.2  # of its range: what a reading shows on the other side of zero, whatever its noise
+BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero where it ends
+BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
+
+
+@dataclass(frozen=True, eq=False)
+class SheetComparison:
+    """A recording beside the data sheet's run on its commands; SI.
+
+    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs
+    of the run (NaN where it ran away); simulate: outputs at other inputs, other parameters
+    (default: p) and a clock that runs so many times slower, None where they run away.
+    """
+
+    names: tuple[str, ...]
+    inputs: tuple[str, ...]
+    y: Array
+    u: Array
+    model: Array
+    simulate: Callable[..., Array | None]
+    assembly: Assembly
+    p: Array
+
+    @property
+    def ran(self) -> bool:
+        return bool(np.isfinite(self.model).all())
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Places of like outputs."""
+        return like_columns(self.names)
+
+    def agreement(self) -> tuple[Array, Array]:
+        """Correlations of every output with the model, and of the differences of like outputs; of
+        what a sensor shows that is blind to the sign, with the model's size."""
+        way = blind_sides(self.y, self.model)
+        shown = np.where(way == 0.0, self.model, way * np.abs(self.model))
+        ours, theirs = shapes(self.y), shapes(shown)
+        single = np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
+        double = np.array(
+            [correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs]
+        )
+        return single, double
+
+
+def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | None:
+    """The recording beside the data sheet's run; None where the rig cannot be run on it, which is
+    said elsewhere."""
+    try:
+        return _evidence(recording, rig)
+    except PamidError:
+        return None
+
+
+def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
+    assembly = Assembly(rig)
+    names = measured_outputs(assembly, recording)
+    assembly = Assembly(rig, outputs=names)
+    p, _ = known_values(
+        assembly,
+        {k: v for k, v in recording.known.items() if assembly.knows(k)},
+    )
+    u, y = (
+        input_table(assembly, recording)[:MOST_COMPARED_SAMPLES],
+        output_table(names, recording)[:MOST_COMPARED_SAMPLES],
+    )
+    order = [assembly.program.outputs.index(n) for n in names]
+    period = recording.sampling_period_s
+
+    # hundreds of runs may follow, for which the steps are chosen once; with other values they may
+    # be too long
+    steps = choose_stepping(assembly, u, p, period, assembly.start(p))
+    stepped = isinstance(rig, StepRig)
+
+    def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
+        inputs = np.ascontiguousarray(inputs)
+        for stepping in (steps, None) if clock == 1.0 else (None,):
+            run = free_run(assembly, inputs, values, clock * period, stepping=stepping)
+            if run.blown_up < 0 and np.isfinite(run.outputs).all():
+                return run.outputs[:, order]
+            if stepped:
+                break
+        return None
+
+    found = simulate(u)
+    model = np.full_like(y, np.nan) if found is None else found
+    return SheetComparison(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
+
+
+def like_columns(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Places of columns of one quantity."""
+    kinds = [quantity_of(split_column(n)[1]) for n in names]
+    return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
+
+
+def recorded_as(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
+    """The recording's own columns for the rig's."""
+    return tuple(match_column(recording.columns, n) or n for n in names)
+
+
+def shapes(table: Array, samples: int = 0) -> Array:
+    """Every column block by block, without level and trend: (columns, blocks, samples). samples:
+    length of a block, default: a share of the table."""
+    size = min(samples or max(50, len(table) // CORRELATION_BLOCKS), len(table))
+    blocks = table[: len(table) // size * size].T.reshape(table.shape[1], -1, size)
+    slope = np.linspace(-1.0, 1.0, size)
+    slope /= np.sqrt(slope @ slope)
+    level = blocks - blocks.mean(axis=2, keepdims=True)
+    return np.asarray(level - (level @ slope)[:, :, None] * slope)
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Of two arrays without level, 0 where one of them rests."""
+    size = math.sqrt(float((a * a).sum()) * float((b * b).sum()))
+    return float((a * b).sum()) / size if size > 0.0 else 0.0
+
+
+def blind_sides(y: Array, model: Array) -> Array:
+    """Per column: 1 or -1 where a reading shows this side of zero alone, though the model goes to
+    both, and the model's size runs more like it than the model or its opposite; 0 elsewhere."""
+    both = np.minimum((model > 0.0).mean(axis=0), (model < 0.0).mean(axis=0)) >= BLIND_SHARE
+    crosses = np.minimum(-y.min(axis=0), y.max(axis=0)) > CROSSES * np.ptp(y, axis=0)
+    if not (both & ~crosses).any():
+        return np.zeros(y.shape[1])
+    edge = BLIND_NOISE * noise_level(y)
+    way = np.where((y > -edge).all(axis=0), 1.0, np.where((y < edge).all(axis=0), -1.0, 0.0))
+    sides = [np.mean(way * side * model > edge, axis=0) for side in (1.0, -1.0)]
+    ours, theirs, sizes = shapes(y), shapes(model), shapes(np.abs(model))
+    like, sized = (
+        np.array([correlation(a, b) for a, b in zip(ours, other, strict=True)])
+        for other in (theirs, sizes)
+    )
+    return np.where((np.minimum(*sides) >= BLIND_SHARE) & (way * sized > np.abs(like)), way, 0.0)

@@ -1,0 +1,299 @@
+"""A short fit of a rig to a recording: parameters within their priors, and a start state for each
+of some windows.
+
+It is the judge of every check that asks whether a recording suits its rig: another unit, a turned
+sign, an input that is held between samples. A start state of its own in every window makes it blind
+to drift; the priors show how far the data sheet would have to be bent.
+
+    cost        sum over windows |W (y(x_w, p) - y_measured)|^2 + |(p - p_sheet)/spread|^2
+    W           1/sigma per channel, sigma its noise and at least LEAST_SIGMA of its spread
+
+The start states are eliminated window by window (variable projection by block elimination: Golub,
+Pereyra 2003, Inverse Problems 19, R1-R26).
+
+With an input otherwise than in a fit the outputs change by d at the fitted parameters, which is one
+run; what the error becomes once everything has followed is to first order (`reached`)
+
+    min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
+
+(r, A, B: residuals and derivatives of the fit).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import motion
+from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.program import Memory, Program, Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
+from pamid.simulation.free_runs import choose_stepping, measured_outputs
+from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
+from pamid.simulation.windows import Runner, Window
+from pamid.symbolic.expression import symbol
+
+Array = NDArray[np.float64]
+
+COMPARED_WINDOWS, FEWEST_WINDOWS = 40, 6
+WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
+LEAST_SIGMA = 0.01  # of a channel's spread: the weight of one without noise
+STEPS = 30
+SETTLED_GAIN = 1e-5  # relative gain of a step
+FURTHEST = 300.0  # logarithm of a factor on the data sheet: beyond any bound
+
+
+@dataclass(frozen=True, eq=False)
+class FitPoint:
+    """Scaled parameters s and states x at the windows' starts (windows x states); cost, half its
+    Hessian and gradient in s with the states eliminated, and what gives their steps; errors:
+    squared weighted residuals, windows x channels."""
+
+    s: Array
+    x: Array
+    cost: float
+    H: Array
+    g: Array
+    gains: Array  # windows x states x parameters: how the start states follow s
+    own_steps: Array  # windows x states: their steps where s stays
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FittedWindows:
+    """A fit with the inputs of `rig` as they are there."""
+
+    rig: Rig
+    point: FitPoint
+    problem: ShortFit
+
+    @property
+    def error(self) -> float:
+        return float(np.sqrt(self.point.errors.mean()))
+
+    @property
+    def strain(self) -> float:
+        """Sum of squares of the parameters' distances from the data sheet, in prior spreads."""
+        return float(self.point.s @ self.point.s)
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """What both fits share: the recording's windows, weights and free parameters."""
+
+    rig: Rig
+    names: tuple[str, ...]
+    track: Track
+    windows: tuple[Window, ...]
+    weight: Array
+
+    def fitted(
+        self,
+        rig: Rig,
+        begin: FitPoint | None = None,
+        problem: ShortFit | None = None,
+        stepping: Stepping | None = None,
+        steps: int = STEPS,
+    ) -> FittedWindows:
+        """problem: of a fit of the same rig before, whose model is there already; stepping: of a
+        fit that differs in its inputs alone."""
+        problem = problem or ShortFit.of(self, rig, stepping)
+        start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
+        point = iterate(problem, Iteration(start, problem.rule.start), steps).point
+        return FittedWindows(rig, point, problem)
+
+
+def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitData | None:
+    """The windows of a recording to fit; None where it is too short, or nothing moves.
+
+    timescales: length of a window in correlation times of the recording; at least WINDOW_SAMPLES,
+    fewer windows where they are longer.
+    """
+    names = measured_outputs(Assembly(rig), recording)
+    names = tuple(n for n in names if motion(recording.signal(n)) > 0.0)
+    if not names:
+        return None
+    assembly = Assembly(rig, outputs=names)
+    track = track_of(assembly, recording, names, timescale_s=rig.timescale_s or 1.0)
+    slow = track_of(assembly, recording, names).timescale_s if timescales else 0.0
+    windows = _windows(track, max(WINDOW_SAMPLES, round(timescales * slow / track.period_s)))
+    if len(windows) < FEWEST_WINDOWS:
+        return None
+    noise = noise_of((track,), stated_noise(rig, names))
+    weight = 1.0 / np.maximum(noise, LEAST_SIGMA * track.y.std(axis=0))
+    return FitData(rig, names, track, windows, weight)
+
+
+def _windows(track: Track, length: int) -> tuple[Window, ...]:
+    """The windows in which inputs change most from sample to sample."""
+    most = max(FEWEST_WINDOWS, COMPARED_WINDOWS * WINDOW_SAMPLES // length)
+    length = min(length, len(track) // FEWEST_WINDOWS)
+    if length < LEAST_WINDOW_SAMPLES:
+        return ()
+    count = len(track) // length
+    moves = np.abs(np.diff(track.u, axis=0, prepend=track.u[:1]))
+    size = moves.mean(axis=0)
+    moved = (moves / np.where(size > 0.0, size, 1.0)).sum(axis=1)
+    busy = moved[: count * length].reshape(count, length).sum(axis=1)
+    chosen = np.sort(np.argsort(-busy, kind="stable")[:most])
+    return tuple(Window(int(k) * length, int(k + 1) * length) for k in chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class ShortFit(LeastSquares[FitPoint, Array]):
+    """Parameters and start states of the windows by damped Gauss-Newton."""
+
+    trial: FitData
+    runner: Runner
+    rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e8)
+
+    @classmethod
+    def of(cls, trial: FitData, rig: Rig, stepping: Stepping | None = None) -> ShortFit:
+        a = Assembly(rig, outputs=trial.names).for_fitting()
+        t = trial.track
+        step = stepping or choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
+        free = tuple(
+            i
+            for i, b in enumerate(a.parameters)
+            if b.fitted and i not in t.known and np.isfinite(b.spread) and b.spread > 0.0
+        )
+        return cls(trial, Runner(a, t, step, free))
+
+    def sheet(self) -> FitPoint:
+        """The data sheet's parameters, and the states to which its run leads."""
+        a, t = self.runner.assembly, self.trial.track
+        n = self.runner.start_states
+        program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states})
+        memory = program.memory(a.start(t.p), stepping=self.runner.stepping, period_s=t.period_s)
+        Y, _, _ = program.run(memory, t.u, t.p, period_s=t.period_s, stepping=self.runner.stepping)
+        led = Y[[w.start for w in self.trial.windows]][:, Y.shape[1] - n :]
+        x = np.where(np.isfinite(led), led, a.start(t.p)[:n])
+        return self.at(np.zeros(len(self.runner.free)), x)
+
+    def parameters(self, s: Array) -> tuple[Array, Array]:
+        """Values (SI) at scaled parameters s, within their bounds, and their slopes by s: those at
+        a bound as well, so that a fit leaves it again."""
+        p, slopes = self.trial.track.p.copy(), np.zeros(len(s))
+        for k, (i, scaled) in enumerate(zip(self.runner.free, s, strict=True)):
+            b = self.runner.assembly.parameters[i]
+            by = float(np.clip(b.spread * scaled, -FURTHEST, FURTHEST)) if b.log else 0.0
+            value = p[i] * np.exp(by) if b.log else p[i] + b.spread * scaled
+            p[i] = min(max(value, min(b.low, p[i])), max(b.high, p[i]))
+            slopes[k] = b.spread * p[i] if b.log else b.spread
+        return p, slopes
+
+    def _reach(self) -> tuple[Array, Array]:
+        """The lowest and the highest scaled parameters."""
+        low, high = np.empty(len(self.runner.free)), np.empty(len(self.runner.free))
+        for k, i in enumerate(self.runner.free):
+            b, value = self.runner.assembly.parameters[i], float(self.trial.track.p[i])
+            ends = np.array([min(b.low, value), max(b.high, value)])
+            with np.errstate(divide="ignore"):
+                ends = np.log(ends / value) if b.log else ends - value
+            low[k], high[k] = ends / b.spread
+        return low, high
+
+    def at(self, s: Array, x: Array) -> FitPoint:
+        trial, m = self.trial, len(s)
+        n, channels = self.runner.start_states, len(trial.names)
+        p, slopes = self.parameters(s)
+        fresh = self.runner.memory(p)
+        H, g = np.eye(m), s.copy()
+        cost = float(s @ s)
+        gains, own_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
+        errors = np.zeros((len(x), channels))
+        for k, window in enumerate(trial.windows):
+            rows = self._rows(fresh.copy(), window, x[k], p, slopes)
+            if rows is None:
+                return FitPoint(s, x, np.inf, H, g, gains, own_steps, np.full_like(errors, np.inf))
+            A, B, r = rows
+            solve = _pseudo_inverse(B)
+            gains[k], own_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
+            H += A.T @ A + A.T @ B @ gains[k]
+            g += A.T @ r + A.T @ B @ own_steps[k]
+            errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
+            cost += float(r @ r)
+        return FitPoint(s, x, cost, H, g, gains, own_steps, errors)
+
+    def _rows(
+        self, memory: Memory, window: Window, x: Array, p: Array, slopes: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Of one window derivatives by parameters and by its start, and residuals, weighted; None
+        where the model runs away."""
+        m, n, weight = len(slopes), self.runner.start_states, self.trial.weight
+        self.runner.enter(memory, x)
+        Y, J, fine = self.runner.run(memory, window, p, True, weight)
+        if not fine or not np.isfinite(J).all():
+            return None
+        left = (Y - self.trial.track.y[window.start : window.stop]) * weight
+        return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
+
+    def reached(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
+        """Root mean square errors, one per way of feeding `program` the inputs, once parameters and
+        start states have followed to first order. inputs: those of the track with their rises; the
+        first as here."""
+        runner, t = self.runner, self.trial.track
+        p, slopes = self.parameters(at.s)
+        fresh, begun = runner.memory(p), runner.assembly.start(p)
+        plain = program.memory(begun, stepping=runner.stepping, period_s=t.period_s)
+        H, g = np.eye(len(at.s)), np.tile(at.s[:, None], len(inputs))
+        reduced = []
+        for window, x in zip(self.trial.windows, at.x, strict=True):
+            rows = self._rows(fresh.copy(), window, x, p, slopes)
+            if rows is None:
+                return np.full(len(inputs), np.nan)
+            A, B, r = rows
+            seen = []
+            for u in inputs:
+                memory = plain.copy()
+                memory.x[: len(x)], memory.join = x, True
+                Y, _, _ = program.run(
+                    memory,
+                    u[window.start : window.stop],
+                    p,
+                    period_s=t.period_s,
+                    time_s=(t.first + window.start) * t.period_s,
+                    stepping=runner.stepping,
+                )
+                seen.append((Y * self.trial.weight).ravel())
+            changed = r[:, None] + np.column_stack([y - seen[0] for y in seen])
+            both = np.column_stack([A, changed])
+            both -= B @ (_pseudo_inverse(B) @ (B.T @ both))
+            A, changed = both[:, : len(at.s)], both[:, len(at.s) :]
+            H += A.T @ A
+            g += A.T @ changed
+            reduced.append((A, changed))
+        if not np.isfinite(g).all():  # run away with one of them
+            return np.full(len(inputs), np.nan)
+        step = -np.linalg.lstsq(H, g, rcond=None)[0]
+        left = [np.mean((changed + A @ step) ** 2, axis=0) for A, changed in reduced]
+        return np.asarray(np.sqrt(np.mean(left, axis=0)))
+
+    def step(self, at: FitPoint, damping: float) -> Array | None:
+        if not np.isfinite(at.cost):
+            return None
+        scale = np.maximum(at.H.diagonal(), 1.0)
+        s = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
+        x = at.own_steps + at.gains @ s
+        return np.concatenate([s, x.ravel()])
+
+    def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:
+        m = len(at.s)
+        s = np.clip(at.s + step[:m], *self._reach())
+        return self.at(s, at.x + step[m:].reshape(at.x.shape))
+
+    def settled(self, gain: float, before: FitPoint, after: FitPoint) -> bool:
+        return gain < SETTLED_GAIN * after.cost
+
+
+def _pseudo_inverse(B: Array) -> Array:
+    """The pseudo-inverse of B'B, its columns scaled."""
+    inner = B.T @ B
+    scale = np.sqrt(inner.diagonal())
+    scale[scale == 0.0] = 1.0
+    root = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-12)
+    return np.asarray(root / np.outer(scale, scale))

@@ -1,0 +1,550 @@
+"""Which slip explains a recording best: another unit, a turned sign, columns that are exchanged, a
+clock that does not count seconds, a number of the data sheet that is off by powers of ten.
+
+Each slip of one list is set right, and what is then recorded is judged by a short fit of the rig
+(`short_fit`): how much of the motion it leaves, and how far the data sheet has to be bent for it.
+
+    score    INDEPENDENT * sum over channels log(error / motion)
+             + 1/2 sum over parameters ((p - p_sheet) / spread)^2
+    gain     score as recorded - score with the slip set right
+
+A slip is named where its gain is CLEAR_GAIN and the errors fall, or stay small; others within
+TIED_GAIN of it are named as well. It is wrong, and stops a fit, where its gain is SURE_GAIN and it
+is gross: a sign, an exchange, another unit by a factor of GROSS. All else is advice. Fits are only
+done where the recording is far from the data sheet's run, and for the slips that bring it nearer;
+two of them are tried together where no single one explains it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import PamidError
+from pamid.base.metrics import motion
+from pamid.base.units import (
+    NONE,
+    from_si,
+    is_unit,
+    kindred_units,
+    quantity_of,
+    split_column,
+    to_si,
+    unit,
+)
+from pamid.checks.sheet_comparison import (
+    SheetComparison,
+    blind_sides,
+    like_columns,
+    recorded_as,
+    shapes,
+)
+from pamid.checks.short_fit import FitData, fit_data_of
+from pamid.model.sampling import stated_period
+from pamid.model.step_rig import StepRig
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording
+from pamid.simulation.free_runs import input_table, output_table
+
+Array = NDArray[np.float64]
+
+# ratios of units that are mistaken for each other -> these units; and powers of ten: prefixes
+UNIT_RATIOS = {
+    60.0: "minutes and seconds",
+    180.0 / math.pi: "degrees and radians",
+    2.0 * math.pi: "revolutions and radians",
+}
+LARGE_FACTORS = sorted((*(10.0**p for p in range(1, 7)), *UNIT_RATIOS))
+FACTORS = (*(1.0 / f for f in reversed(LARGE_FACTORS)), *LARGE_FACTORS)
+CLOCKS = {
+    1e-3: "milliseconds: divide them by 1000",
+    1e-6: "microseconds: divide them by 1e6",
+    1e-9: "nanoseconds: divide them by 1e9",
+    60.0: "minutes: multiply them by 60",
+    3600.0: "hours: multiply them by 3600",
+}
+ATMOSPHERE_PA = 101325.0
+FAHRENHEIT = (1.0 / 1.8, 273.15 - 32.0 / 1.8)  # factor and offset to K
+ORDER = ("clock", "sign", "exchanged", "absolute-pressure", "unit", "scale", "parameter")
+UNNAMED = ORDER[-2:]  # kinds of slips that are no other unit
+INVENTED = 3.0  # times as near to the data sheet's run: a factor that is as likely as a unit
+HARMLESS = (*UNNAMED, "absolute-pressure")  # kinds that stop no fit
+GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
+PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
+PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
+ALIKE = 1.5  # factors that are as good as one
+GEAR_WORDS = {"gear", "gearing", "gearbox", "ratio", "reduction", "transmission"}
+
+INDEPENDENT = 12.0  # windows whose errors are unrelated, of those of a short fit
+# natural logarithms of odds: a slip is named, and stops a fit; others are named with it
+CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
+# times the errors as recorded: a slip that mends them, and one that only mends the parameters
+MENDED, NO_WORSE = 0.3, 1.1
+GROSS = 6.0  # a factor that no data sheet is off by
+WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
+JUDGING_STEPS = 12  # of a fit
+EXACT, RUNAWAY = 0.01, 1e6  # errors, as shares of the motion, are held within these
+LEAST_NOISES = 5.0  # the least motion, in noises
+# what a recording that suits its rig leaves at most: share of the motion of a channel, and distance
+# of the data sheet, in prior spreads
+USUAL_ERROR, USUAL_BEND = 0.2, 4.0
+# of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
+UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
+FAR = 0.3  # distance to the data sheet's run from which slips are looked for
+NEARER = 0.4  # by which the log distance to the data sheet's run falls: worth a fit
+NEAR_SIZE = 6.0  # times the data sheet's: an output whose unit is set right
+MOST_FITTED, MOST_SET_RIGHT = 10, 4  # slips that are fitted at once; that one recording has
+MOST_PAIRED = 2  # slips of which each is tried with every other one
+MOST_NAMED_SLIPS = 3  # columns and parameters named in one finding
+LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
+# samples of a run; of a stepped rig, a sample of which costs many times as much
+MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One thing that a recording, or the data sheet of its rig, may have wrong.
+
+    kind            "unit", "sign", "exchanged", "absolute-pressure", "clock"; "scale": a factor
+                    that is no unit of the column; "parameter"
+    names           columns as recorded, or one parameter
+    factor, offset  what sets it right: factor * value + offset, SI
+    meaning         the unit in which the values look to be, or how a motion is measured
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    factor: float = 1.0
+    offset: float = 0.0
+    meaning: str = ""
+
+    @property
+    def gross(self) -> bool:
+        """Is it more than a data sheet could be off by?"""
+        size = abs(math.log(abs(self.factor)))
+        return self.kind in ("sign", "exchanged") or bool(self.offset) or size >= math.log(GROSS)
+
+    @property
+    def readable(self) -> bool:
+        """May a column be named in this unit?"""
+        return is_unit(self.meaning)
+
+    @property
+    def words(self) -> str:
+        what = "parameter" if self.kind == "parameter" else "column"
+        return f"the {what} {' and '.join(self.names)} times {self.factor_words}"
+
+    @property
+    def factor_words(self) -> str:
+        """The factor, and the units that have this ratio."""
+        text, ratio = f"{self.factor:g}", max(abs(self.factor), 1.0 / abs(self.factor))
+        if self.meaning:
+            return f"{text} ({self.meaning_words})"
+        symbol = split_column(self.names[0])[1]
+        for other in kindred_units(symbol):
+            if math.isclose(unit(other).factor / unit(symbol).factor, abs(self.factor)):
+                return f"{text} (as if written in {other})"
+        return f"{text} (as between {UNIT_RATIOS[ratio]})" if ratio in UNIT_RATIOS else text
+
+    @property
+    def meaning_words(self) -> str:
+        return self.meaning if " " in self.meaning else f"as if written in {self.meaning}"
+
+    def corrected(self, recording: Recording) -> Recording:
+        """The recording with it set right; one of the data sheet leaves it as it is."""
+        if self.kind == "parameter":
+            return recording
+        if self.kind == "clock":
+            return replace(
+                recording,
+                time=recording.time * self.factor,
+                sampling_period_s=recording.sampling_period_s * self.factor,
+            )
+        columns = dict(recording.columns)
+        if self.kind == "exchanged":
+            one, other = self.names
+            columns[one], columns[other] = columns[other], columns[one]
+        else:
+            for name in self.names:
+                symbol = split_column(name)[1]
+                si = to_si(columns[name], symbol) * self.factor + self.offset
+                columns[name] = np.asarray(from_si(si, symbol))
+        return replace(recording, columns=columns)
+
+    def compared(self, e: SheetComparison, recording: Recording) -> SheetComparison | None:
+        """The comparison with it set right; None where the rig does not run then."""
+        if self.kind == "parameter":
+            p = self.sheet(e)
+            model = e.simulate(e.u, p)
+            return None if model is None else replace(e, p=p, model=model)
+        if self.kind == "clock":
+            n = len(e.u)
+            if isinstance(e.assembly.rig, StepRig):
+                # no more time is simulated than was recorded: a sample of an hour would be a
+                # million steps
+                n = n if self.factor < 1.0 else int(n / self.factor)
+            model = e.simulate(e.u[:n], clock=self.factor) if n >= LEAST_CLOCKED_SAMPLES else None
+            return None if model is None else replace(e, y=e.y[:n], u=e.u[:n], model=model)
+        fixed, n = self.corrected(recording), len(e.u)
+        y, u = output_table(e.names, fixed)[:n], input_table(e.assembly, fixed)[:n]
+        model = e.model if np.array_equal(u, e.u) else e.simulate(u)
+        return None if model is None else replace(e, y=y, u=u, model=model)
+
+    def sheet(self, e: SheetComparison) -> Array:
+        """The data sheet's values with it set right."""
+        p = e.p.copy()
+        if self.kind == "parameter":
+            p[[b.full_name for b in e.assembly.parameters].index(self.names[0])] *= self.factor
+        return p
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How well a rig explains a recording: error over motion by channel, and the sum of squares of
+    the parameters' distances from the data sheet in prior spreads."""
+
+    errors: dict[str, float]
+    strain: float
+    fitted: bool = True
+
+    @property
+    def score(self) -> float:
+        logs = [math.log(min(max(e, EXACT), RUNAWAY)) for e in self.errors.values()]
+        return INDEPENDENT * sum(logs) + 0.5 * self.strain
+
+    @property
+    def suspicious(self) -> bool:
+        return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > USUAL_BEND**2
+
+    def least(self, columns: Sequence[str]) -> float:
+        """The least error of these outputs, or of any where none is named."""
+        errors = [self.errors[c] for c in columns if c in self.errors] or [*self.errors.values()]
+        return min(errors, default=RUNAWAY)
+
+    def over(self, other: Judgement) -> float:
+        """The errors over those of another judgement, all channels together."""
+        logs = [
+            math.log(max(e, EXACT) / max(other.errors[c], EXACT)) for c, e in self.errors.items()
+        ]
+        return math.exp(sum(logs))
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A slip, judged: as recorded, and set right; others explain the recording as well."""
+
+    slip: Slip
+    before: Judgement
+    after: Judgement
+    away: float = 0.0  # mean log distance to the data sheet's run
+    others: tuple[Slip, ...] = ()
+
+    @property
+    def gain(self) -> float:
+        return self.before.score - self.after.score
+
+    @property
+    def unlikely(self) -> float:
+        """What decides among slips that explain a recording alike: the distance to the data
+        sheet's run."""
+        return self.away + (math.log(INVENTED) if self.slip.kind in UNNAMED else 0.0)
+
+    @property
+    def wrong(self) -> bool:
+        """Can the recording not be as it is?"""
+        return self.slip.gross and self.slip.kind not in HARMLESS and self.gain >= SURE_GAIN
+
+    @property
+    def figures(self) -> dict[str, float]:
+        shows = max(
+            self.before.errors,
+            key=lambda c: self.before.errors[c] / max(self.after.errors[c], EXACT),
+        )
+        return {
+            "error_as_recorded": self.before.errors[shows],
+            "error_mended": self.after.errors[shows],
+            "tolerances_as_recorded": math.sqrt(self.before.strain),
+            "tolerances_mended": math.sqrt(self.after.strain),
+        }
+
+
+# ---- judging -------------------------------------------------------------------------------------
+
+
+def judged(recording: Recording, e: SheetComparison, p: Array | None = None) -> Judgement:
+    """The recording as the rig explains it after a short fit; where there is none, as the data
+    sheet's run does. p: other values than the data sheet's."""
+    rig = e.assembly.rig
+    try:
+        data = fit_data_of(recording, rig, WINDOW_TIMESCALES)
+        if data is not None:
+            track = data.track if p is None else replace(data.track, p=p)
+            fit = replace(data, track=track).fitted(rig, steps=JUDGING_STEPS)
+            errors = np.sqrt(fit.point.errors.mean(axis=0)) / data.weight / _moves(data)
+            errors = np.where(np.isfinite(errors), errors, RUNAWAY)
+            return Judgement(dict(zip(data.names, errors.tolist(), strict=True)), fit.strain)
+    except (PamidError, FloatingPointError, np.linalg.LinAlgError):
+        pass
+    return _judged_by_sheet(e)
+
+
+def _moves(data: FitData) -> Array:
+    """Per channel: root mean square of the motion within the windows, without level and trend: a
+    start state of its own makes both; at least what noise could be taken for."""
+    y, length = data.track.y, data.windows[0].stop - data.windows[0].start
+    parts = np.concatenate([y[w.start : w.stop] for w in data.windows])
+    return np.maximum(
+        np.sqrt((shapes(parts, length) ** 2).mean(axis=(1, 2))),
+        np.maximum(LEAST_NOISES * noise_level(y), 1e-12 * np.abs(y).max(axis=0)),
+    )
+
+
+def _judged_by_sheet(e: SheetComparison) -> Judgement:
+    moves = [k for k, y in enumerate(e.y.T) if motion(y) > 0.0]
+    away = np.exp(distances(e).mean(axis=0))
+    return Judgement({e.names[k]: float(away[k]) for k in moves}, 0.0, fitted=False)
+
+
+def distances(e: SheetComparison) -> Array:
+    """Logarithms of distances to the data sheet's run over the smaller of the two motions: of
+    shapes and of values; per output, then per pair of like outputs."""
+    if not e.ran:
+        return np.full((2, len(e.names) + len(e.pairs)), math.log(RUNAWAY))
+    way = blind_sides(e.y, e.model)
+    shown = np.where(way == 0.0, e.model, way * np.abs(e.model))
+    ours, theirs = shapes(e.y), shapes(shown)
+    pairs = e.pairs
+    mine = [*ours, *(ours[i] - ours[j] for i, j in pairs)]
+    its = [*theirs, *(theirs[i] - theirs[j] for i, j in pairs)]
+    shape = [_apart(a, b) for a, b in zip(mine, its, strict=True)]
+    plain = [_apart(a - a.mean(), b - a.mean()) for a, b in zip(e.y.T, shown.T, strict=True)]
+    plain += shape[len(e.names) :]
+    return np.log(np.array([shape, plain]))
+
+
+def _apart(a: Array, b: Array) -> float:
+    with np.errstate(over="ignore"):
+        sizes = math.sqrt(float((a * a).sum())), math.sqrt(float((b * b).sum()))
+        off = math.sqrt(float(((a - b) ** 2).sum()))
+    return min(max(off / max(min(sizes), off / RUNAWAY, 1e-300), EXACT), RUNAWAY)
+
+
+# ---- the list of slips ---------------------------------------------------------------------------
+
+
+def slips_of_sheet(e: SheetComparison) -> Iterator[Slip]:
+    """Every number of the data sheet, off by a factor of the table."""
+    for b, value in zip(e.assembly.parameters, e.p, strict=True):
+        factors = (*FACTORS, -1.0) if b.low < 0.0 else FACTORS
+        yield from (Slip("parameter", (b.full_name,), f) for f in factors if value)
+
+
+def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Slip]:
+    """Every slip of a column or of the clock that is tried."""
+    gears = _gears(e)
+    outputs, inputs = recorded_as(e.names, recording), recorded_as(e.inputs, recording)
+    inputs = tuple(c for c in inputs if c in recording.columns and motion(recording.columns[c]))
+    sizes = [math.sqrt(float((a * a).sum())) for a in shapes(e.y)]
+    modelled = [math.sqrt(float((a * a).sum())) for a in shapes(e.model)]
+    likes: dict[str, list[str]] = {}
+    for column, ours, theirs in zip(outputs, sizes, modelled, strict=True):
+        likes.setdefault(split_column(column)[1], []).append(column)
+        for slip in _of_column(column, gears):
+            near = theirs == 0.0 or abs(math.log(max(ours * slip.factor / theirs, 1e-300)))
+            if slip.offset or near < math.log(NEAR_SIZE):
+                yield slip
+    for symbol, columns in likes.items():
+        if len(columns) > 1 and symbol != NONE:
+            yield from (replace(s, names=tuple(columns)) for s in _of_column(columns[0], gears))
+    for column in inputs:
+        yield from _of_column(column, gears)
+    yield from _signs(e, recording, outputs, inputs)
+    yield from _exchanges(outputs, inputs)
+    if stated_period(e.assembly.rig) is None:
+        yield from (Slip("clock", ("time_s",), factor) for factor in CLOCKS)
+
+
+def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
+    """Other units of a column, and the motor's side of a gear; then factors that are none of
+    these."""
+    symbol = split_column(column)[1]
+    named = list(_units_of_column(column, symbol))
+    if quantity_of(symbol) in GEARED:
+        for name, ratio in gears.items():
+            words = f"measured on the other side of the gear, {name} = {ratio:g}"
+            named += [Slip("unit", (column,), f, 0.0, words) for f in (ratio, 1.0 / ratio)]
+    yield from named
+    if quantity_of(symbol) != "temperature":
+        sizes = [math.log(slip.factor) for slip in named]
+        for factor in FACTORS:
+            if all(abs(math.log(factor) - size) > math.log(ALIKE) for size in sizes):
+                yield Slip("scale", (column,), factor)
+
+
+def _units_of_column(column: str, symbol: str) -> Iterator[Slip]:
+    here, quantity = unit(symbol), quantity_of(symbol)
+    found = {u: (unit(u).factor, unit(u).offset) for u in kindred_units(symbol)}
+    if symbol in PREFIXED:
+        found |= {f"{prefix}{symbol}": (by * here.factor, 0.0) for prefix, by in PREFIXES.items()}
+    if quantity == "angle" or quantity == "angular velocity":
+        found["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
+    if quantity == "velocity":
+        found["km/h"] = (1.0 / 3.6, 0.0)
+    if quantity == "temperature":
+        found["degF"] = FAHRENHEIT
+    for name, (factor, offset) in found.items():
+        factor /= here.factor
+        yield Slip("unit", (column,), factor, offset - here.offset * factor, name)
+    if quantity == "pressure":
+        yield Slip("absolute-pressure", (column,), 1.0, -ATMOSPHERE_PA)
+
+
+def _gears(e: SheetComparison) -> dict[str, float]:
+    """Gear ratios of the rig, by the names of their parameters."""
+    return {
+        b.full_name: float(value)
+        for b, value in zip(e.assembly.parameters, e.p, strict=True)
+        if unit(b.unit or NONE).quantity == "dimensionless"
+        and set(b.full_name.lower().split("_")) & GEAR_WORDS
+        and "damping" not in b.full_name.lower()
+        and value > 0.0
+        and abs(math.log(value)) > math.log(1.5)
+    }
+
+
+def _signs(
+    e: SheetComparison, recording: Recording, outputs: Sequence[str], inputs: Sequence[str]
+) -> Iterator[Slip]:
+    """Signs that may be turned; inputs come first, since one of them explains what else would take
+    several outputs. What shows one side of zero alone, as its model does, has none."""
+    for column in inputs:
+        values = recording.columns[column]
+        if values.min() < 0.0 < values.max():
+            yield Slip("sign", (column,), -1.0)
+    for column, y, model in zip(outputs, e.y.T, e.model.T, strict=True):
+        if min(y.min(), model.min()) < -0.02 * np.ptp(model):
+            yield Slip("sign", (column,), -1.0)
+
+
+def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
+    """Like columns, and an input with any other column."""
+    for columns in (inputs, outputs):
+        for i, j in like_columns(columns):
+            yield Slip("exchanged", (columns[i], columns[j]))
+    every = [*inputs, *outputs]
+    for i, j in itertools.combinations(range(len(every)), 2):
+        like = quantity_of(split_column(every[i])[1]) == quantity_of(split_column(every[j])[1])
+        if i < len(inputs) and not (like and (j < len(inputs))):
+            yield Slip("exchanged", (every[i], every[j]))
+
+
+# ---- which one it is -----------------------------------------------------------------------------
+
+
+def explained(
+    recording: Recording, e: SheetComparison, *, thorough: bool = True
+) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
+    """The slips that a recording has, one after the other; the recording and its comparison with
+    these set right, and how well the rig explains it then."""
+    found: list[Explanation] = []
+    if float(distances(e).max()) < math.log(FAR):
+        return found, recording, e, _judged_by_sheet(e)
+    before = judged(recording, e)
+    while before.suspicious and len(found) < MOST_SET_RIGHT:
+        slips = _next(recording, e, before, thorough)
+        for one in slips:
+            found.append(one)
+            after = one.slip.compared(e, recording)
+            if one.slip.kind in UNNAMED or after is None:
+                return found, recording, e, before
+            recording, e, before = one.slip.corrected(recording), after, one.after
+        if not slips:
+            break
+    return found, recording, e, before
+
+
+def _next(
+    recording: Recording, e: SheetComparison, before: Judgement, thorough: bool
+) -> list[Explanation]:
+    """The slip that explains the recording best; where none does, two that do together; none of a
+    recording that is as it should be."""
+    ranked = _best(recording, e, before, slips_of_recording(e, recording))
+    first = _first(ranked)
+    if first is not None and first.slip.kind not in UNNAMED:
+        return [first]
+    if float(distances(e).min(axis=0).max()) <= 0.0:
+        return [] if first is None else [first]
+    pairs = [] if first else [*_pairs(recording, e, before)]
+    if pairs:
+        return max(pairs, key=lambda pair: pair[1].gain)
+    if thorough:
+        first = _first(_best(recording, e, before, slips_of_sheet(e), ranked))
+    return [] if first is None else [first]
+
+
+def _pairs(
+    recording: Recording, e: SheetComparison, before: Judgement
+) -> Iterator[list[Explanation]]:
+    """Two slips of which neither explains the recording without the other."""
+    tried = _nearer(recording, e, slips_of_recording(e, recording))
+    named = [slip for slip, _ in tried if slip.kind not in UNNAMED][:MOST_PAIRED]
+    for slip in named:
+        fixed, after = slip.corrected(recording), slip.compared(e, recording)
+        if after is not None:
+            second = _first(_best(fixed, after, before, slips_of_recording(after, fixed)))
+            if second is not None and second.slip.kind not in UNNAMED:
+                yield [replace(second, slip=slip, others=()), second]
+
+
+def _best(
+    recording: Recording,
+    e: SheetComparison,
+    before: Judgement,
+    slips: Iterable[Slip],
+    rivals: Sequence[Explanation] = (),
+) -> list[Explanation]:
+    """The slips that explain the recording clearly, best first, with those that do already."""
+    scored = list(rivals)
+    for slip, after in _nearer(recording, e, slips):
+        judgement = judged(slip.corrected(recording), after, slip.sheet(e))
+        if judgement.errors.keys() != before.errors.keys():
+            continue
+        recorded = zip(e.names, recorded_as(e.names, recording), strict=True)
+        named, left = [n for n, c in recorded if c in slip.names], judgement.over(before)
+        least = HARDLY_EXPLAINED if left <= MENDED else UNEXPLAINED_MOTION
+        if left <= NO_WORSE and judgement.least(named) <= least:
+            away = float(distances(after).mean())
+            scored.append(Explanation(slip, before, judgement, away))
+    return sorted((one for one in scored if one.gain >= CLEAR_GAIN), key=lambda one: -one.gain)
+
+
+def _first(ranked: Sequence[Explanation]) -> Explanation | None:
+    """Of those that tie with the best one the likeliest, with the others."""
+    ties = [one for one in ranked if one.gain >= ranked[0].gain - TIED_GAIN]
+    if not ties:
+        return None
+    first = min(ties, key=lambda one: (round(one.unlikely, 1), ORDER.index(one.slip.kind)))
+    others = sorted((one for one in ties if one is not first), key=lambda one: one.unlikely)
+    return replace(first, others=tuple(one.slip for one in others))
+
+
+def _nearer(
+    recording: Recording, e: SheetComparison, slips: Iterable[Slip]
+) -> list[tuple[Slip, SheetComparison]]:
+    """The slips that bring the recording nearest to the data sheet's run, nearest first."""
+    stepped = isinstance(e.assembly.rig, StepRig)
+    most = MOST_STEPPED_SAMPLES if stepped else MOST_TRIED_SAMPLES
+    e = replace(e, y=e.y[:most], u=e.u[:most], model=e.model[:most])
+    away, nearer = float(distances(e).sum()), []
+    for slip in slips:
+        after = slip.compared(e, recording)
+        by = 0.0 if after is None else away - float(distances(after).sum())
+        if after is not None and by > NEARER:
+            nearer.append((by, slip, after))
+    nearer.sort(key=lambda one: -one[0])
+    return [(slip, after) for _, slip, after in nearer[:MOST_FITTED]]
