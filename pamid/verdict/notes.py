@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
 from pamid.base.share_words import percent_text
+from pamid.base.units import NONE, split_column
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.intervals import background_pull, estimates
@@ -16,7 +17,7 @@ from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.no_place import no_places
 from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.model.registry import effects, rigs
-from pamid.schemas.diagnosis_file import Remainder
+from pamid.schemas.diagnosis_file import Reach, Remainder
 from pamid.simulation.tracks import noise_remarks
 from pamid.verdict.verdict_words import joined
 
@@ -24,6 +25,8 @@ FEW_WINDOWS = 12  # with fewer held out a note says so
 # an effect looks like what stands far off if it takes so many tolerances off it; so many are named
 EASED, EASING_MOST = 0.5, 3
 ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
+# errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
+UNEXPLAINED_ERROR, ABOVE_NOISE = 0.9, 10.0
 ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
 
 
@@ -86,6 +89,28 @@ def notes_of(d: Diagnosis) -> list[str]:
         _left_out,
     )
     return [note for of_kind in kinds for note in of_kind(d)]
+
+
+def unexplained(reached: Mapping[str, Reach]) -> list[str]:
+    """A sentence per channel that no model explains: with the causes its error is that of the data
+    sheet, and far above the noise floor. reached: by channel."""
+    return [
+        f"No model explains {channel}: with the causes it is off by {reach.mae_with_cause:.3g}"
+        f"{_in_unit(channel)}, with the data sheet by {reach.mae_data_sheet:.3g}, where the noise "
+        f"makes {reach.noise_floor:.2g}. Check its unit, its sign and its place before anything "
+        "else: `pamid check` compares it with the rig."
+        for channel, reach in reached.items()
+        if reach.mae_with_cause is not None
+        and reach.mae_data_sheet is not None
+        and reach.noise_floor is not None
+        and reach.mae_with_cause > UNEXPLAINED_ERROR * reach.mae_data_sheet
+        and reach.mae_with_cause > ABOVE_NOISE * reach.noise_floor
+    ]
+
+
+def _in_unit(channel: str) -> str:
+    symbol = split_column(channel)[1]
+    return "" if symbol == NONE else f" {symbol}"
 
 
 def _signs(d: Diagnosis) -> list[str]:

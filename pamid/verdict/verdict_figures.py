@@ -21,7 +21,7 @@ from pamid.planning.next_experiment import Proposal, WithheldExperiment
 from pamid.schemas import diagnosis_file as result
 from pamid.simulation.data_split import Span
 from pamid.verdict.localise import frequency_band, regimes, worst_windows
-from pamid.verdict.notes import notes_of, remark, roughness
+from pamid.verdict.notes import notes_of, remark, roughness, unexplained
 from pamid.verdict.remainder import Missing, described, gap_share
 from pamid.verdict.verdict_words import sentence
 
@@ -37,6 +37,7 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
     port = _leading_port(isolable, shares, causes, unknown)
     remainder = _remainder(d, port, unknown, missing)
     final = d.cause or d.budget.baseline
+    reached = {c: _how_far(d, i) for i, c in enumerate(d.evidence.channels)}
     found = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
@@ -48,12 +49,12 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
         horizon_s=d.budget.horizon_s,
         forecast=_forecast(d),
         where=_where(d, isolable, port, shares),
-        how_far={c: _how_far(d, i) for i, c in enumerate(d.evidence.channels)},
+        how_far=reached,
         transfer=transfer(d),
         parameters=_rig_parameters(final),
         background=_background(d, final),
         unknown=unknown if d.cause is None else None,
-        notes=(*notes, *roughness(d, remainder)),
+        notes=(*unexplained(reached), *notes, *roughness(d, remainder)),
         rig=rig_map(d.evidence.rig, d.evidence.channels),
         next_experiment=None,
     )

@@ -12,7 +12,7 @@ from made_models import comparison, effect, model
 from pamid.diagnosis.settings import DEFAULT
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port
-from pamid.schemas.diagnosis_file import Remainder
+from pamid.schemas.diagnosis_file import Reach, Remainder
 from pamid.verdict.notes import (
     _between,
     _fits,
@@ -22,6 +22,7 @@ from pamid.verdict.notes import (
     _set_aside,
     _windows,
     roughness,
+    unexplained,
 )
 
 
@@ -186,3 +187,23 @@ def test_what_is_larger_or_not_real_or_not_known_is_no_roughness(changes: dict[s
 
 def test_nor_is_it_where_the_rig_states_its_own() -> None:
     assert of_roughness({"shaft2": object()}) == []
+
+
+@pytest.mark.parametrize(
+    ("sheet", "cause", "floor", "told"),
+    [
+        (5.0, 4.9, 0.1, True),
+        (5.0, 6.0, 0.1, True),
+        (5.0, 4.0, 0.1, False),  # a fifth of the error is explained
+        (0.5, 0.49, 0.1, False),  # the noise explains a fifth of it
+        (5.0, None, 0.1, False),
+    ],
+)
+def test_a_channel_that_no_model_explains_is_always_told(
+    sheet: float, cause: float | None, floor: float, told: bool
+) -> None:
+    reach = Reach(mae_data_sheet=sheet, mae_with_cause=cause, noise_floor=floor)
+    good = Reach(mae_data_sheet=5.0, mae_with_cause=0.2, noise_floor=0.1)
+    said = unexplained({"current_a": reach, "angle_deg": good})
+    assert len(said) == told
+    assert not said or "No model explains current_a" in said[0] and " A, with" in said[0]
