@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import frame
 from .options import figure_option, require_png, write_figure
-from .terminal import told_progress
+from .terminal import quoted, told_progress
 
 if TYPE_CHECKING:
     from pamid.base.work_stages import WorkStage
@@ -61,7 +61,22 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     if figure is not None and found.drawable:
         text = f"{text}\n{write_figure(figure, found.plot_png())}"
         said = {**said, "figure": str(figure)}
-    return frame.Result(said, text, 0 if found.ok else WRONG)
+    follow = _follow(file, rig, found.kind, said)
+    return frame.Result(said, f"{text}\nNext: {follow}", 0 if found.ok else WRONG)
+
+
+def _follow(file: Path, rig: str | None, kind: str, said: dict[str, Any]) -> str:
+    """What to do next."""
+    path, named = quoted(file), f" --rig {quoted(rig)}" if rig else ""
+    if not said["ok"]:
+        return f"mend it, then pamid check {path}{named}"
+    if kind == "effect":
+        return f"pamid diagnose rec.csv --effect {path}"
+    if kind != "recording":
+        return f"pamid check rec.csv --rig {path}"
+    if rig or said["rig"]:
+        return f"pamid diagnose {path}{named}"
+    return f"pamid new-rig {path}   (writes a rig for it; --rig names one that there is)"
 
 
 def _stages(file: Path) -> tuple[WorkStage, ...]:

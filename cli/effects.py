@@ -30,7 +30,7 @@ pamid effects coulomb-friction --rig one-dof
 )
 def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result:
     """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
-    file.
+    file. The name of a family, such as friction, lists its effects.
 
     The story of an effect: what it is, what it looks like in a recording, what it is mistaken for,
     its equation, references, parameters with their ranges and sources, and the ports at which it
@@ -45,13 +45,17 @@ def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result
     looked_at = [library.rig_named(rig) for rig in rigs] or [
         library.rig_named(rig) for rig in library.rigs()
     ]
-    if name is None:
-        known = library.all_effects() if free else library.effects()
+    known = library.all_effects() if free else library.effects()
+    family = {
+        n for n, kind in known.items() if name in catalogue.effect_row(kind).families.values()
+    }
+    if name is None or (family and name not in known):
         fit = (
             {a.effect.name for rig in looked_at for a in attachments(rig, known.values())}
             if rigs
             else set(known)
         )
+        fit = fit & family if name else fit
         rows = tuple(catalogue.effect_row(known[effect]) for effect in sorted(fit))
         return frame.Result(EffectCatalogue(effects=rows), catalogue.effects_text(rows))
     known, (wanted,) = library.effects_with((name,))

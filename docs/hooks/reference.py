@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 import textwrap
@@ -13,12 +14,14 @@ import click
 from pamid_cli.table import COMMANDS, load_command
 
 import pamid
+from pamid import equations
 from pamid.diagnosis.settings import described
 from pamid.model import catalogue
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rig_named, rigs
 from pamid.schemas import all_schemas, earlier_schemas
 from pamid.schemas.catalogue_files import EffectStory, ParameterRow
+from pamid.symbolic.vocabulary import FUNCTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFECTS, RIGS, COMMAND_PAGES = "reference/effects/", "reference/rigs/", "reference/commands/"
@@ -322,7 +325,30 @@ def _face_page() -> str:
         lines += ["", f"## {part}", "", what, ""]
         for one in parts[part]:
             lines += [one, ""]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_equation_lines()])
+
+
+def _equation_lines() -> list[str]:
+    """Every function of `pamid.equations`, with its arguments and the first sentence on it."""
+    lines = [
+        "## Equations",
+        "",
+        "Rig and effect files apply these functions to signals: `from pamid.equations import sin, "
+        "where`. `pamid rigs servo-pendulum` is a rig with `sin`.",
+        "",
+        "| function | meaning |",
+        "|---|---|",
+    ]
+    for name in FUNCTIONS:
+        function = getattr(equations, name)
+        said = " ".join((inspect.getdoc(function) or "").split("\n\n")[0].split())
+        lines.append(f"| `{name}{_arguments(function)}` | {_cell(said)} |")
+    return [*lines, ""]
+
+
+def _arguments(function: Any) -> str:
+    names = inspect.signature(function).parameters
+    return f"({', '.join(names)})"
 
 
 def _glossary_page() -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest
+from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest, quoted
 from pamid.base.files import PathLike, sha256_of
 from pamid.checks.hold_or_line import unstated, wrongly_taken
 from pamid.checks.inspection import require_sound
@@ -121,8 +121,11 @@ def evidence_of(
         raise UsageError("There is no recording to fit.", "Give at least one.")
     taken = [_taken(one, k) for k, one in enumerate((*fitted, *judged))]
     read = [recording for recording, _ in taken]
+    unnamed = not named and not any(recording.rig for recording in read)
     named = named or rig_of(read)
     made = made or catalogue_rig(str(named))
+    if unnamed:
+        _require_its_columns(made, read)
     for recording in read:
         odd = (*unknown_columns(made, recording), *_known_remarks(made, recording))
         for text in (*recording.warnings, *odd):
@@ -149,6 +152,20 @@ def evidence_of(
     in_files = [recording.path for recording, files in taken if not files]
     inputs = tuple(file for path in in_files for file in _with_toml(path))
     return Given(evidence, named, inputs, kept)
+
+
+def _require_its_columns(rig: Rig, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that neither name a rig nor suit the usual one, before anything is said of
+    its columns."""
+    for recording in recordings:
+        needed = [c for c in rig.inputs if c not in rig.optional]
+        if any(recording.has(c) for c in rig.outputs) and all(recording.has(c) for c in needed):
+            continue
+        raise UsageError(
+            f"No rig is named, and {recording.path} does not suit {rig.name!r}, the usual one.",
+            "Name its rig with --rig (rig= in Python): one of `pamid rigs` or a file of yours. "
+            f"`pamid new-rig {quoted(recording.path)}` writes one for its columns.",
+        )
 
 
 def unknown_columns(rig: Rig, recording: Recording) -> list[str]:

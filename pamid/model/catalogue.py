@@ -248,6 +248,8 @@ def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
 
 def effects_text(rows: Sequence[result.EffectRow]) -> str:
     """Effects by family: name, kinds of port, title."""
+    if not rows:
+        return "No effect fits there. All of them: pamid effects"
     families: dict[str, list[result.EffectRow]] = {}
     for row in rows:
         for family in dict.fromkeys(row.families.values()):

@@ -28,6 +28,7 @@ from pamid.model.free_form import FreeFormEffect
 from pamid.model.model_file import model_kinds
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
+from pamid.symbolic.vocabulary import FUNCTIONS
 
 #: a name of the catalogue, the path of a rig file (it is run), or a rig
 RigLike: TypeAlias = PathLike | Rig | type[Rig]
@@ -116,8 +117,8 @@ def _run(path: Path, source: bytes) -> ModuleType:
         )
         inner = isinstance(error, ImportError) and (error.name or "").split(".")[0] == "pamid"
         hint = (
-            "Take nouns from `pamid` and functions from `pamid.equations`; what lies inside may "
-            "move."
+            "Take nouns from `pamid` and functions from `pamid.equations` "
+            f"({', '.join(FUNCTIONS)}); what lies inside may move."
             if inner
             else ""
         )

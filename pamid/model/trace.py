@@ -15,10 +15,15 @@ from pamid.model.effect import Effect, Signals
 from pamid.model.rig import Loop, Rig
 from pamid.symbolic.expression import substitute, symbol, symbols
 from pamid.symbolic.memory_cells import Cell, tick
-from pamid.symbolic.vocabulary import EquationError, Expr, clip, expression
+from pamid.symbolic.vocabulary import FUNCTIONS_HINT, EquationError, Expr, clip, expression
 
 #: (port, place) -> the effects that act there, with the owner of each one's parameters, in order
 EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]
+
+
+def _with_functions(hint: str) -> str:
+    """A hint; one that sends to `pamid.equations` with the functions that there are."""
+    return f"{hint}. {FUNCTIONS_HINT}" if "pamid.equations" in hint else hint
 
 
 class Names:
@@ -116,12 +121,12 @@ class _Tracer:
         except PamidError as error:
             if error.code == "simulation":  # says itself where it was
                 raise
-            raise FileError(f"{where_}: {error.message}", error.hint) from error
+            raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
                 f"{where_}, line {line}: {type(error).__name__}: {error}",
-                "only + - * / and the functions of pamid.equations work on signals",
+                FUNCTIONS_HINT,
             ) from error
         if not isinstance(found, dict):
             raise FileError(
@@ -212,12 +217,12 @@ class _Tracer:
         try:
             result = effect.act(value, at, p, z)
         except PamidError as error:
-            raise FileError(f"{where_}: {error.message}", error.hint) from error
+            raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
                 f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
-                "only + - * / and the functions of pamid.equations work on signals",
+                FUNCTIONS_HINT,
             ) from error
         after, rates = result if isinstance(result, tuple) else (result, {})
         if set(rates) != {s.name for s in effect.states}:

@@ -246,9 +246,12 @@ class Recording:
         )
 
 
-def read_recording(path: str | Path) -> Recording:
-    """Read a recording and its TOML. FileError (exit 3) for whatever is wrong with the files,
-    naming column and line; DataError (exit 4) if there are fewer than 50 samples."""
+def read_recording(path: str | Path | DataFrame) -> Recording:
+    """Read a recording and its TOML, or a table with the column time_s (`Recording.from_pandas`).
+    FileError (exit 3) for whatever is wrong with the files, naming column and line; DataError (exit
+    4) if there are fewer than 50 samples."""
+    if not isinstance(path, str | Path):
+        return Recording.from_pandas(path)
     source = Path(path)
     names = read_header(source)
     check_header(source, names)

@@ -58,7 +58,7 @@ class Expr:
             return float(self.value)
         raise EquationError(
             f"the value of {text(self)} is not known before the simulation",
-            "use sqrt, exp, tanh, ... from pamid.equations instead of math.* or numpy.*",
+            "functions of math and numpy work on numbers, those of pamid.equations on signals",
         )
 
     def __repr__(self) -> str:

@@ -54,48 +54,65 @@ __all__ = [
     "where",
 ]
 
+#: the functions that rig and effect files may apply to signals
+FUNCTIONS = tuple(name for name in __all__ if name.islower() and name != "expression")
+FUNCTIONS_HINT = "On signals work + - * / and the functions of `pamid.equations`: " + ", ".join(
+    FUNCTIONS
+)
+
 
 def sqrt(x: Number) -> Expr:
+    """Square root."""
     return apply("sqrt", x)
 
 
 def exp(x: Number) -> Expr:
+    """Exponential function."""
     return apply("exp", x)
 
 
 def log(x: Number) -> Expr:
+    """Natural logarithm."""
     return apply("log", x)
 
 
 def tanh(x: Number) -> Expr:
+    """Hyperbolic tangent."""
     return apply("tanh", x)
 
 
 def sin(x: Number) -> Expr:
+    """Sine of an angle in radians."""
     return apply("sin", x)
 
 
 def cos(x: Number) -> Expr:
+    """Cosine of an angle in radians."""
     return apply("cos", x)
 
 
 def floor(x: Number) -> Expr:
+    """Largest whole number below or at a value."""
     return apply("floor", x)
 
 
 def absolute(x: Number) -> Expr:
+    """Absolute value."""
     return apply("abs", x)
 
 
 def minimum(a: Number, b: Number) -> Expr:
+    """Smaller one of two values."""
     return apply("min", a, b)
 
 
 def maximum(a: Number, b: Number) -> Expr:
+    """Larger one of two values."""
     return apply("max", a, b)
 
 
 def clip(x: Number, low: Number, high: Number) -> Expr:
+    """Value held between a lowest and a highest one."""
     return minimum(maximum(x, low), high)
 
 

@@ -275,7 +275,8 @@ def test_check_passes_a_sound_effect_and_says_where_it_was_tried(
     tried = [f["detail"] for f in said["findings"] if f["check"] == "null"]
     assert any("every-port-rig, push" in detail for detail in tried)
     assert run(["check", str(path)]) == 0
-    assert capsys.readouterr().out.rstrip().endswith("nothing is wrong")
+    *_, verdict, follow = capsys.readouterr().out.rstrip().splitlines()
+    assert verdict == "nothing is wrong" and follow.startswith("Next: pamid diagnose")
 
 
 def test_check_lists_every_gap_of_a_data_sheet(

@@ -448,9 +448,8 @@ def test_check_tells_the_issues_and_writes_nothing(
     assert any(f["check"] == "clipped" and f["advice"] for f in said["findings"])
     assert run(["check", str(spoilt)]) == 0
     text = capsys.readouterr().out
-    assert "note   clipped: pressure_2_kpa" in text and text.rstrip().endswith(
-        "1 note; nothing is wrong"
-    )
+    assert "note   clipped: pressure_2_kpa" in text and "\n1 note; nothing is wrong\n" in text
+    assert text.rstrip().splitlines()[-1] == f"Next: pamid diagnose {spoilt}"
 
 
 def test_exchanged_pressures_make_the_check_fail(joint: Recording, tmp_path: Path) -> None:

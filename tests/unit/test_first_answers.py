@@ -1,0 +1,144 @@
+"""Answers to what people ask first: the functions of equations, the effects of a family, a table as
+a recording, a rig that was forgotten, and what to do after a check."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import pamid
+from cli.frame import run
+from pamid.base.errors import UsageError
+from pamid.model.registry import effects
+from pamid.symbolic.vocabulary import FUNCTIONS
+
+ROOT = Path(__file__).resolve().parents[2]
+PENDULUM = '''
+IMPORT
+from pamid import Parameter, Port, Rig, State
+
+
+class Pendulum(Rig):
+    """A pendulum."""
+
+    inputs = {"drive_n_m": "N m"}
+    outputs = {"angle_rad": "rad"}
+    ports = {"axle": Port("motion", "N m", ("position", "velocity"))}
+    states = (State("angle", "rad"), State("speed", "rad/s"))
+    parameters = (Parameter("inertia_kg_m2", 0.1, low=0.01, high=1.0, source="drawing"),)
+
+    def rates(self, x, u, p, port):
+        torque = port("axle", u.drive_n_m - SIN(x.angle), position=x.angle, velocity=x.speed)
+        return {"angle": x.speed, "speed": torque / p.inertia_kg_m2}
+
+    def measure(self, x, u, p, port):
+        return {"angle_rad": x.angle}
+'''
+
+
+def table() -> pd.DataFrame:
+    """A pendulum that is driven."""
+    drive = np.repeat(np.random.default_rng(1).uniform(-0.5, 0.5, 20), 30)
+    angle, speed = np.zeros(601), 0.0
+    for k, torque in enumerate(drive):
+        speed += 0.01 * (torque - np.sin(angle[k])) / 0.11
+        angle[k + 1] = angle[k] + 0.01 * speed
+    time = 0.01 * np.arange(600)
+    return pd.DataFrame({"time_s": time, "drive_n_m": drive, "angle_rad": angle[:-1]})
+
+
+@pytest.mark.parametrize(
+    ("line", "function"),
+    [
+        ("import math", "math.sin"),
+        ("import numpy as np", "np.sin"),
+        ("from pamid import sin", "sin"),
+        ("from pamid.equations import sine", "sine"),
+    ],
+)
+def test_a_rig_with_another_sine_is_told_the_functions(
+    line: str, function: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "pendulum.py"
+    path.write_text(PENDULUM.replace("IMPORT", line).replace("SIN", function))
+    found = pamid.check(path)
+    assert not found.ok
+    said = " ".join(found.summary().split())
+    assert "pamid.equations" in said and not [n for n in FUNCTIONS if n not in said]
+
+
+def test_the_page_of_the_face_lists_the_functions_of_equations() -> None:
+    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs/hooks/reference.py")
+    assert spec is not None and spec.loader is not None
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
+    lines = reference._face_page().splitlines()
+    for name in FUNCTIONS:
+        (row,) = [line for line in lines if line.startswith(f"| `{name}(")]
+        assert len(row.split("|")[2].strip()) > 10, name
+
+
+def test_the_name_of_a_family_lists_its_effects(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["effects", "friction"]) == 0
+    said = capsys.readouterr().out
+    of_it = {name for name, kind in effects().items() if kind.family == "friction"}
+    assert len(of_it) > 5 and not [name for name in of_it if f"  {name} " not in said]
+    assert "dead-time" not in said
+    assert run(["effects", "friction", "--rig", "thermal-block"]) == 0
+    assert "coulomb-friction" not in capsys.readouterr().out
+
+
+def test_a_table_is_read_as_a_recording() -> None:
+    recording = pamid.read_recording(table())
+    assert recording.columns.keys() == {"drive_n_m", "angle_rad"} and len(recording) == 600
+    with pytest.raises(UsageError, match="no column 'time_s'"):
+        pamid.read_recording(table().drop(columns="time_s"))
+
+
+def test_a_rig_that_was_forgotten_is_one_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rec.csv"
+    table().to_csv(path, index=False)
+    assert run(["diagnose", str(path), "--output", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert "No rig is named" in said and "--rig" in said and "pamid new-rig" in said
+    assert "Warning" not in said and "command" not in said
+    with warnings.catch_warnings(), pytest.raises(UsageError, match="No rig is named"):
+        warnings.simplefilter("error")
+        pamid.fit(table(), progress=False)
+
+
+@pytest.mark.parametrize(
+    ("rig", "spoil", "follow"),
+    [
+        (None, 1.0, "pamid new-rig"),
+        ("pendulum.py", 1.0, "pamid diagnose"),
+        ("pendulum.py", 0.0, "mend it, then pamid check"),
+    ],
+)
+def test_a_check_ends_with_what_is_next(
+    rig: str | None,
+    spoil: float,
+    follow: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = PENDULUM.replace("IMPORT", "from pamid.equations import sin").replace("SIN", "sin")
+    Path("pendulum.py").write_text(text)
+    made = table()
+    if not spoil:
+        made = made.drop(columns="drive_n_m")
+    made.to_csv("rec.csv", index=False)
+    words = ["check", "rec.csv", *(("--rig", rig) if rig else ())]
+    assert run(words) == (3 if not spoil else 0)
+    last = capsys.readouterr().out.rstrip().splitlines()[-1]
+    assert last.startswith(f"Next: {follow}") and "rec.csv" in last
+    assert ("--rig pendulum.py" in last) == (rig is not None)
