@@ -148,15 +148,16 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
     """Pairs of models to discriminate, the better ranked one first, one model of each family: every
     pair of those that are tied, else the chosen model and each of its nearest rivals."""
-    if d.verdict == "no-structural-gap" or d.silent or d.answer is None or not d.ranking:
+    ranking = [c for c in d.ranking if c.label not in d.set_aside]
+    if d.verdict == "no-structural-gap" or d.silent or d.answer is None or not ranking:
         return []
-    best = d.cause or d.ranking[0]
+    best = d.cause or ranking[0]
     tied = d.verdict == "ambiguous"
     firsts: dict[str, CandidateModel] = {}
-    for c in [c.model for c in d.answer.causes] if tied else d.ranking:
+    for c in [c.model for c in d.answer.causes] if tied else ranking:
         firsts.setdefault(c.family, c)
     # of one cause, rivals of its own family and of the leading one are no alternatives
-    known = {best.family} if tied else {best.family, d.ranking[0].family}
+    known = {best.family} if tied else {best.family, ranking[0].family}
     others = [c for family, c in firsts.items() if family not in known]
     models = [best, *others][:COMPARED_MODELS]
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]

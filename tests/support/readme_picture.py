@@ -1,4 +1,4 @@
-"""Draws notebooks/pictures/joint-page.png anew, the top of the page of a run as the README shows
+"""Draws notebooks/pictures/motor-page.png anew, the top of the page of a run as the README shows
 it: `python tests/support/readme_picture.py RUN` (needs chromium).
 
 RUN is that of the README: `pamid diagnose data/example/joint.csv --rig one-dof --output RUN`, then
@@ -14,7 +14,7 @@ from pathlib import Path
 from browser import browser
 from PIL import Image
 
-PICTURE = Path(__file__).resolve().parents[2] / "notebooks" / "pictures" / "joint-page.png"
+PICTURE = Path(__file__).resolve().parents[2] / "notebooks" / "pictures" / "motor-page.png"
 WIDTH, HEIGHT = 1280, 680
 COLOURS = 128
 
