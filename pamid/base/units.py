@@ -68,7 +68,8 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "degC": (1.0, 273.15, (0, 0, 0, 0, 1, 0)),
     "percent": (1e-2, 0.0, _DIMENSIONLESS),
 }
-_BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS}
+# a name that ends in kv is that of a velocity gain (MuJoCo), hardly ever in kilovolt
+_BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS if symbol != "kV"}
 
 #: SI symbol -> quantity; the first entry of a dimension is its canonical SI symbol
 _QUANTITIES: tuple[tuple[str, str], ...] = (

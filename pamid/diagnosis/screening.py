@@ -9,7 +9,6 @@ what is refitted: the refit on held-out windows decides.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -95,9 +94,9 @@ class Screened:
 
 def starting_points(
     assembly: Assembly, attachment: Attachment, hints: Hints
-) -> list[dict[str, float]]:
-    """Starting values: typical ones, a trace of them, one variation per parameter that declares
-    `tries`, and what the effect makes of the hints.
+) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
+    """Starting values: typical ones, a trace of them, and one variation per parameter that declares
+    `tries`; then those that the effect makes of the hints.
 
     A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
     wherever the effect helps.
@@ -108,10 +107,15 @@ def starting_points(
     }
     points = [{}, slight]
     points += [{key: value} for key, b in own.items() for value in b.tries]
-    for hinted in attachment.effect.starts(hints):
-        first = {f"{attachment.label}:{name}": value for name, value in hinted.items()}
-        points += [first, slight | first]
+    hinted = []
+    for start in attachment.effect.starts(hints):
+        first = {f"{attachment.label}:{name}": value for name, value in start.items()}
+        hinted += [first, slight | first]
     # of an effect without a null its trace is itself
+    return _distinct(points), _distinct(hinted)
+
+
+def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
     return [point for i, point in enumerate(points) if point not in points[:i]]
 
 
@@ -271,11 +275,16 @@ def screen(
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
-    probing = _Probing(reference, problem, reference.frozen)
-    points = starting_points(assembly, attachment, hints.at(attachment.ports[0]))
+    by_chords = _Probing(reference, problem, reference.frozen)
+    exact = replace(by_chords, frozen=None)
+    points, hinted = starting_points(assembly, attachment, hints.at(attachment.ports[0]))
     points += _scanned_at_null(reference, evidence, problem, starts, attachment)
+    # what acts beyond a limit only has many minima, which few steps or outdated derivatives miss
+    more = steps + reference.settings.screen_steps
+    probes = [(first, by_chords, steps) for first in points]
+    probes += [(first, exact, more) for first in hinted]
     ends = []
-    for first in points:
+    for first, probing, steps in probes:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
         probed = probing(p, starts, steps, reference.stepping)
@@ -465,29 +474,43 @@ def by_gain(screened: Iterable[Screened]) -> list[Screened]:
     return sorted(screened, key=lambda s: (-s.prospect, s.attachment.label))
 
 
-def promising(
-    family_of: dict[str, str],
-    screened: list[Screened],
-    reference: ScreeningBaseline,
-    times: int = 1,
+def advancing(
+    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
-    """Return the candidates to refit, by gain.
+    """Return the candidates that take further steps: twice as many leaders as are refitted and, on
+    top of the baseline, the best of every further family, whatever its first steps gained: an end
+    stop shows its gain only where its steps have found the limit."""
+    return _leaders(family_of, screened, reference, ADVANCED, -np.inf)
 
-    On top of the baseline: the first `refits`, and the best of every further family that helps.
-    On top of effects already named: the leading ones alone. times: as many candidates, and as many
-    of a family.
+
+def promising(
+    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
+) -> list[Screened]:
+    """Return the candidates to refit: the leaders by gain and, on top of the baseline, the best of
+    every further family that helps.
 
     Over the short windows of a screen the gain of the right family may be a hundredth of the
     largest: a free pendulum restarts from an estimated state before friction has slowed it.
     """
+    return _leaders(family_of, screened, reference, 1, 0.0)
+
+
+def _leaders(
+    family_of: dict[str, str],
+    screened: list[Screened],
+    reference: ScreeningBaseline,
+    times: int,
+    least: float,
+) -> list[Screened]:
+    """The first by gain, and the best of every further family that gains more than `least`."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
     count = times * (settings.refits if first_round else settings.refits_further)
     chosen = usable[:count]
-    members = Counter(family_of[s.attachment.label] for s in chosen)
+    families = {family_of[s.attachment.label] for s in chosen}
     for s in usable[count:] if first_round else []:
         family = family_of[s.attachment.label]
-        if members[family] < times and s.prospect > 0.0:
+        if family not in families and s.prospect > least:
             chosen.append(s)
-            members[family] += 1
+            families.add(family)
     return chosen

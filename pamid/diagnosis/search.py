@@ -22,10 +22,10 @@ from pamid.diagnosis.candidate_model import (
 )
 from pamid.diagnosis.ranges import mirrored, widened
 from pamid.diagnosis.screening import (
-    ADVANCED,
     Screened,
     ScreeningBaseline,
     advance,
+    advancing,
     promising,
     screen,
 )
@@ -235,7 +235,7 @@ def screened_candidates(
         for a, s in zip(candidates, tried, strict=True)
     }
     families = {a.label: search.family(a) for a in candidates}
-    leading = promising(families, list(screened.values()), reference, ADVANCED)
+    leading = advancing(families, list(screened.values()), reference)
     further = run(_Advancing(evidence, reference), leading, progress)
     screened |= {s.attachment.label: s for s in further if not isinstance(s, Failed)}
     # of a candidate that was left behind no gain is known but what it has reached

@@ -229,16 +229,11 @@ def refitted_with(
 
 
 def _needed_effects(search: Search, comparison: Comparison, best: CandidateModel) -> CandidateModel:
-    """The model less every effect whose removal costs nothing material, as long as it still removes
-    a material share of the gap.
-
-    The newest is tried, too: where the model below it had ended in a local minimum, its gain was
-    the way out.
-    """
+    """The model less every effect whose removal costs nothing material. The newest is tried, too:
+    where the model below it had ended in a local minimum, its gain was the way out."""
     for a in best.attached if len(best.attached) > 1 else ():
         smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
-        needed = not smaller.finite or comparison.is_material(best, smaller)
-        if not needed and comparison.is_material(smaller, search.budget.baseline):
+        if smaller.finite and not comparison.is_material(best, smaller):
             return _needed_effects(search, comparison, smaller)
     return best
 

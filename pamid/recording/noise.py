@@ -12,7 +12,8 @@ unit give the same answer, scaled.
 
 Under a controller the noise of a sensor enters the inputs, and these move the machine at the rate
 of the samples. Such motion looks like noise to every order of differences. It is linear in the
-latest inputs, so that least squares on their differences remove it.
+latest inputs, so that least squares on their differences remove it. They remove the noise of a
+sensor that is fed back as well: more than the rig states is taken for such motion, less is not.
 
 A reading that repeats to the last digit is not a new reading: the sensor rests, clings, is at its
 limit, or was filled in. Differences over such repeats measure no noise and are left out. A reading
@@ -242,8 +243,9 @@ def sensor_noise(
     given = [None] * len(parts) if inputs is None else inputs
     if inputs is not None:
         still = [_without_inputs(part, u) for part, u in zip(parts, inputs, strict=True)]
-        without, exact = _noise_and_steps(np.concatenate(still))[0], steps > 0.0
-        noise = np.where(exact, noise, np.minimum(noise, without))
+        without = np.maximum(_noise_and_steps(np.concatenate(still))[0], stated)
+        driven = (stated > 0.0) & (steps == 0.0)
+        noise = np.where(driven, np.minimum(noise, without), noise)
     holds = [[hold_error(c, u) for c in part.T] for part, u in zip(parts, given, strict=True)]
     # a converter's steps explain repeats by themselves
     lag = np.where(steps > 0.0, 0.0, np.sqrt(np.mean(np.square(holds), axis=0)))

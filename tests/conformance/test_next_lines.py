@@ -550,6 +550,12 @@ def test_one_of_them_is_there(command: str, here: Path, run: Run) -> None:
     run(*shlex.split(line.split("pamid ")[1]))
 
 
+def test_after_a_check(recorded: dict[str, Recording], run: Run, taken: list[DataSplit]) -> None:
+    (line,) = lines_of(run("check", str(recorded["one-dof"].path), "--rig", "one-dof"))
+    run(*line, code=TAKEN)
+    assert line[0] == "diagnose" and len(taken) == 1
+
+
 def test_every_command_that_prints_such_a_line_is_walked() -> None:
     """A new one needs its test here."""
     printing = {
@@ -558,6 +564,7 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
         if re.search(r'["n]Next: ', path.read_text())
     }
     assert printing == {
+        "check",
         "demo",
         "diagnose",
         "fit",

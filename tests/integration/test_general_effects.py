@@ -15,7 +15,7 @@ from effect_bench import carts, inputs_of, recorded, tanks
 from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import candidate_from, refit
 from pamid.diagnosis.ranges import WIDER
-from pamid.diagnosis.screening import ScreeningBaseline, screen
+from pamid.diagnosis.screening import ScreeningBaseline, advance, screen
 from pamid.diagnosis.search import WIDENINGS
 from pamid.diagnosis.starting_hints import gather_hints, spatial_periods
 from pamid.estimation.grey_box import fit_model
@@ -176,13 +176,15 @@ def test_a_planted_effect_comes_back(label: str) -> None:
     evidence = recorded(rig, spec, specimen, 8000)
     base = fit_model(evidence)
     candidate = candidate_from(base.assembly, base.fit, base.held_out)
+    reference = ScreeningBaseline.of(candidate)
     tried = screen(
         evidence,
-        ScreeningBaseline.of(candidate),
+        reference,
         attach(rig, label, effects()),
         base.assembly.sizes,
         gather_hints(evidence, candidate),
     )
+    tried = advance(evidence, reference, tried)
     assert tried.assembly is not None and tried.gain > 0.0
     done = refit(evidence, tried.assembly, base.fit, first=tried.first)
     left, before = (np.sqrt(np.mean(f.residuals[0] ** 2, axis=0)) for f in (done, base.fit))

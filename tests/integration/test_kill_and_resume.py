@@ -157,7 +157,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
 
     folder, store = tmp_path / "run", Store(tmp_path / "run" / "jobs")
     with monkeypatch.context() as patched:
-        patched.setattr(whole, "completed", broken)
+        patched.setattr(whole, "with_experiment", broken)
         assert frame.run(words(recording, folder)) == 1
     assert read_json(folder / "run.json")["outcome"] == "failed"
     done = Counter(line["key"] for line in store.journal())
@@ -169,7 +169,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
     files[0].write_bytes(files[1].read_bytes())
     files[2].write_bytes(files[2].read_bytes()[:100])
     with monkeypatch.context() as patched:
-        patched.setattr(whole, "completed", broken)
+        patched.setattr(whole, "with_experiment", broken)
         assert frame.run(words(recording, folder, "--resume")) == 1
     again = Counter(line["key"] for line in store.journal())
     assert again - done == Counter({files[0].stem: 1, files[2].stem: 1})
@@ -209,10 +209,10 @@ def test_a_failed_job_is_told_and_tried_again(
     assert frame.run(words(recording, folder, "--resume")) == 0
     assert same_files(undisturbed, folder)
     assert read_json(folder / "run.json")["jobs"] == {
-        "worked": 3,
-        "kept": record["jobs"]["worked"] - 1,
+        "worked": 4,
+        "kept": record["jobs"]["worked"] - 2,
         "failed": 0,
-    }, "its screening, its refit, and the next experiment, which knew one model less"
+    }, "its screening, further steps and refit, and the next experiment, for one model more"
 
 
 def test_a_bootstrap_goes_on_where_it_was_killed(recording: Path, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_the_extremes_of_a_reading_are_where_a_limit_is_sought() -> None:
     assert hints.at("drive").extremes == ()
     a = next(a for a in attachments(evidence.rig, [Saturation]) if a.ports == ("sensor",))
     made = model_with(evidence, (a,), model.assembly.sizes)
-    points = starting_points(made, a, hints.at("sensor"))
+    _, points = starting_points(made, a, hints.at("sensor"))
     limits = [first["saturation@sensor:limit"] for first in points if len(first) == 2]
     assert -part.min() in limits and -part.max() in limits
     assert Saturation().starts(Hints()) == []

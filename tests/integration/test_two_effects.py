@@ -118,25 +118,10 @@ def test_the_newest_is_dropped_where_it_only_led_out_of_a_minimum(
         return model(*attached, left=left[attached[0].label])
 
     monkeypatch.setattr(selection, "refitted_with", refitted)
-    search: Any = SimpleNamespace(budget=SimpleNamespace(baseline=model(left=1.0)))
+    search: Any = None
     assert selection._needed_effects(search, COMPARED, both).label == "first"
     left["first"] = 0.9
     assert selection._needed_effects(search, COMPARED, both) is both
-
-
-def test_a_certain_pair_is_not_reduced_to_an_uncertain_effect(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The pair removes its share in every window; either alone removes as much, in one window."""
-    pair = model(acting("first"), acting("second"), left=0.6)
-    monkeypatch.setattr(
-        selection, "refitted_with", lambda search, attached, *sources: model(*attached, left=0.65)
-    )
-    search: Any = SimpleNamespace(budget=SimpleNamespace(baseline=model(left=1.0)))
-    certain: Any = SimpleNamespace(
-        is_material=lambda model, reference: model is pair and reference.left == 1.0
-    )
-    assert selection._needed_effects(search, certain, pair) is pair
 
 
 def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

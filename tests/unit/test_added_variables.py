@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pamid.diagnosis.diagnosis_run import diagnose_into
+from pamid.verdict.diagnosis_run import diagnose_into
 from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.base.json_file import read_json
@@ -124,7 +124,7 @@ def test_an_effect_that_is_not_there_has_no_slope(tmp_path: Path) -> None:
 
 
 def test_a_candidate_that_was_refitted_to_nothing_has_no_plot(found: Diagnosis) -> None:
-    gone = with_value(found, "dead-time", "delay", 0.0)
+    gone = with_value(found, "coulomb-friction", "level", 0.0)
     assert added_variables(gone).plots == ()
 
 

@@ -334,6 +334,10 @@ def test_noise_of_a_feedback_in_the_input_is_not_the_sensor_s(unit: float) -> No
     noise = sensor_noise([read], np.array([0.02 * unit]), [sent])
     assert noise.used[0] == pytest.approx(0.02 * unit, rel=0.1)
     assert not noise.contradicts[0]
+    # a sensor that is fed back has the noise that its rig states, although the input shows it
+    angle = np.sin(np.arange(4000) / 90.0)[:, None] + 0.02 * random.standard_normal((4000, 1))
+    fed_back = sensor_noise([unit * angle], np.array([0.02 * unit]), [-3.0 * angle])
+    assert fed_back.used[0] == pytest.approx(0.02 * unit, rel=0.1)
     # an input of steps explains no noise
     steps = np.repeat(random.uniform(-3.0, 3.0, 40), 100)[1:, None]
     plain = 0.02 * random.standard_normal((3999, 1))

@@ -11,7 +11,7 @@ from small_cart import cart_evidence, record_cart
 
 from pamid.diagnosis import input_response
 from pamid.diagnosis.candidate_model import begun_from, candidate_from
-from pamid.diagnosis.screening import Screened, by_gain, promising
+from pamid.diagnosis.screening import Screened, advancing, by_gain, promising
 from pamid.diagnosis.search import _screened_plain, _screened_restored
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
@@ -37,15 +37,14 @@ def names(screened: list[Screened]) -> list[str]:
     return [s.attachment.label for s in screened]
 
 
-def test_twice_as_many_candidates_and_members_of_a_family_go_on() -> None:
+def test_twice_as_many_leaders_and_every_family_go_on() -> None:
     leading = [candidate(f"a{i:02d}", 100.0 - i) for i in range(2 * DEFAULT.refits)]
-    others = [candidate(f"b{i}", 50.0 - i) for i in range(3)]
+    others = [candidate("b0", -10.0), candidate("b1", -11.0)]
     family_of = {s.attachment.label: s.attachment.label[0] for s in (*leading, *others)}
-    once = promising(family_of, [*leading, *others], reference())
-    assert names(once) == [*names(leading[: DEFAULT.refits]), "b0"]
-    twice = promising(family_of, [*leading, *others], reference(), 2)
-    assert names(twice) == [*names(leading), "b0", "b1"]
-    assert len(promising(family_of, leading, reference(("a",)), 2)) == 2 * DEFAULT.refits_further
+    further = advancing(family_of, [*leading, *others], reference())
+    assert names(further) == [*names(leading), "b0"]
+    assert len(advancing(family_of, leading, reference(("a",)))) == 2 * DEFAULT.refits_further
+    assert names(promising(family_of, leading, reference())) == names(leading[: DEFAULT.refits])
 
 
 def test_a_family_that_helps_at_all_is_refitted() -> None:

@@ -66,7 +66,8 @@ def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:
 def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: ignore[no-untyped-def]
     evidence, _, sizes = stopped
     leak = attach(evidence.rig, "leak", effects())
-    points = starting_points(model_with(evidence, (leak,), sizes), leak, Hints())
+    points, hinted = starting_points(model_with(evidence, (leak,), sizes), leak, Hints())
+    assert hinted == []
     assert {} in points
     assert any(
         0.0 < p.get("leak:share", 0.0) < 0.2 * effects()["leak"].parameters[0].value for p in points
