@@ -58,6 +58,8 @@ docs-test: $(STAMP)
 
 # torch first and by itself: the wheel already there (or the index it is taken from) is then kept by what follows
 $(STAMP): pyproject.toml constraints.txt
+	@echo 'Installing into $(VENV): about 5 minutes on two cores and 2 GB of disk, 0.7 GB of it torch;'
+	@echo '4 GB more where $(TORCH_INDEX) cannot be reached (make TORCH_INDEX=URL takes another one).'
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "pamid needs Python 3.11 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' \

@@ -60,7 +60,7 @@ _LIVE_S = 0.1
 _LOG_S = 15.0
 _FIRST_S = 3.0  # a log gets its first line sooner than the next ones
 _WIDTH = 100
-_EARLY = 0.1  # share of the work before which nothing is said of the time that is left
+_EARLY = 0.1  # share of the work before which no time left is printed: it would rest on nothing
 _COUNTED = re.compile(r"(.+?) (\d+)/(\d+)")  # "screening 15/33: coulomb-friction"
 
 
@@ -160,8 +160,9 @@ class ProgressLine:
             # how many rounds are still to come nobody knows before they are done
             stage = f", a further round{stage}" if self._again else self._overall(spent)
         elif self._total and done > 0:
-            left = spent * (self._total - done) / done
-            stage = f", {100 * done // self._total} %, at most {_time_text(left)} left"
+            stage = f", {100 * done // self._total} %"
+            if left := _time_left(spent, done / self._total):
+                stage += f", at most {left} left"
         said = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
         line = f"{_plain(said)} ({_time_text(spent)}{stage})"
         # blanks over the rest of the line before: notebooks do not know the terminal's codes
@@ -198,10 +199,8 @@ class ProgressLine:
 
     def _overall(self, spent: float) -> str:
         """Percent of the whole, and about how long the rest takes, if shares are as usual."""
-        if self._share < _EARLY:
-            return ""
-        left = spent * (1.0 - self._share) / self._share
-        return f", {100 * self._share:.0f} %, about {_time_text(left)} left"
+        left = _time_left(spent, self._share)
+        return f", {100 * self._share:.0f} %, about {left} left" if left else ""
 
     def _counted(self, text: str, now: float) -> str:
         """How much of a stage that counts is done, and what of it is left; else nothing."""
@@ -213,10 +212,9 @@ class ProgressLine:
             self._stage = (name, done, now)
         _, before, since = self._stage
         said = f", {100 * done // total} % of this stage"
-        if done <= before or done >= total:
-            return said
-        left = (now - since) * (total - done) / (done - before)
-        return f"{said}, about {_time_text(left)} of it left"
+        # of what was to do when the stage was first seen
+        left = _time_left(now - since, (done - before) / max(1, total - before))
+        return f"{said}, about {left} of it left" if left and done < total else said
 
     def _write(self, text: str) -> None:
         with contextlib.suppress(OSError):  # a closed or full stderr stops no work
@@ -228,6 +226,12 @@ class ProgressLine:
 def _plain(text: str) -> str:
     """Nothing that a terminal obeys."""
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _time_left(spent: float, share: float) -> str:
+    """Time for the rest at the pace so far; "" in the first tenth, whose pace is no estimate, and
+    at the end."""
+    return _time_text(spent * (1.0 - share) / share) if _EARLY <= share < 1.0 else ""
 
 
 def _time_text(seconds: float) -> str:

@@ -197,9 +197,6 @@ def _warnings(run: RunData) -> Paragraphs:
     texts = []
     if run.fit is not None and not run.fit.converged:
         texts.append(f"{formatting.not_converged('The fit', run.fit.why)}.")
-    if run.network is not None and not run.network.summary.converged:
-        why = run.network.summary.why
-        texts.append(f"{formatting.not_converged('The training of the network', why)}.")
     texts += [
         f"This command did not end: {' '.join(step.command)}."
         for step in run.steps

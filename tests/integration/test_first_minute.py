@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,35 @@ def test_known_stages_are_listed_once_and_say_what_is_left_of_all(clock: Clock) 
         line.say("three")
         assert "3 of 3, three (15 min, 80 %, about 4 min left)" in stream.getvalue()
     assert stream.getvalue().count("3 stages") == 1
+
+
+def test_no_time_left_is_estimated_from_the_first_steps(clock: Clock) -> None:
+    stream = Terminal()
+    with ProgressLine("training", 1000, stream=stream) as line:
+        clock.now = 113.0
+        line.update(17, "")
+        assert stream.getvalue().rstrip().endswith("training: 17/1000 (13 s, 1 %)")
+        clock.now = 120.0
+        line.update(200, "")
+        assert stream.getvalue().rstrip().endswith("200/1000 (20 s, 20 %, at most 80 s left)")
+    with ProgressLine("anything", stream=stream) as line:
+        clock.now = 130.0
+        line.say("screening 0/50: leak")
+        clock.now = 131.0
+        line.say("screening 2/50: leak")
+        assert stream.getvalue().rstrip().endswith("(11 s, 4 % of this stage)")
+
+
+def test_make_prints_what_it_installs_before_it_begins() -> None:
+    plan = subprocess.run(
+        ["make", "--dry-run", "--always-make", "demo"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    before, installs, _ = plan.partition("pip install")
+    assert installs and re.search(r"echo .*minutes.* GB", before)
 
 
 def test_a_final_result_stays_while_the_rest_runs(clock: Clock) -> None:

@@ -315,6 +315,14 @@ def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
     assert "The fit did not converge: it wandered off." in text
 
 
+def test_a_network_that_did_not_converge_is_no_warning_above_the_verdict(tmp_path: Path) -> None:
+    network = network_json()
+    network["training"] |= {"converged": False, "why": "100 iterations are done"}
+    page = text_of(make_run(tmp_path / "RUN", network=network))
+    assert page.count("100 iterations are done") == 1
+    assert "how training ended: 100 iterations are done" in page
+
+
 def test_a_cause_whose_refit_did_not_converge_is_said(tmp_path: Path) -> None:
     diagnosis = diagnosis_json("explained")
     diagnosis["ranking"][0] |= {"converged": False, "why": "out of iterations"}
