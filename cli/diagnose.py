@@ -135,6 +135,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
             ]
         )
     lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
+    lines += _refitted(found["parameters"])
     lines += _free_forms(found.get("unknown") or {})
     lines += [*_left(found), *_how_far(found), *_scoring(found)]
     lines += _ranking(found)
@@ -176,6 +177,16 @@ def _which(causes: list[dict[str, Any]]) -> list[str]:
             + f"{c['effect']} ({c['family']}), {_removed(c['removes'])}: {values}"
         )
     return lines
+
+
+def _refitted(parameters: dict[str, Any]) -> list[str]:
+    """The parameters of the answer's model that moved off the data sheet, with intervals."""
+    from pamid.schemas.estimates import Estimate
+    from pamid.schemas.model import read
+    from pamid.verdict.refitted_parameters import refitted_parameters
+
+    texts = refitted_parameters({k: read(Estimate, v) for k, v in parameters.items()}).texts()
+    return [("Refitted  " if i == 0 else "          ") + text for i, text in enumerate(texts)]
 
 
 def _removed(share: dict[str, float]) -> str:

@@ -36,6 +36,7 @@ from pamid.schemas.diagnosis_file import (
 )
 from pamid.schemas.estimates import Interval
 from pamid.schemas.fit_file import FitFile, RecordingUsed
+from pamid.verdict.refitted_parameters import refitted_parameters
 from pamid.verdict.verdict_words import size_of, weight_of
 
 if TYPE_CHECKING:
@@ -387,12 +388,19 @@ class DiagnosisResult(FitResult):
             paragraph(f"Where: {where}" if where else ""),
             rig_svg(self.data.diagnosis),
             html_table((CAUSE_HEADS, causes)),
+            paragraph(self._refitted()),
             card_svg(self.data),
             paragraph(self._left()),
             paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
             self._errors_html(),
             paragraph(f"Measure next: {_short(following)}." if following else ""),
         )
+
+    def _refitted(self) -> str:
+        """Parameters of the answer's model that moved off the data sheet."""
+        diagnosis = self.data.diagnosis
+        texts = refitted_parameters(diagnosis.parameters).texts() if diagnosis is not None else []
+        return f"Refitted: {'; '.join(texts)}." if texts else ""
 
     def _left(self) -> str:
         """What remains, and whether it is more than tolerances."""

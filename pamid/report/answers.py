@@ -41,6 +41,7 @@ from pamid.schemas.diagnosis_file import (
     Where,
 )
 from pamid.verdict import verdict_words
+from pamid.verdict.refitted_parameters import bound_text, refitted_parameters
 
 PROBABILITY_MEANS = (
     "A probability is how often, among virtual machines with figures like these, an effect of that "
@@ -172,7 +173,26 @@ def which_answer(run: RunData) -> AnswerText:
         "cannot-tell": _cannot_tell,
     }
     lead, details = leads[diagnosis.verdict](diagnosis)
+    details += _refits(diagnosis)
     return AnswerText(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
+
+
+def _refits(diagnosis: DiagnosisFile) -> list[str]:
+    """The parameters of the answer's model that moved off the data sheet, with intervals."""
+    if diagnosis.remark:
+        return []
+    refits = refitted_parameters(diagnosis.parameters)
+    texts = []
+    for name, one in refits.shown.items():
+        prior = "" if one.prior is None else f"{short(one.prior)} → "
+        unit_text = channel_unit(name)
+        value = (
+            f"{short(one.value)}{formatting.SPACE}{unit_text}" if unit_text else short(one.value)
+        )
+        tail = formatting.interval_tail(formatting.span(one.low, one.high)) + bound_text(one)
+        texts.append(f"{channel_label(name)} {prior}{value}{tail}")
+    texts += [refits.remark()] if refits.remark() else []
+    return [sentence(f"refitted: {'; '.join(texts)}")] if texts else []
 
 
 def _confidence(diagnosis: DiagnosisFile) -> str:

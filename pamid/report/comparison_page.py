@@ -230,8 +230,8 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
     return (
         table(heads, body, range(2, 2 + len(runs))),
         notes(
-            "Refitted values with 95 % intervals below them; a parameter differs where two of "
-            "them do not overlap."
+            "Values of each answer's model with 95 % intervals below them; a parameter differs "
+            "where two of them do not overlap."
         ),
     )
 

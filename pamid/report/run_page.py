@@ -316,11 +316,11 @@ def _sensors(run: RunData) -> Iterator[Block]:
 
 
 def _parameters(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
-    parameters, with_cause = parameters_of(run)
+    parameters, without_cause = parameters_of(run)
     if not parameters:
         return
     yield Heading("Parameters", 3)
-    yield parameter_table(parameters, with_cause)
+    yield parameter_table(parameters, without_cause)
     yield notes(
         "Strain is the distance from the prior in prior standard deviations. Settled: the data "
         "fix it; weak: partly the prior; silent: the data say nothing about it."

@@ -19,7 +19,7 @@ from pamid.report.formatting import (
     percent_span,
 )
 from pamid.report.load import RunData
-from pamid.schemas.diagnosis_file import Estimate, Transfer, Where
+from pamid.schemas.diagnosis_file import Transfer, Where
 from pamid.schemas.fit_file import Combination, FitFile, FitParameter, LoopError
 from pamid.schemas.run_file import Step
 
@@ -93,17 +93,18 @@ def loop_table(errors: Mapping[str, LoopError]) -> Table:
 
 
 def parameter_table(
-    parameters: Mapping[str, FitParameter], with_cause: Mapping[str, Estimate]
+    parameters: Mapping[str, FitParameter], without_cause: Mapping[str, FitParameter]
 ) -> Table:
-    """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
-    beside = any(name in with_cause for name in parameters)
+    """Value, interval, prior, unit, how well it is known, strain, and what to think of it;
+    without_cause: the refitted model's, where the answer has causes."""
+    compared = any(name in without_cause for name in parameters)
     heads = [
         "parameter",
         "unit",
         "value",
         formatting.INTERVAL,
         "prior",
-        *(["with cause"] * beside),
+        *(["without cause"] * compared),
         "strain",
         "known",
     ]
@@ -116,8 +117,8 @@ def parameter_table(
             formatting.span(one.low, one.high),
             number(one.prior),
         ]
-        if beside:
-            other = with_cause.get(name)
+        if compared:
+            other = without_cause.get(name)
             row.append(number(other.value) if other is not None else formatting.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
         shown = (
@@ -127,7 +128,7 @@ def parameter_table(
         )
         strain = TableCell(shown, "strong" if strained else "")
         body.append([*row, strain, _remark(one, strained)])
-    return table(heads, body, range(2, 6 + beside))
+    return table(heads, body, range(2, 6 + compared))
 
 
 def _unit(name: str, one: FitParameter | Combination) -> str:
@@ -158,31 +159,29 @@ def combinations_table(fit: FitFile) -> Table:
     )
 
 
-def parameters_of(run: RunData) -> tuple[dict[str, FitParameter], dict[str, Estimate]]:
-    """The fitted parameters, and those of the diagnosis beside them; the latter alone where there
-    is no fit."""
-    found = run.diagnosis.parameters if run.diagnosis is not None else {}
-    if run.fit is not None and run.fit.parameters:
-        return (
-            run.fit.parameters,
-            found if run.diagnosis is not None and run.diagnosis.causes else {},
-        )
-    alone = {
+def parameters_of(run: RunData) -> tuple[Mapping[str, FitParameter], Mapping[str, FitParameter]]:
+    """The parameters of the answer's model; where it has causes, also those of the refitted model
+    without them."""
+    fitted = run.fit.parameters if run.fit is not None else {}
+    diagnosis = run.diagnosis
+    if diagnosis is None or not diagnosis.parameters or (fitted and not diagnosis.causes):
+        return fitted, {}
+    answer = {
         name: FitParameter(
             value=one.value,
             low=one.low,
             high=one.high,
             prior=one.prior,
-            unit=formatting.channel_unit(name),
-            word="",
-            at_bound=None,
+            unit=formatting.channel_unit(name) if one.unit is None else one.unit,
+            word=one.word,
+            at_bound=one.at_bound,
             strain=one.strain,
-            source="",
+            source=fitted[name].source if name in fitted else "",
             null=None,
         )
-        for name, one in found.items()
+        for name, one in diagnosis.parameters.items()
     }
-    return alone, {}
+    return answer, fitted
 
 
 def _remark(one: FitParameter, strained: bool) -> str:

@@ -281,7 +281,14 @@ def test_a_diagnosis_answers_where_which_how_far(found: pamid.DiagnosisResult) -
     card = found._repr_html_()
     assert cause.removes is not None and 0.0 < cause.removes.low <= cause.removes.share
     assert found.remainder is not None and not found.remainder.real
-    shown = (escaped(found.sentence), "Where: force", "coulomb-friction", "position", "Left: ")
+    shown = (
+        escaped(found.sentence),
+        "Where: force",
+        "Refitted: mass ",
+        "coulomb-friction",
+        "position",
+        "Left: ",
+    )
     for words in (*shown, cause.removes_text(), "<svg", "◆"):
         assert words in card, words
     assert "DiagnosisResult explained" in repr(found) and "coulomb-friction" in repr(found)

@@ -424,13 +424,14 @@ def _diagnosis_json(verdict: str) -> dict[str, Any]:
             "settings": [{"initial_pressure_kpa": 200.0}, {"initial_pressure_kpa": 500.0}],
         },
         "parameters": {
+            **fit_json()["parameters"],
             "damping_m2_s": {
                 "value": 0.0016,
                 "low": 0.0015,
                 "high": 0.0017,
                 "prior": 0.0015,
                 "strain": 0.3,
-            }
+            },
         },
         "background": {
             "force_map_1": {"pull": 0.8, "share_of_gap": 0.04},

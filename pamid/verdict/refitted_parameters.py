@@ -1,0 +1,67 @@
+"""The parameters that the answer's own model moved off the data sheet, for terminal, page and card.
+
+Of a long list only those are shown that moved: the 95 % interval excludes the data-sheet value, and
+the shift is no mere rounding of its tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pamid.base.units import split_column
+from pamid.schemas.estimates import Estimate
+
+SHORT_LIST = 4  # parameters that are all shown
+LEAST_SHIFT = 0.1  # prior standard deviations: precise data resolve smaller ones, nobody acts on it
+
+
+@dataclass(frozen=True)
+class RefittedParameters:
+    """shown: by name, the largest shift first where some are left out; total: of the model."""
+
+    shown: Mapping[str, Estimate]
+    total: int
+
+    def remark(self) -> str:
+        """The parameters left out, in words; "" where all are shown."""
+        rest = self.total - len(self.shown)
+        if not rest:
+            return ""
+        others = f"{rest} others" if self.shown else f"{rest} parameters"
+        return f"{others if rest > 1 else '1 other'} not moved materially"
+
+    def texts(self) -> list[str]:
+        """ "mass 0.5 -> 0.62 kg (0.61 .. 0.63)", and the number of those left out."""
+        rows = [_shift_text(name, one) for name, one in self.shown.items()]
+        return [text for text in (*rows, self.remark()) if text]
+
+
+def refitted_parameters(parameters: Mapping[str, Estimate]) -> RefittedParameters:
+    """All of a short list, else those that moved materially."""
+    shown = dict(parameters)
+    if len(parameters) > SHORT_LIST:
+        moved = {name: one for name, one in parameters.items() if _moved(one)}
+        shown = dict(sorted(moved.items(), key=lambda item: -abs(item[1].strain or 0.0)))
+    return RefittedParameters(shown, len(parameters))
+
+
+def _moved(one: Estimate) -> bool:
+    if one.prior is None or one.low is None or one.high is None:
+        return one.prior is None
+    significant = not one.low <= one.prior <= one.high
+    return significant and (one.strain is None or abs(one.strain) >= LEAST_SHIFT)
+
+
+def _shift_text(name: str, one: Estimate) -> str:
+    stem, unit = split_column(name)
+    prior = "" if one.prior is None else f"{one.prior:.4g} -> "
+    low_high = "" if one.low is None or one.high is None else f" ({one.low:.4g} .. {one.high:.4g})"
+    unit_text = "" if unit in ("", "-", "1") else f" {unit}"
+    text = f"{stem} {prior}{one.value:.4g}{unit_text}{low_high}"
+    return text + bound_text(one)
+
+
+def bound_text(one: Estimate) -> str:
+    """ ", at its lower bound"; "" between the bounds."""
+    return f", at its {'lower' if one.at_bound == 'low' else 'upper'} bound" if one.at_bound else ""
