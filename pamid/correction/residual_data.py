@@ -104,7 +104,7 @@ def read_residual_data(
                 f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", REFIT_REMEDY, code="damaged"
             )
     spans = _spans(columns)
-    model, usual, notes = _model_of(columns, channel, channels, spans, replay)
+    model, usual, notes = _model_of(columns, channel, channels, spans, replay, fit.inputs)
     if model == "loop":
         stretches, washout = spans, 0
     else:
@@ -114,6 +114,12 @@ def read_residual_data(
     for part, word in ((0, "to train on (part 0)"), (1, "held out to judge by (part 1)")):
         if not any(s.part == part for s in stretches):
             raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", REFIT_REMEDY)
+    if not inputs and not usual:
+        raise FileError(
+            f"{folder / FIT_FILE} does not list the rig's inputs: an earlier version wrote it.",
+            f"Name the network's inputs with --inputs. {REFIT_REMEDY}",
+            code="damaged",
+        )
     chosen, dropped = _inputs(columns, channels, tuple(inputs) or usual, stretches)
     return ResidualData(
         channel,
@@ -252,24 +258,30 @@ def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segm
 
 
 def _model_of(
-    columns: dict[str, Array], channel: str, channels: list[str], spans: list[Segment], replay: bool
+    columns: dict[str, Array],
+    channel: str,
+    channels: list[str],
+    spans: list[Segment],
+    replay: bool,
+    rig_inputs: Sequence[str] | None,
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """Which model is to be corrected, its usual inputs, and what is to be said about that."""
-    loops = _loop_blocks(list(columns))
-    for block in loops:
-        if replay or block[1] != derived(channel, "loop"):
+    """Which model is to be corrected, its usual inputs (() where fit.json does not state the rig's)
+    and notes on it."""
+    notes: tuple[str, ...] = ()
+    for block in () if replay else _loop_blocks(list(columns)):
+        if block[1] != derived(channel, "loop"):
             continue
         if all(motion(columns[block[2]][s.rows]) > 0.0 for s in spans):
             return "loop", (block[0], block[4], block[1], block[2], block[3]), ()
-        return (
-            "replay",
-            _rig_inputs(columns, channels, loops),
-            (
-                "In its own control loop the refitted model could not be simulated; the replay is "
-                "corrected instead.",
-            ),
+        notes = (
+            "In its own control loop the refitted model could not be simulated; the replay is "
+            "corrected instead.",
         )
-    return "replay", _rig_inputs(columns, channels, loops), ()
+        break
+    if rig_inputs is None:
+        return "replay", (), notes
+    usual = (*rig_inputs, *(derived(c, "refitted") for c in channels))
+    return "replay", tuple(name for name in usual if name in columns), notes
 
 
 def _loop_blocks(header: list[str]) -> list[tuple[str, ...]]:
@@ -286,23 +298,6 @@ def _loop_blocks(header: list[str]) -> list[tuple[str, ...]]:
         (header[first - count + k], *header[first + 4 * k : first + 4 * k + 4])
         for k in range(count)
     ]
-
-
-def _rig_inputs(
-    columns: dict[str, Array], channels: list[str], loops: list[tuple[str, ...]]
-) -> tuple[str, ...]:
-    """Recorded inputs of the rig, then the refitted outputs."""
-    kinds = ("data_sheet", "refitted", "cause", "network")
-    other = {
-        *RESIDUAL_KEYS,
-        *channels,
-        *(derived(c, k) for c in channels for k in kinds),
-        *(n for b in loops for n in b),
-    }
-    return (
-        *(name for name in columns if name not in other),
-        *(derived(c, "refitted") for c in channels if derived(c, "refitted") in columns),
-    )
 
 
 def _inputs(

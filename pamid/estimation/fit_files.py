@@ -56,6 +56,7 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
             for r in e.recordings
         ),
         channels=tuple(e.channels),
+        inputs=recorded_inputs(e),
         converged=g.fit.converged,
         why=g.fit.why,
         iterations=g.fit.iterations,
@@ -136,6 +137,11 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
     return found.model_copy(update={"between": ways})
 
 
+def recorded_inputs(e: DataSplit) -> tuple[str, ...]:
+    """Inputs of the rig that every recording holds."""
+    return tuple(n for n in e.rig.inputs if all(r.has(n) for r in e.recordings))
+
+
 def _role(e: DataSplit, recording: Recording) -> str:
     fit = any(s.recording is recording for s in e.fit)
     held = any(s.recording is recording for s in e.held_out)
@@ -160,7 +166,7 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
         stem, unit = split_column(c)
         header += [c, with_unit(f"{stem}_data_sheet", unit), with_unit(f"{stem}_refitted", unit)]
         header += [with_unit(f"{stem}_cause", unit)] if cause else []
-    inputs = [n for n in e.rig.inputs if all(r.has(n) for r in e.recordings)]
+    inputs = list(recorded_inputs(e))
     loops = [
         q
         for q in e.rig.loops

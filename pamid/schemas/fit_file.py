@@ -183,6 +183,9 @@ class FitFile(Model):
         (), description="in the order in which they were given"
     )
     channels: ListOf[Text] = Field((), description="measured outputs that were fitted")
+    inputs: Sometimes[ListOf[Text]] = Field(
+        default=None, description="inputs of the rig that every recording holds; in residual.csv"
+    )
     converged: Flag = Field(True, description=CONVERGED)
     why: Text = Field("", description=WHY_ENDED)
     iterations: Written[Count] = Field(None, description="of the optimiser")

@@ -94,6 +94,33 @@ def without_loop(folder: Path) -> None:
     rows = [",".join([line.split(",")[i] for i in keep]) for line in (names, *lines)]
     rows = [rows[0] + ",external_torque_nm", *(row + ",0" for row in rows[1:])]
     (folder / "residual.csv").write_text("\n".join(rows) + "\n")
+    fit = read_json(folder / "fit.json")
+    write_json(folder / "fit.json", {**fit, "inputs": [*fit["inputs"], "external_torque_nm"]})
+
+
+def test_further_columns_of_the_table_are_no_inputs(run: Copy) -> None:
+    folder = run()
+    without_loop(folder)
+    names, *lines = (folder / "residual.csv").read_text().splitlines()
+    more = [f"{names},spare_v,angle_free_run_deg"]
+    more += [f"{line},{i % 7},{i % 5}" for i, line in enumerate(lines)]
+    (folder / "residual.csv").write_text("\n".join(more) + "\n")
+    leftover = read_residual_data(folder, "angle_deg")
+    assert leftover.inputs[0] == "command"
+    assert all("_refitted_" in name for name in leftover.inputs[1:])
+    assert read_residual_data(folder, "angle_deg", ("spare_v",)).inputs == ("spare_v",)
+
+
+def test_a_run_that_does_not_list_its_inputs_asks_for_them(run: Copy) -> None:
+    folder = run()
+    without_loop(folder)
+    fit = read_json(folder / "fit.json")
+    del fit["inputs"]
+    write_json(folder / "fit.json", fit)
+    with pytest.raises(FileError, match="does not list the rig's inputs") as error:
+        read_residual_data(folder, "angle_deg")
+    assert "--inputs" in error.value.hint
+    assert read_residual_data(folder, "angle_deg", ("command",)).inputs == ("command",)
 
 
 def test_the_first_papers_network(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:

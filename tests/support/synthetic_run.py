@@ -75,6 +75,7 @@ def fit_json() -> dict[str, Any]:
             }
         ],
         "channels": list(CHANNELS),
+        "inputs": ["command"],
         "converged": True,
         "why": "",
         "iterations": 15,
