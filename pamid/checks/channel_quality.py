@@ -491,7 +491,7 @@ def level_of(
                 f"{s.name} moves in steps of {step:.3g}{s.unit}, of which its "
                 f"range has only {float(high - low) / step:.0f}{finer}",
                 "Use a finer range of the converter, a finer "
-                "encoder, or larger motion; friction and backlash hide below a step.",
+                "sensor, or larger excitation; an effect smaller than a step cannot be seen.",
                 (),
                 numbers,
             )

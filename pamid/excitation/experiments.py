@@ -8,7 +8,7 @@ the time at the rig, with repetitions and settings; the signals are one pass of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -108,9 +108,10 @@ def _as_it_is(bench: Bench) -> Settings:
 class Experiment:
     """An entry of the menu.
 
-    minutes: at the rig; in_turn: for each of its loops. signals: columns to send to a bench
-    (samples,), in their own units. commanded: needs commands past a controller. pushed: needs a
-    torque or force from outside. settings: [known] values that change, once per repetition; ()
+    minutes: at the rig; in_turn: for each of its loops. why: its signals, and what they show on any
+    rig; shows: the same by kind of port, for a rig that has one. signals: columns to send to a
+    bench (samples,), in their own units. commanded: needs commands past a controller. pushed: needs
+    a torque or force from outside. settings: [known] values that change, once per repetition; ()
     where the rig has nothing to change.
     """
 
@@ -122,6 +123,12 @@ class Experiment:
     pushed: bool = False
     in_turn: bool = False
     settings: Callable[[Bench], Settings] = _as_it_is
+    shows: Mapping[str, str] = field(default_factory=dict)
+
+    def reason(self, rig: Rig) -> str:
+        """Why it is made, in the words of the rig's ports."""
+        kinds = {port.kind for port in rig.ports.values()}
+        return ", ".join([self.why, *(text for kind, text in self.shows.items() if kind in kinds)])
 
     def fits(self, bench: Bench) -> bool:
         return (
@@ -259,26 +266,28 @@ def _changed(b: Bench) -> Settings:
 
 MENU = (
     Experiment(
-        "aprbs-other-inertia",
+        "aprbs-other-setting",
         4.0,
-        "random steps with another inertia: structural modes move, delays do not",
+        "random steps with the rig changed: its dynamics move, delays do not",
         _driven(_steps),
         settings=_changed,
     ),
     Experiment(
         "odd-multisine",
         4.0,
-        "odd random-phase multisine: an anti-resonance marks compliance, even lines mark asymmetry",
+        "odd random-phase multisine: even lines mark asymmetry",
         _driven(odd_multisine),
+        shows={"motion": "an anti-resonance marks compliance"},
     ),
     Experiment(
         "slow-reversals",
         4.0,
-        "slow triangles with nested reversals and stops: what is dry sticks and remembers",
+        "slow triangles with nested reversals and stops: hysteresis shows as loops",
         _driven(slow_reversals),
+        shows={"motion": "dry friction sticks at the stops"},
     ),
     Experiment(
-        "constant-speed-runs",
+        "constant-rate-ramps",
         4.0,
         "ramps from 4 to 0.08 of the range per second: what grows with the rate and what does not",
         _driven(speed_runs),
@@ -286,8 +295,12 @@ MENU = (
     Experiment(
         "amplitude-sweep",
         4.0,
-        "the same swings at 5 to 100 % of the range: what is dry or has play weighs "
-        "most in the small ones, what curves in the large ones",
+        "the same swings at 5 to 100 % of the range: what has a threshold weighs most in the "
+        "small ones, what curves in the large ones",
         _driven(amplitude_sweep),
+        shows={
+            "motion": "dry friction in the small ones",
+            "transmission": "play in the small ones",
+        },
     ),
 )

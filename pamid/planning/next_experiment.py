@@ -393,7 +393,7 @@ def _why(
     d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], separation: Array
 ) -> str:
     """What is sent, what changes between repetitions, and where the models should part."""
-    parts = [e.why]
+    parts = [e.reason(d.evidence.rig)]
     if settings:
         parts.append(
             "with "

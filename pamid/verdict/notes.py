@@ -207,7 +207,7 @@ def _split(d: Diagnosis) -> list[str]:
     if d.evidence.held_out_rests:
         return [
             "The held-out part moves by less than a quarter of the fitted one, so that only small "
-            "motion is tested. Hold out a recording that moves as much: --held-out."
+            "signals are tested. Hold out a recording that moves as much: --held-out."
         ]
     used_s, all_s = d.evidence.used_s
     excerpt = [

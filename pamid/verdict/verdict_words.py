@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
-RECORD_MORE = "Record for longer, or with larger motion."
+RECORD_MORE = "Record for longer, or with larger excitation."
 NOT_IN_CATALOGUE = "No effect of the catalogue removes a material share of the gap."
 
 

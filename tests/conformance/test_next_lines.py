@@ -300,7 +300,7 @@ ENTRIES = [
     for rig, names in (
         ("one-dof", {e.name for e in OF_MUSCLES} - {"gravity-test"}),
         ("two-link", {e.name for e in OF_MUSCLES}),
-        ("cart.py", {"odd-multisine", "slow-reversals", "constant-speed-runs", "amplitude-sweep"}),
+        ("cart.py", {"odd-multisine", "slow-reversals", "constant-rate-ramps", "amplitude-sweep"}),
     )
     for e in OF_MUSCLES
     if e.name in names

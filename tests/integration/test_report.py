@@ -117,7 +117,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         "cannot-tell": [
             "Coulomb friction may be missing. It removes 24 % of the gap (95 % interval 4 to 44 %, "
             "from 18 held-out windows), which is not certain enough. Record for longer, or with "
-            "larger motion.",
+            "larger excitation.",
             "Which Undetermined.",
         ],
     }[verdict]

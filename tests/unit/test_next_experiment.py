@@ -3,6 +3,7 @@ says."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -168,7 +169,7 @@ def test_a_cart_is_offered_no_air(
 ) -> None:
     _, _, made, d, p = rubbing
     offered = {e.name for e in menu(bench_of(d.evidence))}
-    assert offered == {"odd-multisine", "slow-reversals", "constant-speed-runs", "amplitude-sweep"}
+    assert offered == {"odd-multisine", "slow-reversals", "constant-rate-ramps", "amplitude-sweep"}
     assert p.experiment.name in offered and set(p.columns) == {"force_n"}
     assert np.abs(p.columns["force_n"]).max() <= np.abs(made.signal("force_n")).max()
 
@@ -277,8 +278,19 @@ def test_the_joint_is_offered_all_but_a_swing() -> None:
         assert any(np.ptp(v) > 0.0 for v in columns.values())
 
 
+MECHANICAL = re.compile(r"friction|play|compliance|inertia|load|torque|joint|speed|motion|dry")
+
+
+@pytest.mark.parametrize("rig", ["thermal-block", "pump-tank", "static-map"])
+def test_reasons_for_a_rig_without_moving_parts_name_none(rig: str) -> None:
+    for e in MENU:
+        assert not MECHANICAL.search(f"{e.name} {e.reason(rig_named(rig))}"), e.name
+    moving = " ".join(e.reason(rig_named("geared-motor")) for e in MENU)
+    assert "compliance" in moving and "dry friction" in moving and "play" in moving
+
+
 def test_another_inertia_is_another_one() -> None:
-    e = next(e for e in MENU if e.name == "aprbs-other-inertia")
+    e = next(e for e in MENU if e.name == "aprbs-other-setting")
     assert (
         e.settings(joint({}))
         == e.settings(joint({"inertia_kg_m2": 0.014}))
@@ -288,7 +300,7 @@ def test_another_inertia_is_another_one() -> None:
 
 
 def test_a_rig_says_what_can_be_changed_at_it_and_what_acts_from_outside() -> None:
-    e = next(e for e in MENU if e.name == "aprbs-other-inertia")
+    e = next(e for e in MENU if e.name == "aprbs-other-setting")
 
     cart: Any = type(rig_named(CART_FILE))
 
