@@ -26,7 +26,6 @@ from pamid.base.metrics import mae
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.correction.residual_data import (
     RESIDUAL_FILE,
-    RESIDUAL_RUNS,
     ResidualData,
     derived,
     split_table,
@@ -219,7 +218,7 @@ def write_correction(run: Run, found: Correction) -> dict[str, Any]:
     about = {
         "enters": "output",
         "model": one.model,
-        "target": f"measured {one.channel} - {RESIDUAL_RUNS[one.model]}",
+        "target": f"measured {one.channel} - {one.model_words}",
         "mae": {one.channel: {**found.mae, "part": "held-out"}},
         "notes": list(one.notes),
     }

@@ -47,7 +47,7 @@ from pamid.correction.output_network import (
     train_network,
     write_network,
 )
-from pamid.correction.residual_data import RESIDUAL_RUNS, ResidualData, derived
+from pamid.correction.residual_data import ResidualData, derived
 from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
@@ -406,7 +406,7 @@ def write_port_correction(run: Run, found: PortCorrection) -> dict[str, Any]:
     about = {
         "enters": {"port": found.entry.name},
         "model": found.residual.model,
-        "target": f"what is missing at {found.entry.name} of {RESIDUAL_RUNS[found.residual.model]}",
+        "target": f"what is missing at {found.entry.name} of {found.residual.model_words}",
         "parameters": found.parameters,
         "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()},
         "notes": list(found.notes),

@@ -69,6 +69,14 @@ class ResidualData:
         """measured - model, in the channel's unit."""
         return self.columns[self.channel] - self.columns[self.modelled]
 
+    @property
+    def model_words(self) -> str:
+        """The model whose residual this is, and whether the run holds causes that it lacks."""
+        caused = derived(self.channel, "cause") in self.columns
+        return RESIDUAL_RUNS[self.model] + (
+            ", without the causes of the diagnosis" if caused else ""
+        )
+
     def signals(self, stretch: Segment) -> dict[str, Array]:
         """The inputs over a stretch by name, in the order of `inputs`."""
         return {name: self.columns[name][stretch.rows] for name in self.inputs}

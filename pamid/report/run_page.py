@@ -383,6 +383,7 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
             f"{formatting.clean(one.kind)} network{size}; how training ended: {ended}"
         ),
         formatting.sentence(formatting.clean(one.summary.remark)),
+        formatting.sentence(f"trained on {formatting.clean(one.target)}") if one.target else "",
     ]
     texts += [
         "It corrects the model in its own loop: there the held-out error of "

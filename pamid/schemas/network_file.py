@@ -110,7 +110,6 @@ class NetworkFile(Model):
         "period_s",
         "weights",
         "enters",
-        "target",
         "parameters",
         "notes",
     )

@@ -111,6 +111,19 @@ def test_further_columns_of_the_table_are_no_inputs(run: Copy) -> None:
     assert read_residual_data(folder, "angle_deg", ("spare_v",)).inputs == ("spare_v",)
 
 
+def test_the_target_names_the_model_and_the_causes_that_it_lacks(run: Copy) -> None:
+    folder = run()
+    without_loop(folder)
+    model = "the refitted model on recorded commands"
+    assert read_residual_data(folder, "angle_deg").model_words == model
+    names, *lines = (folder / "residual.csv").read_text().splitlines()
+    more = [f"{names},angle_cause_deg", *(f"{line},{i % 5}" for i, line in enumerate(lines))]
+    (folder / "residual.csv").write_text("\n".join(more) + "\n")
+    leftover = read_residual_data(folder, "angle_deg")
+    assert leftover.model_words == f"{model}, without the causes of the diagnosis"
+    assert not any("cause" in name for name in leftover.inputs)
+
+
 def test_a_run_that_does_not_list_its_inputs_asks_for_them(run: Copy) -> None:
     folder = run()
     without_loop(folder)

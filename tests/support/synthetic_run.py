@@ -449,6 +449,7 @@ def network_json() -> dict[str, Any]:
         "schema": "pamid.network/1",
         "kind": "elman",
         "n_weights": 171,
+        "target": "measured angle_deg - the refitted model on recorded commands",
         "output": {"name": "angle_deg", "unit": "deg"},
         "training": {
             "why": "the gradient is below its goal",

@@ -321,6 +321,7 @@ def test_a_network_that_did_not_converge_is_no_warning_above_the_verdict(tmp_pat
     page = text_of(make_run(tmp_path / "RUN", network=network))
     assert page.count("100 iterations are done") == 1
     assert "how training ended: 100 iterations are done" in page
+    assert "Trained on measured angle_deg - the refitted model on recorded commands." in page
 
 
 def test_a_cause_whose_refit_did_not_converge_is_said(tmp_path: Path) -> None:
