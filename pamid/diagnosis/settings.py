@@ -180,7 +180,7 @@ class Settings:
     port_reach: float = setting(
         0.3,
         "share of the largest latent evidence",
-        "of many candidates, those at ports with less are not screened",
+        "at a port of the kind; of many candidates, those at ports with less are not screened",
         COST_ONLY,
     )
     screen_length: float = setting(

@@ -27,6 +27,7 @@ from pamid.estimation.port_evidence import PortEvidence, locate
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
+from pamid.model.rig import Port
 from pamid.parallel.jobs import WorkerPool
 from pamid.schemas.diagnosis_file import CAUSED
 from pamid.simulation.data_split import DataSplit, half_of_windows
@@ -175,7 +176,8 @@ def diagnose(
     )
     progress("looking where something is missing")
     located = locate(evidence, base, pool, alike=settings.port_alike)
-    first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
+    ports = evidence.rig.ports
+    first = run_round(search, base, candidates_to_screen(candidates, ports, located, settings))
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first)
     ranking = comparison.ordered(first.models)
@@ -210,13 +212,24 @@ def diagnose(
 
 
 def candidates_to_screen(
-    candidates: list[Attachment], located: PortEvidence, settings: Settings = DEFAULT
+    candidates: list[Attachment],
+    ports: Mapping[str, Port],
+    located: PortEvidence,
+    settings: Settings = DEFAULT,
 ) -> list[Attachment]:
-    """All candidates, up to `held_background_from` of them. Of more, those that act at ports with
-    latent evidence, and at least half that number."""
-    many = settings.held_background_from
-    if len(candidates) <= many:
+    """All candidates, up to `held_background_from` of them. Of more, those at the ports with most
+    latent evidence among the ports of a kind.
+
+    A slowly varying value cannot mimic play in a stiff gear, and evidence at the motor beside it is
+    no reason to leave the gear out; of one joint or another it decides.
+    """
+    if len(candidates) <= settings.held_background_from:
         return candidates
-    there = [max(located.gains[port] for port in a.ports) for a in candidates]
-    enough = min(settings.port_reach * located.most, sorted(there)[-many // 2])
-    return [a for a, gain in zip(candidates, there, strict=True) if gain >= enough]
+    most: dict[str, float] = {}
+    for name, gain in located.gains.items():
+        most[ports[name].kind] = max(gain, most.get(ports[name].kind, 0.0))
+
+    def reaches(name: str) -> bool:
+        return located.gains[name] >= settings.port_reach * most[ports[name].kind]
+
+    return [a for a in candidates if any(map(reaches, a.ports))]

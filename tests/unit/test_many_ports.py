@@ -7,6 +7,7 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.diagnosis.screening import _free
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import candidates_to_screen
 from pamid.estimation.port_evidence import (
     MANY_PORTS,
@@ -34,7 +35,7 @@ def test_few_candidates_are_all_screened() -> None:
     joint = rig_named("one-dof")
     few = attachments(joint, effects().values())
     nothing = PortEvidence(dict.fromkeys(joint.ports, 0.0) | {"joint": 9.0}, (), {}, {})
-    assert candidates_to_screen(few, nothing) == few
+    assert candidates_to_screen(few, joint.ports, nothing) == few
 
 
 def test_of_many_those_where_something_is_missing() -> None:
@@ -48,7 +49,7 @@ def test_of_many_those_where_something_is_missing() -> None:
         "valve_21": 15.0,
         "pressure_sensor_21": 10.0,
     }
-    kept = {a.label for a in candidates_to_screen(EVERY, located(gains))}
+    kept = {a.label for a in candidates_to_screen(EVERY, ARM.ports, located(gains))}
     assert {
         "coulomb-friction@joint_2",
         "maxwell-slip-hysteresis@muscle_21",
@@ -66,8 +67,20 @@ def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
         "pressure_11": 5.0,
         "valve_11": 5.0,
     }
-    kept = {a.label for a in candidates_to_screen(EVERY, located(gains))}
+    kept = {a.label for a in candidates_to_screen(EVERY, ARM.ports, located(gains))}
     assert {"clock-skew", "chain-stretch@chain_11", "leak@pressure_11"} <= kept
+
+
+def test_evidence_is_compared_among_ports_of_a_kind() -> None:
+    """Evidence at the amplifier and at both shafts is no reason to leave out the only gear."""
+    motor = rig_named("geared-motor")
+    every = attachments(motor, effects().values())
+    gains = dict.fromkeys(motor.ports, 0.0) | {"amplifier": 67.0, "motor": 16.0, "load": 2.0}
+    kept = candidates_to_screen(every, motor.ports, PortEvidence(gains, (), {}, {}))
+    labels = {a.label for a in kept}
+    assert len(every) > DEFAULT.held_background_from
+    assert "coupling-play" in labels and "coulomb-friction@motor" in labels
+    assert "coulomb-friction@load" not in labels
 
 
 def _found(log_evidence: float) -> Smoothed:
