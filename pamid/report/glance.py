@@ -23,6 +23,7 @@ from pamid.report.rig_texts import first_parameter
 from pamid.schemas.added_variables_file import AddedVariable
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
 from pamid.verdict import verdict_words
+from pamid.verdict.notes import OF_THE_LOG
 from pamid.verdict.verdict_words import chance_figure
 
 _MOST_PORTS, _MOST_CAUSES, _NOTHING = 3, 3, 0.005
@@ -46,6 +47,8 @@ def todo_of(run: RunData) -> str:
         return "Ask for the cause: `pamid diagnose` on the same recordings."
     if diagnosis.remark:
         return "Check the recordings and their units first; no verdict means anything before."
+    if any(OF_THE_LOG in note for note in diagnosis.notes):
+        return "Shift the column that is one row late, and diagnose again before you measure more."
     experiment = diagnosis.next_experiment
     if experiment is None and diagnosis.withheld:
         return "Hold the rig by a loop and record again: without one each experiment leads too far."

@@ -24,6 +24,7 @@ from pamid.verdict.verdict_words import joined
 FEW_WINDOWS = 12  # with fewer held out a note says so
 # an effect looks like what stands far off if it takes so many tolerances off it; so many are named
 EASED, EASING_MOST = 0.5, 3
+OF_THE_LOG = "this is the log, not the machine"
 ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
 # errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
 UNEXPLAINED_ERROR, ABOVE_NOISE = 0.9, 10.0
@@ -177,8 +178,8 @@ def _one_sample(d: Diagnosis) -> list[str]:
         return []
     model, period_s = d.answer.model, max(r.sampling_period_s for r in d.evidence.recordings)
     return [
-        f"{b.owner} comes to {abs(late) / period_s:.2f} sampling periods: this is the log, not the "
-        "machine. A row holds a command that acts from the next row on, or a reading of the row "
+        f"{b.owner} comes to {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A "
+        "row holds a command that acts from the next row on, or a reading of the row "
         "before. Shift that column by one row and diagnose again."
         for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
         if b.key.endswith((":delay", ":start")) and abs(abs(late) / period_s - 1.0) < ONE_SAMPLE

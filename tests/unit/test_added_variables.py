@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pamid.verdict.diagnosis_run import diagnose_into
 from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.base.json_file import read_json
@@ -25,6 +24,7 @@ from pamid.model.attachment import attachments
 from pamid.model.registry import effects
 from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
 from pamid.schemas.model import read
+from pamid.verdict.diagnosis_run import diagnose_into
 
 CATALOGUE = {name: kind for name, kind in effects().items() if name in FEW}
 EVERYTHING = 10**9

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import Experiment, menu
+from pamid.excitation.experiments import MENU, Experiment, menu
 from pamid.excitation.washout import washed_out
 from pamid.excitation.waveforms import amplitude_sweep, odd_multisine, slow_reversals, speed_runs
 from pamid.model.registry import rig_named
@@ -196,3 +196,11 @@ def test_what_is_washed_out_adds_up_to_little(shape: Callable[[Array], Array]) -
     assert left.shape == wave.shape and np.abs(left).max() <= 1.0
     assert np.ptp(np.cumsum(left)) < share * SAMPLES
     assert abs(left.sum()) < 1e-6
+
+
+def test_an_experiment_is_described_without_the_words_of_one_domain() -> None:
+    """The menu serves an oven and a tank as it serves a shaft."""
+    driven = [e for e in MENU if e.name not in ("aprbs-other-inertia",)]
+    words = {word.strip(",:;") for e in driven for word in e.why.split()}
+    assert words
+    assert not words & {"dry", "sticks", "play", "torque", "compliance", "friction", "joint"}

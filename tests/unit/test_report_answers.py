@@ -17,11 +17,13 @@ from pamid.base.errors import FileError
 from pamid.report.captions import ports_title
 from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, ranking_drawing, regimes_drawing
+from pamid.report.glance import todo_of
 from pamid.report.load import load_run
 from pamid.report.style import render
 from pamid.report.writing import drawings_of
 from pamid.schemas.diagnosis_file import CAUSED, WITHHELD, Verdict, Where
 from pamid.schemas.model import read
+from pamid.verdict.notes import OF_THE_LOG
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")
 
@@ -339,3 +341,12 @@ def test_a_row_of_the_ranking_says_what_it_shows_where_a_pointer_rests(tmp_path:
     picture = render(drawing)
     told = "<title>Bouc-Wen hysteresis removes 41\u00a0% of the held-out error over all channels"
     assert told in picture.wide and told in picture.narrow and "<title>" not in picture.svg
+
+
+def test_a_log_that_is_a_row_off_comes_before_an_experiment(tmp_path: Path) -> None:
+    note = f"dead-time@ammeter comes to 1.01 sampling periods: {OF_THE_LOG}. Shift that column."
+    told = diagnosis_json("explained")
+    plain = make_run(tmp_path / "A", diagnosis=told)
+    noted = make_run(tmp_path / "B", diagnosis=told | {"notes": [note]})
+    assert "Run the experiment" in todo_of(load_run(plain))
+    assert todo_of(load_run(noted)).startswith("Shift the column that is one row late")
