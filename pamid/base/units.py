@@ -66,10 +66,12 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "Ohm": (1.0, 0.0, (1, 2, -3, -2, 0, 0)),
     "K": (1.0, 0.0, (0, 0, 0, 0, 1, 0)),
     "degC": (1.0, 273.15, (0, 0, 0, 0, 1, 0)),
+    "degF": (1.0 / 1.8, 273.15 - 32.0 / 1.8, (0, 0, 0, 0, 1, 0)),
     "percent": (1e-2, 0.0, _DIMENSIONLESS),
 }
 # a name that ends in kv is that of a velocity gain (MuJoCo), hardly ever in kilovolt
 _BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS if symbol != "kV"}
+_BY_TOKEN["pct"] = "percent"
 
 #: SI symbol -> quantity; the first entry of a dimension is its canonical SI symbol
 _QUANTITIES: tuple[tuple[str, str], ...] = (
@@ -116,6 +118,7 @@ _OTHER_SPELLINGS = {
     "²": "2",
     "³": "3",
     "°C": "degC",
+    "°F": "degF",
     "°": "deg",
     "Ω": "Ohm",
     "µ": "u",
@@ -322,13 +325,14 @@ def quantity_of(symbol: str) -> str:
 
 def quotient(symbol: str, *below: str) -> str:
     """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") ->
-    "1/s"."""
+    "1/s", ("degC", "s") -> "K/s", for a degree in a quotient is a difference."""
     powers: dict[str, int] = {}
     for sign, text in ((1, symbol), *((-1, other) for other in below)):
         above, under = _split_fraction(text or NONE)
         for way, part in ((sign, above), (-sign, under)):
             for atom, exponent in part:
-                powers[atom] = powers.get(atom, 0) + way * exponent
+                plain = "K" if atom == "degC" else atom
+                powers[plain] = powers.get(plain, 0) + way * exponent
     return _join_symbol(
         [(a, n) for a, n in powers.items() if n > 0], [(a, -n) for a, n in powers.items() if n < 0]
     )

@@ -69,7 +69,6 @@ CLOCKS = {
     3600.0: "hours: multiply them by 3600",
 }
 ATMOSPHERE_PA = 101325.0
-FAHRENHEIT = (1.0 / 1.8, 273.15 - 32.0 / 1.8)  # factor and offset to K
 ORDER = ("clock", "sign", "exchanged", "absolute-pressure", "unit", "scale", "parameter")
 UNNAMED = ORDER[-2:]  # kinds of slips that are no other unit
 INVENTED = 3.0  # times as near to the data sheet's run: a factor that is as likely as a unit
@@ -395,8 +394,6 @@ def _units_of_column(column: str, symbol: str) -> Iterator[Slip]:
         found["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
     if quantity == "velocity":
         found["km/h"] = (1.0 / 3.6, 0.0)
-    if quantity == "temperature":
-        found["degF"] = FAHRENHEIT
     for name, (factor, offset) in found.items():
         factor /= here.factor
         yield Slip("unit", (column,), factor, offset - here.offset * factor, name)

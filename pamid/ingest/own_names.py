@@ -55,7 +55,8 @@ def column_unit(text: str) -> str:
         for symbol in (*FIRST, *known_symbols()):
             one = unit(symbol)
             near = abs(one.factor - (wanted.factor if same_size else 1.0)) <= 1e-9 * one.factor
-            if one.dimension == wanted.dimension and near and one.offset == wanted.offset:
+            near = near and abs(one.offset - wanted.offset) <= 1e-9 * one.offset
+            if one.dimension == wanted.dimension and near:
                 return symbol
     try:
         return unit(text).symbol

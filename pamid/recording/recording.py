@@ -89,10 +89,8 @@ _FOREIGN_UNITS = (
     "lbin",
     "sec",
     "msec",
-    "pct",
     "counts",
     "ticks",
-    "degf",
 )
 
 

@@ -10,7 +10,6 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pamid.base.units import quotient, split_column
-from pamid.base.units import unit as unit_of
 from pamid.report import formatting
 from pamid.report.captions import error_signal_title
 from pamid.report.figures import MODEL_LINES, binned
@@ -97,7 +96,7 @@ def _signals(residual: Residual) -> dict[str, str]:
     for column in measured:
         stem, unit = split_column(column)
         name = "velocity" if stem in ("angle", "position") else f"{stem}_rate"
-        found.setdefault(name, quotient("K" if unit_of(unit).offset else unit, "s"))
+        found.setdefault(name, quotient(unit, "s"))
     return found
 
 

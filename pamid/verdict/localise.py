@@ -150,7 +150,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
     length = max(5, 2 * round(SMOOTHED * r.track.timescale_s / period) + 1)
     for i, channel in enumerate(evidence.channels):
         stem, unit = split_column(channel)
-        rated = quotient("K" if unit_of(unit).offset else unit, "s")
+        rated = quotient(unit, "s")
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
         smooth, rate = (local_parabola(y, length, period, order) for order in (0, 1))
         out[stem] = (from_si(smooth, unit), "" if unit == NONE else unit)

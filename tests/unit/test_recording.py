@@ -314,6 +314,8 @@ def test_match_column() -> None:
     assert match_column(["pressure_1_filtered", "pressure_2_kpa"], "pressure_1_kpa") is None
     assert match_column("command_1", "command") is None
     assert match_column("external_torque_n_m", "external_torque_nm") == "external_torque_n_m"
+    assert match_column("command_pct", "command") == "command_pct"
+    assert match_column("body_temperature_degf", "body_temperature_degc") == "body_temperature_degf"
 
 
 @pytest.mark.parametrize(
@@ -323,7 +325,7 @@ def test_match_column() -> None:
         ("pressure_1_n", "pressure_1_kpa", ("'N'", "_kpa")),
         ("angle", "angle_deg", ("without a unit", "_deg")),
         ("angle_degrees", "angle_deg", ("degrees", "_deg")),
-        ("command_pct", "command", ("pct", "no unit")),
+        ("command_counts", "command", ("counts", "no unit")),
     ],
 )
 def test_wrong_unit_suffix(column: str, wanted: str, words: tuple[str, ...]) -> None:

@@ -18,6 +18,7 @@ from pamid.base.units import (
     from_si,
     is_unit,
     quantity_of,
+    quotient,
     split_column,
     suffix_of,
     suffixes_for,
@@ -258,6 +259,7 @@ def test_a_name_that_multiplies_by_a_time_was_meant_to_divide(name: str, meant: 
         ("Vs/rad", "V s/rad", 1.0),
         ("mAh", "mA h", 3.6),
         ("kV", "kV", 1e3),
+        ("°F", "degF", 1.0 / 1.8),
         ("°C", "degC", 1.0),
     ],
 )
@@ -299,3 +301,11 @@ def test_a_slip_is_answered_with_the_nearest_unit() -> None:
 )
 def test_a_duration_has_the_unit_that_fits_it(seconds: float, said: str) -> None:
     assert duration_text(seconds) == said
+
+
+def test_a_rate_of_temperature_keeps_the_size_of_its_degree() -> None:
+    assert quotient("degC", "s") == "K/s" and quotient("degF", "s") == "degF/s"
+    assert to_si(1.8, "degF/s") == pytest.approx(1.0)
+    assert to_si(212.0, "degF") == pytest.approx(373.15)
+    assert split_column("tc_degF") == ("tc", "degF")
+    assert split_column("heater_pct") == ("heater", "percent")
