@@ -11,15 +11,23 @@ from dataclasses import dataclass
 from pamid.base.errors import FileError, UsageError, listed, nearest
 from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column, unit
 from pamid.ingest.channel_words import meanings
-from pamid.ingest.matcher import NO_FIT, RAW, ColumnFit, best_pairs, column_fit
+from pamid.ingest.matcher import (
+    DRIVEN,
+    NO_FIT,
+    RAW,
+    ColumnFit,
+    best_pairs,
+    column_fit,
+    duty_fit,
+)
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
 UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
 ASKED = 0.45  # a drive's own set-point, for what it then makes
-DRIVEN = 0.25  # a drive's voltage or current for the force or torque that it makes
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
+NAMED = 4  # rigs of which an error says what they lack
 UNRECORDED = 0.25  # weight of an output that was not recorded
 _SPEEDS = ("velocity", "angular velocity")
 _MADE = {"force", "torque"}  # by what a drive is sent
@@ -222,12 +230,15 @@ def match_columns(
         for wanted, found in said.items()
     }
     free = [found for found in recorded if found not in said.values()]
+    needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
         (wanted, found): max(
             pair_score(found, wanted),
             _driven(found, wanted) if role == "input" else NO_FIT,
+            duty_fit(*split_column(found), wanted) if wanted in needed else NO_FIT,
         )
-        for wanted, role in roles.items()
+        # a room's temperature, which a rig can do without, comes after that of the oven
+        for wanted, role in sorted(roles.items(), key=lambda one: one[0] in rig.optional)
         for found in free
         if wanted not in said and not ((role == "output" or wanted in rig.ramped) and found in held)
     }
@@ -235,7 +246,6 @@ def match_columns(
         score, by, scaled = fits[wanted, found]
         taken[wanted] = Pair(wanted, found, roles[wanted], by, scaled, score)
     pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
-    needed = [name for name in rig.inputs if name not in rig.optional]
     used = {q.found for q in pairs}
     unused = tuple(name for name in recorded if name not in used)
     weights = {
@@ -260,6 +270,11 @@ def _is_its_own(recorded: Iterable[str], rig: type[Rig]) -> bool:
     """Does the recording bear the names of all that a rig needs, and of an output?"""
     names, needed = set(recorded), set(rig.inputs) - set(rig.optional)
     return bool(needed) and names >= needed and bool(names & set(rig.outputs))
+
+
+def _by_names(match: Match) -> bool:
+    """Do all pairs bear one name, in units of one quantity?"""
+    return all(q.by == "name" and not q.scaled for q in match.pairs)
 
 
 def _same(found: str, wanted: str) -> bool:
@@ -308,6 +323,13 @@ def best_match(
     fitting = [one for one in every if one.fits and (one.rig.inputs or not one.unused)]
     guessed = [one for one in fitting if not one.named]
     fitting = [one for one in fitting if one.named]
+    whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
+    if whole and whole not in examples() and not any(map(_by_names, fitting)):
+        raise FileError(
+            f"These are the columns of rig {whole!r}, which is used as it is.",
+            f"Add --rig {whole} to the commands.",
+            code="no-match",
+        )
     if guessed and not fitting:
         names = ", ".join(
             f"{one.rig.name} ({inspect.cleandoc(one.rig.__doc__ or '').splitlines()[0]})"
@@ -320,14 +342,7 @@ def best_match(
         )
     fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
     if not fitting:
-        whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
-        if whole:
-            raise FileError(
-                f"These are the columns of rig {whole!r}, which is used as it is.",
-                f"Add --rig {whole} to the commands.",
-                code="no-match",
-            )
-        near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every)
+        near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every[:NAMED])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),

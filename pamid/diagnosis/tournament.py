@@ -176,8 +176,8 @@ def diagnose(
     )
     progress("looking where something is missing")
     located = locate(evidence, base, pool, alike=settings.port_alike)
-    ports = evidence.rig.ports
-    first = run_round(search, base, candidates_to_screen(candidates, ports, located, settings))
+    screened = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
+    first = run_round(search, base, screened)
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first)
     ranking = comparison.ordered(first.models)

@@ -200,6 +200,19 @@ _SIDES = {
     "flexor": "1",
     "extensor": "2",
 }
+#: the parts of a machine that rigs name their channels after, in other languages
+_PARTS = {
+    **dict.fromkeys(("last", "abtrieb", "charge", "carga", "carico"), "load"),
+    **dict.fromkeys(("antrieb", "moteur", "motore"), "motor"),
+    **dict.fromkeys(("heizung", "heizer", "heizleistung", "chauffage", "heating"), "heater"),
+}
+
+
+@lru_cache(maxsize=CACHED)
+def plain_words(name: str) -> frozenset[str]:
+    """The words of a name, without numbers, parts of a machine by their English names:
+    "Winkel Last" -> {"winkel", "load"}."""
+    return frozenset(_PARTS.get(word, word) for word in tokens(name) if not word.isdigit())
 
 
 @lru_cache(maxsize=CACHED)

@@ -24,7 +24,7 @@ from pamid.ingest.guessed_clock import (
     guess_clock,
 )
 from pamid.ingest.mapping import UNANSWERED
-from pamid.ingest.matcher import SAME_NAME, best_pairs, column_fit
+from pamid.ingest.matcher import RATIO, SAME_NAME, best_pairs, column_fit, duty_fit
 from pamid.ingest.own_names import own_columns
 from pamid.ingest.parts import parts_in
 from pamid.ingest.robot_names import (
@@ -140,6 +140,8 @@ def guess_of(
         left.append("time.unit")
     if period == UNANSWERED:
         left.append("time.period_s")
+    if clock.found is not None and clock.found.state == "undecided":
+        left.append("time.repair")
     for column, one in taken.items():
         lines += _signal_lines(column, one, answers, left, clock)
     lines += _tail(rig, taken, every, answers.known)
@@ -174,9 +176,10 @@ def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, Chosen
     nameless = robot_values(channels) if rig.log_names else {}
     scores = {}
     for i, channel in enumerate(channels):
-        for column in columns:
+        for column in sorted(columns, key=rig.optional.__contains__):
             # a robot's own names say more than words for what is measured
-            score = _score(channel, column)
+            sent = column in rig.inputs and column not in rig.optional
+            score = _score(channel, column, sent)
             if score < SAME_NAME and i in nameless:
                 score = 0.0
             fit = named.get((i, column))
@@ -189,11 +192,16 @@ def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, Chosen
     }
 
 
-def _score(channel: Channel, column: str) -> float:
-    """How well a channel fits a column of the rig, by its unit in the log or in its name."""
+def _score(channel: Channel, column: str, sent: bool) -> float:
+    """How well a channel fits a column of the rig, by its unit in the log or in its name; sent: an
+    input that the rig needs."""
     stem, symbol = split_column(channel.name.rpartition("/")[2])
     if channel.unit and is_readable(channel.unit):
-        return column_fit(stem, read_unit(channel.unit).dimension, column).score
+        ratio = read_unit(channel.unit).dimension == RATIO
+        duty = duty_fit(stem, "percent", column).score if ratio and sent else 0.0
+        return max(duty, column_fit(stem, read_unit(channel.unit).dimension, column).score)
+    if sent and symbol != NONE and (duty := duty_fit(stem, symbol, column).score):
+        return duty
     return column_fit(stem, unit(symbol).dimension if symbol != NONE else None, column).score
 
 
@@ -269,14 +277,14 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
             return NONE, "it counts rows"
         said = f"the log says {toml_string(logged)}; " if logged else ""
         return UNANSWERED, f'{said}"deg" makes {column} a column {column}_deg; "1" is a ratio'
-    if logged:
-        return UNANSWERED, (
-            f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale "
-            f"= {symbol} per {toml_string(logged)}"
-        )
     suffix = split_column(channel.name.rpartition("/")[2])[1]
-    if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
+    if not logged and suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
+    if said := logged or suffix.removeprefix(NONE):
+        return UNANSWERED, (
+            f"the log says {toml_string(said)}, the column is a {quantity_of(symbol)}; or scale "
+            f"= {symbol} per {toml_string(said)} in place of it"
+        )
     if fit is not None and fit.si:
         for one in _SI:
             if unit(one).dimension == unit(symbol).dimension:

@@ -6,13 +6,16 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from typing import NamedTuple, TypeVar
 
-from pamid.base.units import NONE, Dimension, split_column, unit
-from pamid.ingest.channel_words import meanings, number, tokens
+from pamid.base.units import NONE, Dimension, quantity_of, split_column, unit
+from pamid.ingest.channel_words import meanings, number, plain_words
 
 # how well a pair fits; a robot's names have scores between (`pamid.ingest.robot_names`)
 SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
 UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
 RAW = (unit("V").dimension, unit("A").dimension)
+RATIO = unit(NONE).dimension
+DRIVEN = 0.25  # what is sent to a drive, for what the drive then applies
+APPLIED = ("voltage", "current", "power", "force", "torque")
 
 Given = TypeVar("Given", bound=Hashable)
 
@@ -43,12 +46,11 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     if ("reference" in found) != ("reference" in sought):
         return NO_FIT
     score, by = 0.0, ""
-    words = {word for word in tokens(stem) if not word.isdigit()}
     if stem == wanted_stem:
         score, by = SAME_NAME, "name"
     elif dimension is None and found and sought and not found & sought:
         return NO_FIT  # where no unit says it, the speed of a shoulder is not its angle
-    elif words & set(tokens(wanted_stem)):
+    elif plain_words(stem) & plain_words(wanted_stem):
         score, by = SHARED_WORD, "word"
     elif found & sought:
         score, by = SAME_MEANING, "word"
@@ -57,6 +59,17 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     if not same:
         score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
     return ColumnFit(score, by, not same)
+
+
+def duty_fit(stem: str, symbol: str, wanted: str) -> ColumnFit:
+    """How well a command without a unit, or a column in percent, fits an input of a rig that is
+    what a drive, a heater or an amplifier then applies: a gain stands between the two."""
+    wanted_stem, wanted_symbol = split_column(wanted)
+    if unit(symbol).dimension != RATIO or quantity_of(wanted_symbol) not in APPLIED:
+        return NO_FIT
+    if "command" in meanings(stem) or plain_words(stem) & plain_words(wanted_stem):
+        return ColumnFit(DRIVEN, "word", True)
+    return ColumnFit(DRIVEN, "unit", True) if symbol != NONE else NO_FIT
 
 
 def best_pairs(scores: Mapping[tuple[str, Given], float]) -> dict[str, Given]:

@@ -303,12 +303,31 @@ def test_a_recording_in_which_nothing_is_sent_is_of_such_a_rig(here: Path) -> No
 
 
 def test_what_fits_no_rig_says_what_each_lacks() -> None:
-    with pytest.raises(FileError, match="thermal-block: no column for power_w") as caught:
+    with pytest.raises(FileError, match="pump-tank: none of its outputs: level_cm") as caught:
         best_match(["drive_v", "response_v"])
     assert "--like" in caught.value.hint
+    assert str(caught.value).count("none of its outputs") <= 4  # the nearest ones, not all
     with pytest.raises(FileError, match="columns of rig 'one-dof'") as caught:
         best_match(["command", "angle_deg"])
     assert "--rig one-dof" in caught.value.hint
+
+
+def test_a_command_in_percent_stands_for_what_it_makes() -> None:
+    """A gain stands between a duty and the voltage or the power; the load's angle is the load's in
+    any language."""
+    axis = best_match(["stellgrosse_percent", "motorstrom_a", "winkel_last_deg"])[0]
+    assert axis.rig is examples()["geared-motor"] and axis.unused == ()
+    stands = {q.found: (q.wanted, q.scaled) for q in axis.pairs}
+    assert stands["stellgrosse_percent"] == ("voltage_v", True)
+    assert stands["winkel_last_deg"] == ("load_angle_deg", False)
+    with pytest.raises(FileError, match="by their units alone: thermal-block"):
+        best_match(["kanal_3_percent", "fuehler_degf"])
+    oven = best_match(["heater_pct", "tc_degf"], like="thermal-two-mass")[0]
+    assert oven.taken_as("input") == ("heater_pct",)
+    assert oven.taken_as("output") == ("tc_degf",)  # not for the room's, which is optional
+    # where nothing is applied, a share stands for nothing
+    with pytest.raises(FileError, match="free-decay|No rig fits"):
+        best_match(["humidity_percent", "ph"])
 
 
 def test_said_columns_are_taken_as_they_are(here: Path) -> None:

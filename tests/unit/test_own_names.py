@@ -15,6 +15,7 @@ from pamid.ingest.channels import Channel
 from pamid.ingest.guessed_mapping import guess_of
 from pamid.ingest.log_reader import read_log
 from pamid.ingest.own_names import own_columns
+from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 
 COUNT = 900
@@ -82,6 +83,43 @@ def test_from_a_strangers_log_to_a_rig_of_ones_own(
     assert [c["stands_for"] for c in said["columns"]] == ["torque_nm", "angle_deg"]
 
 
+def oven_log(folder: Path) -> Path:
+    """Records of an oven: an epoch stamp, a heater in percent, a thermocouple in Fahrenheit."""
+    heat = np.repeat([0.0, 100.0, 40.0], 60)
+    degf = 70.0 + np.cumsum(heat) / 50.0
+    records = [
+        {"timestamp": 1717416000.0 + 2.0 * k, "heater_pct": q, "tc_degF": round(t, 1)}
+        for k, (q, t) in enumerate(zip(heat.tolist(), degf.tolist(), strict=True))
+    ]
+    path = folder / "oven.json"
+    path.write_text(json.dumps(records), encoding="utf-8")
+    return path
+
+
+def test_percent_and_fahrenheit_are_units_of_a_name(tmp_path: Path) -> None:
+    log = oven_log(tmp_path)
+    alone = guess_of(read_log(log))
+    assert alone.open == ()
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(alone.text, encoding="utf-8")
+    words = ["ingest", str(log), "--mapping", str(mapping), "--output", str(tmp_path / "rec.csv")]
+    assert frame.run(words) == 0
+    recording = read_recording(tmp_path / "rec.csv")
+    assert set(recording.columns) == {"heater_percent", "tc_degf"}
+    assert recording.columns["tc_degf"][0] == pytest.approx(70.0)
+    assert recording.columns["heater_percent"].max() == pytest.approx(100.0)
+
+
+def test_a_duty_is_mapped_to_the_power_with_a_question(tmp_path: Path) -> None:
+    guessed = guess_of(read_log(oven_log(tmp_path)), rig_named("thermal-two-mass"))
+    assert guessed.mapped == 2 and guessed.open == ("signals.power_w.unit",)
+    assert 'or scale = W per "percent"' in guessed.text
+    # the room's temperature is optional, and comes last
+    assert (
+        "ambient_degc" not in guessed.text and "[signals.element_temperature_degc]" in guessed.text
+    )
+
+
 def test_only_a_rig_that_is_named_is_mapped_to(tmp_path: Path) -> None:
     joint = Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv"
     guessed = pamid.guess_mapping(joint)
@@ -129,3 +167,13 @@ def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
     heater, sensor = text.partition("[signals.heater]")[2].split("[signals.sensor_degc]")
     assert 'interpolation = "hold"' in heater and "interpolation" not in sensor
     assert 'unit = "?"' in heater
+
+
+def test_an_undecided_clock_is_a_question(tmp_path: Path) -> None:
+    """Irregular stamps, and no signal that moves enough to tell why."""
+    random = np.random.default_rng(6)
+    stamps = np.cumsum(2.0 + random.exponential(0.4, COUNT))
+    rows = "".join(f"{t:.3f},{random.normal():.3f}\n" for t in stamps)
+    path = tmp_path / "odd.csv"
+    path.write_text("time_s,noise_v\n" + rows, encoding="utf-8")
+    assert guess_of(read_log(path)).open == ("time.repair",)
