@@ -201,7 +201,7 @@ _SIDES = {
     "extensor": "2",
 }
 #: the parts of a machine that rigs name their channels after, in other languages
-_PARTS = {
+_MACHINE_PARTS = {
     **dict.fromkeys(("last", "abtrieb", "charge", "carga", "carico"), "load"),
     **dict.fromkeys(("antrieb", "moteur", "motore"), "motor"),
     **dict.fromkeys(("heizung", "heizer", "heizleistung", "chauffage", "heating"), "heater"),
@@ -212,7 +212,7 @@ _PARTS = {
 def plain_words(name: str) -> frozenset[str]:
     """The words of a name, without numbers, parts of a machine by their English names:
     "Winkel Last" -> {"winkel", "load"}."""
-    return frozenset(_PARTS.get(word, word) for word in tokens(name) if not word.isdigit())
+    return frozenset(_MACHINE_PARTS.get(word, word) for word in tokens(name) if not word.isdigit())
 
 
 @lru_cache(maxsize=CACHED)
