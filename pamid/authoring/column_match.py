@@ -27,7 +27,7 @@ UNUSED = 0.1  # less for a recorded column that a rig has no place for
 UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
 ASKED = 0.45  # a drive's own set-point, for what it then makes
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
-LACKING = 4  # rigs of which an error says what they lack
+LISTED_RIGS = 4  # rigs of which an error says what they lack
 UNRECORDED = 0.25  # weight of an output that was not recorded
 _SPEEDS = ("velocity", "angular velocity")
 _MADE = {"force", "torque"}  # by what a drive is sent
@@ -342,7 +342,7 @@ def best_match(
         )
     fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
     if not fitting:
-        near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every[:LACKING])
+        near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every[:LISTED_RIGS])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),
