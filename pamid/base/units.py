@@ -513,8 +513,12 @@ def _read_words(words: list[str], *, divides: bool = False) -> Factors | None:
         match = _FACTOR.fullmatch(word)
         if word == "nm":
             factors += [("N", 1), ("m", 1)]
-        # a name may end in an h; a rate says "per_h"
-        elif match is None or match.group(1) not in _BY_TOKEN or (word == "h" and not divides):
+        # a name may end in an h, and kv is a velocity gain; a rate says "per_h"
+        elif (
+            match is None
+            or match.group(1) not in _BY_TOKEN
+            or (word in ("h", "kv") and not divides)
+        ):
             return None
         else:
             factors.append((_BY_TOKEN[match.group(1)], int(match.group(2) or 1)))

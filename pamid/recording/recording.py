@@ -91,6 +91,7 @@ _FOREIGN_UNITS = (
     "msec",
     "counts",
     "ticks",
+    "kv",
 )
 
 

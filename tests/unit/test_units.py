@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pamid.base.errors import FileError
 from pamid.base.units import (
+    check_named_unit,
     compatible,
     display_unit,
     divided_name,
@@ -309,3 +310,10 @@ def test_a_rate_of_temperature_keeps_the_size_of_its_degree() -> None:
     assert to_si(212.0, "degF") == pytest.approx(373.15)
     assert split_column("tc_degF") == ("tc", "degF")
     assert split_column("heater_pct") == ("heater", "percent")
+
+
+def test_a_velocity_gain_is_no_voltage() -> None:
+    """MuJoCo calls the gain of a velocity servo kv; in a symbol kV is a unit."""
+    check_named_unit("parameter", "turn_kv", "N m s/rad")
+    assert split_column("turn_kv_n_m_s_per_rad") == ("turn_kv", "N m s/rad")
+    assert unit("kV").factor == 1e3
