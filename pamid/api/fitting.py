@@ -71,7 +71,13 @@ def fit(
     """
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
     named = effects_given(effects)
-    attached = tuple(a for a, _ in attach_specs(given.evidence.rig, named))
+    specs = attach_specs(given.evidence.rig, named)
+    if valued := next((a.label for a, values in specs if values), ""):
+        raise UsageError(
+            f"effect {valued!r}: a fit estimates its parameters and takes no values for them.",
+            f"Name it alone: --effect {valued}.",
+        )
+    attached = tuple(a for a, _ in specs)
     before = _earlier_run(earlier, output)
     posterior = read_posterior(before) if before else None
 

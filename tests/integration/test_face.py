@@ -510,3 +510,15 @@ def test_what_counts_steps_is_told_how_many_are_done(recorded: Path, tmp_path: P
     counting.seen.clear()
     pamid.train_residual(run, hidden=2, iterations=3, progress=counting)
     assert max(done for done, _ in counting.seen) == 3 and "MSE" in counting.seen[-1][1]
+
+
+def test_a_fit_takes_no_values_for_an_effect(tmp_path: Path) -> None:
+    """They were dropped silently, and so was a parameter that does not exist."""
+    with pytest.raises(UsageError, match="takes no values") as caught:
+        pamid.fit(
+            Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv",
+            "one-dof",
+            effects=["coulomb-friction:banana=1"],
+            output=tmp_path / "run",
+        )
+    assert "--effect coulomb-friction" in caught.value.hint
