@@ -69,9 +69,7 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "degF": (1.0 / 1.8, 273.15 - 32.0 / 1.8, (0, 0, 0, 0, 1, 0)),
     "percent": (1e-2, 0.0, _DIMENSIONLESS),
 }
-# a name that ends in kv is that of a velocity gain (MuJoCo), hardly ever in kilovolt
-_BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS if symbol != "kV"}
-_BY_TOKEN["pct"] = "percent"
+_BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS} | {"pct": "percent"}
 
 #: SI symbol -> quantity; the first entry of a dimension is its canonical SI symbol
 _QUANTITIES: tuple[tuple[str, str], ...] = (
