@@ -16,7 +16,6 @@ from pamid.base.run_folder import (
     RESIDUAL_FILE,
     Run,
 )
-from pamid.diagnosis.added_variables import added_variables
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
@@ -26,6 +25,7 @@ from pamid.parallel.jobs import WorkerPool
 from pamid.planning.next_experiment import Proposal, Proposing
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.simulation.data_split import DataSplit
+from pamid.verdict.added_variables import added_variables
 from pamid.verdict.remainder import Missing, find_missing, missing_csv
 from pamid.verdict.verdict_figures import diagnosis_file, with_experiment
 

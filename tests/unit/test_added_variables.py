@@ -13,8 +13,6 @@ from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.base.json_file import read_json
 from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
-from pamid.diagnosis import added_variables as module
-from pamid.diagnosis.added_variables import added_variables
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.grey_box import model_with
@@ -24,6 +22,8 @@ from pamid.model.attachment import attachments
 from pamid.model.registry import effects
 from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
 from pamid.schemas.model import read
+from pamid.verdict import added_variables as module
+from pamid.verdict.added_variables import added_variables
 from pamid.verdict.diagnosis_run import diagnose_into
 
 CATALOGUE = {name: kind for name, kind in effects().items() if name in FEW}
