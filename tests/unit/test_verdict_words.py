@@ -189,7 +189,7 @@ def test_few_windows_leave_the_leader_open() -> None:
     assert sentence(changed("cannot-tell")) == (
         "coulomb-friction may be missing. It removes 24 % of the gap (95 % interval 4 to 44 %, "
         "from 18 held-out windows), which is not certain enough. Record for longer, or with larger "
-        "motion."
+        "excitation."
     )
     assert sentence(changed("cannot-tell", ranking=[])).startswith("The refitted model leaves")
 
