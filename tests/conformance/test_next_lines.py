@@ -550,7 +550,9 @@ def test_one_of_them_is_there(command: str, here: Path, run: Run) -> None:
     run(*shlex.split(line.split("pamid ")[1]))
 
 
-def test_after_a_check(recorded: dict[str, Recording], run: Run, taken: list[DataSplit]) -> None:
+def test_after_a_check(
+    recorded: dict[str, Recording], here: Path, run: Run, taken: list[DataSplit]
+) -> None:
     (line,) = lines_of(run("check", str(recorded["one-dof"].path), "--rig", "one-dof"))
     run(*line, code=TAKEN)
     assert line[0] == "diagnose" and len(taken) == 1
