@@ -66,7 +66,7 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
 
 
 def _follow(file: Path, rig: str | None, kind: str, said: dict[str, Any]) -> str:
-    """What to do next."""
+    """Next command, for the last line of the output."""
     path, named = quoted(file), f" --rig {quoted(rig)}" if rig else ""
     if not said["ok"]:
         return f"mend it, then pamid check {path}{named}"

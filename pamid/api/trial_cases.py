@@ -205,10 +205,14 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
         return float((with_all / _refit_errors(twin)).max())
 
     # what the refitted parameters take up removes nothing, however much it moves
-    removes = {a.fault: 1.0 - 1.0 / visibility(a.fault) for a in recorded.acting}
-    acting = sorted(recorded.acting, key=lambda a: -removes[a.fault])
-    leading = [acting[0].fault] if acting else planted
-    seen = visibility(*leading) if planted else None
+    shows = {a.fault: visibility(a.fault) for a in recorded.acting}
+    acting = [
+        a.model_copy(update={"removes": 1.0 - 1.0 / shows[a.fault]})
+        for a in sorted(recorded.acting, key=lambda a: -shows[a.fault])
+    ]
+    seen = None
+    if planted:
+        seen = max(shows.values()) if shows else visibility(*planted)
     # of two faults each with the other one alone
     each = [visibility(*(k for k in planted if k != one)) for one in planted if planted[1:]]
     return {
@@ -217,11 +221,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
         "visibility": seen,
         "visibility_each": min(each, default=seen),
         "shrinkage": _shrinkage(run, recorded),
-        **(
-            {"acting": tuple(a.model_copy(update={"removes": removes[a.fault]}) for a in acting)}
-            if case.world == OPEN
-            else {}
-        ),
+        **({"acting": tuple(acting)} if case.world == OPEN else {}),
     }
 
 

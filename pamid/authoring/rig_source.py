@@ -240,7 +240,7 @@ class RigSource:
         return self.recording.columns[pair.found]
 
     def _noise(self, column: str) -> float:
-        """What a recorded output shows, in its unit."""
+        """Noise that a recorded output shows, in its unit."""
         values = self._values(self.by_wanted[column])
         return _short(float(noise_level(values[:, None])[0]), 1)
 

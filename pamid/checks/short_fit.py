@@ -83,7 +83,7 @@ class FittedWindows:
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """What both fits share: the recording's windows, weights and free parameters."""
+    """Windows, weights and free parameters of a recording, shared by both fits."""
 
     rig: Rig
     names: tuple[str, ...]

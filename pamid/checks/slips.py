@@ -249,8 +249,8 @@ class Explanation:
 
     @property
     def unlikely(self) -> float:
-        """What decides among slips that explain a recording alike: the distance to the data
-        sheet's run."""
+        """Rank among slips that explain a recording alike: the distance to the data sheet's
+        run."""
         return self.away + (math.log(INVENTED) if self.slip.kind in UNNAMED else 0.0)
 
     @property

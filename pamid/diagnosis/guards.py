@@ -147,8 +147,8 @@ def _own_parameters(
 def _along_fit(
     model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], own: list[int]
 ) -> tuple[Array, Array]:
-    """What the effect adds to these passages along the fit, and the derivatives of what enters them
-    by these parameters (samples; samples x own)."""
+    """Contribution of the effect to these passages along the fit, and the derivatives of the values
+    that enter them by these parameters (samples; samples x own)."""
     bounds, p = model.assembly.parameters, model.fit.p
     # relative: by which a parameter is moved to see its term
     least = float(np.finfo(float).eps) ** 0.25

@@ -284,13 +284,13 @@ def screen(
     probes = [(first, by_chords, steps) for first in points]
     probes += [(first, exact, more) for first in hinted]
     ends = []
-    for first, probing, steps in probes:
+    for first, probing, count in probes:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        probed = probing(p, starts, steps, reference.stepping)
+        probed = probing(p, starts, count, reference.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(probed.fit.cost):
-            probed = probing(p, starts, steps, None)
+            probed = probing(p, starts, count, None)
         ends.append(_screened(reference, attachment, first, *probed))
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):

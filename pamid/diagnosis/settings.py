@@ -161,8 +161,8 @@ class Settings:
         4,
         "candidates",
         "with the largest gain in screening that are refitted, whatever their families",
-        "docs/measured/comparison.md: with 8 the same answers on 14 real trials at 1.2 times the "
-        "CPU",
+        "the example and seven real trials (docs/measured/comparison.md): with 8 the same answers, "
+        "the example at 1.2 times the CPU",
     )
     refits_further: int = setting(
         4, "candidates", "that are refitted on top of a first effect", COST_ONLY
@@ -200,7 +200,8 @@ class Settings:
         4,
         "Gauss-Newton steps",
         "further ones from its best start, of twice as many candidates as are refitted",
-        "16 recordings: 142 of 148 refits are those of further steps for all candidates; work 0.6",
+        "16 recordings, before every family was refitted: 142 of 148 refits are those of further "
+        "steps for all candidates",
     )
 
     def __post_init__(self) -> None:

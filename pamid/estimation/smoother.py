@@ -87,9 +87,9 @@ class Simulation(NamedTuple):
 
 
 class TrajectoryPrior(NamedTuple):
-    """What is known of a trajectory before its data: information of the joints between slices
-    (slices-1 x n) and of the first value (n), decay of the states over a slice (n), log determinant
-    of the latent values' part."""
+    """Prior of a trajectory: information of the joints between slices (slices-1 x n) and of the
+    first value (n), decay of the states over a slice (n), log determinant of the latent values'
+    part."""
 
     joint: Array
     first: Array
@@ -198,9 +198,9 @@ class SlicedTrack:
     def eliminated(
         self, x: Array, one: Linearisation, prior: TrajectoryPrior, damping: float
     ) -> tuple[Array, Array, Array, Array, Array, float]:
-        """What the track adds to the parameters' information and gradient once its states are
-        eliminated, the states' gradient, the solutions for [B | gx], and the log determinant of the
-        states' information against the prior's.
+        """Contribution of the track to the parameters' information and gradient once its states
+        are eliminated, the states' gradient, the solutions for [B | gx], and the log determinant
+        of the states' information against the prior's.
 
         The system is scaled to a unit diagonal: states in pascals and radians stand side by side.
         """

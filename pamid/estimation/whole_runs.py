@@ -26,8 +26,7 @@ def free_runs(e: DataSplit, assembly: Assembly, p: Array, stepping: Stepping) ->
 
 
 def whole_spans(e: DataSplit) -> tuple[Span, ...]:
-    """What is fitted and held out, by recording and in order of time; parts that follow one another
-    are one."""
+    """Fitted and held-out spans, by recording and in order of time; adjacent ones are joined."""
     place = {id(r): k for k, r in enumerate(e.recordings)}
     whole: list[Span] = []
     for s in sorted((*e.fit, *e.held_out), key=lambda s: (place[id(s.recording)], s.start)):

@@ -258,7 +258,7 @@ def _kept(
 
 
 def _lines(conversion: Conversion) -> list[str]:
-    """What was read of a log, how its clocks were mended, and which cells were filled."""
+    """Summary of an ingested log: channels read, clocks mended, cells filled."""
     log = conversion.log
     part = f", part {log.part}" if log.part else ""
     details = f": {'; '.join(log.details)}" if log.details else ""

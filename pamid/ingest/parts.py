@@ -95,7 +95,7 @@ def parted(log: Log, sources: Iterable[str], where: str) -> list[Log]:
 
 
 def _fitting(pattern: str, channels: Sequence[Channel]) -> dict[str, Channel]:
-    """What `*` stands for -> the channel, in the order of the log."""
+    """Channels that match the pattern, by the text that `*` stands for, in the order of the log."""
     before, _, after = pattern.partition(ANY)
     text = re.compile(re.escape(before) + "([^/]+)" + re.escape(after))
     matched = ((text.fullmatch(channel.name), channel) for channel in channels)

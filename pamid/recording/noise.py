@@ -241,11 +241,11 @@ def sensor_noise(
         )
         noise = np.maximum(noise, UNIFORM * steps)
     given = [None] * len(parts) if inputs is None else inputs
-    if inputs is not None:
-        still = [_without_inputs(part, u) for part, u in zip(parts, inputs, strict=True)]
-        without = np.maximum(_noise_and_steps(np.concatenate(still))[0], stated)
-        driven = (stated > 0.0) & (steps == 0.0)
-        noise = np.where(driven, np.minimum(noise, without), noise)
+    excess = np.flatnonzero((stated > 0.0) & (steps == 0.0) & (noise > stated))
+    if inputs is not None and excess.size:
+        still = [_without_inputs(part[:, excess], u) for part, u in zip(parts, inputs, strict=True)]
+        without = np.maximum(_noise_and_steps(np.concatenate(still))[0], stated[excess])
+        noise[excess] = np.minimum(noise[excess], without)
     holds = [[hold_error(c, u) for c in part.T] for part, u in zip(parts, given, strict=True)]
     # a converter's steps explain repeats by themselves
     lag = np.where(steps > 0.0, 0.0, np.sqrt(np.mean(np.square(holds), axis=0)))

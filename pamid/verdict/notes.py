@@ -32,8 +32,7 @@ ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
 
 
 def remark(d: Diagnosis) -> str:
-    """What is wrong with the recordings, or with how they were read, where no verdict on the model
-    means anything."""
+    """Fault of the recordings, or of how they were read, for which no verdict is possible."""
     if not d.silent:
         return ""
     channels, one = joined(d.silent, "and"), len(d.silent) == 1
@@ -187,7 +186,7 @@ def _one_sample(d: Diagnosis) -> list[str]:
 
 
 def _no_place(d: Diagnosis) -> list[str]:
-    """What the rig cannot express, where the answer leaves something open."""
+    """Common effects that the rig has no place for, where the answer leaves something open."""
     if d.answer is None or d.verdict == "explained":
         return []
     rig = d.evidence.rig

@@ -373,8 +373,7 @@ def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
 
 
 def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
-    """What this recording has that no fitted recording had: values known for it, loop, controller,
-    amplitude."""
+    """Conditions that no fitted recording had: known values, loop, controller, amplitude."""
     fitted = [s.recording for s in d.evidence.fit]
     own = span.recording
     new: dict[str, Any] = {
