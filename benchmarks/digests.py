@@ -55,7 +55,7 @@ report run --output second.html
 trial --part test --seed 3 --cases 1 --output trial
 report trial
 """.strip().splitlines()  # noqa: E501
-PIXELS = (".png", ".gif", ".pdf")
+PIXELS = (".png", ".gif")
 
 
 def digests(folder: Path, pixels: bool) -> list[str]:

@@ -54,7 +54,7 @@ DISK: dict[str, tuple[list[str], bool]] = {
     ),
     "ingest --guess": (["push.csv", "--rig", RIG, "--output", "new.toml"], True),
     "check --figure": (["card.png", "rec.csv", "--rig", RIG, "--overwrite"], True),
-    "report": (["run", "--pdf"], True),
+    "report": (["run"], True),
     "animate": (["joint-run", "--size", "160", "--to", "4"], True),
     "export --to": (["c", "run", "--rig", RIG, "--output", "c"], True),
     "export --to ": (["fmu", "run", "--rig", RIG, "--output", "cart.fmu"], True),

@@ -30,7 +30,8 @@ _BESIDE = "-"  # --pdf without a file
     is_flag=False,
     flag_value=_BESIDE,
     type=click.Path(dir_okay=False),
-    help="Write it as a PDF as well; without FILE beside the page.",
+    help="Print it as a PDF as well, by an installed Chromium, Chrome or Edge; without FILE beside "
+    "the page.",
     metavar="[FILE]",
 )
 @click.option(

@@ -1,5 +1,5 @@
 """What a report says, without how it is shown: headings, paragraphs, tables and pictures in their
-order. The page (web_page.py) and the PDF (pdf.py) are made from the same document.
+order. web_page.py makes the page of it.
 
 Text in backticks is shown as code; every text may come from files, so whoever shows it escapes it.
 """
@@ -94,20 +94,18 @@ class Image:
 
 @dataclass(frozen=True)
 class Equation:
-    """math: MathML for the page; plain: the same equations as lines of text; code: shown as it
-    stands, where an equation is too long to be set."""
+    """math: MathML; code: shown as it stands, where an equation is too long to be set."""
 
     kind: ClassVar[str] = "equation"
     title: str
     math: tuple[Markup, ...] = ()
-    plain: tuple[str, ...] = ()
     code: str = ""
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Details:
-    """Folded on the page until the reader opens it; open in the PDF."""
+    """Folded until the reader opens it; open on paper."""
 
     kind: ClassVar[str] = "details"
     summary: str
@@ -116,8 +114,8 @@ class Details:
 
 @dataclass(frozen=True)
 class Interactive:
-    """What only a page with scripts can show; not in the PDF. title, place: of its own heading,
-    for the table of contents."""
+    """Content that needs scripts; not on paper. title, place: of its heading, for the table of
+    contents."""
 
     kind: ClassVar[str] = "interactive"
     markup: Markup
@@ -162,7 +160,7 @@ class AnswerCard:
 
 @dataclass(frozen=True)
 class Document:
-    """title: of the browser's tab and of the PDF's metadata; cards: the answers side by side; todo:
+    """title: of the browser's tab; cards: the answers side by side; todo:
     one line, what to do next; scripts, styles: of ours, that the interactive blocks need."""
 
     title: str

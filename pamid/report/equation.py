@@ -23,7 +23,7 @@ from pamid.model.rig import Port
 from pamid.report import formatting
 from pamid.report.document import Equation
 from pamid.report.formatting import channel_unit, effect_label, port_label
-from pamid.report.formula import FormulaError, formula_html, formula_text
+from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
@@ -190,7 +190,7 @@ def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
         return ()  # the sentence above has it as text
     at = f" at the {port_label(unknown.port)} port" if unknown.port else ""
     title = f"The term that is missing{at}, as it is described best"
-    return (Equation(title, (math,), (formula_text(formula),)),)
+    return (Equation(title, (math,)),)
 
 
 def _cause_equation(rig: str, cause: Cause) -> Equation | None:
@@ -201,12 +201,11 @@ def _cause_equation(rig: str, cause: Cause) -> Equation | None:
     if len(in_names) > _LONGEST_PLAIN:
         return Equation(title, code=found.effect.story().get("Equation", ""))
     with_names = Typeset(_shown(found, {}))
-    math, plain = [math_html(_rows(found, with_names), in_names)], [in_names]
+    math = [math_html(_rows(found, with_names), in_names)]
     if cause.parameters:
-        plain.append(_plain(found, cause.parameters))
         with_values = Typeset(_shown(found, cause.parameters))
-        math.append(math_html(_rows(found, with_values), plain[1]))
-    return Equation(title, tuple(math), tuple(plain), notes=tuple(_legend(found, with_names)))
+        math.append(math_html(_rows(found, with_values), _plain(found, cause.parameters)))
+    return Equation(title, tuple(math), notes=tuple(_legend(found, with_names)))
 
 
 def _title(cause: Cause) -> str:

@@ -110,13 +110,11 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing carried out. wide, narrow: SVG for pages, in their colours; svg: the wide one as
-    it stands, for the PDF; png: with its title, for papers and slides; linked: whether parts of the
-    SVG can be chosen."""
+    """A drawing carried out. wide, narrow: SVG for pages, in their colours; png: with its title,
+    for papers and slides; linked: whether parts of the SVG can be chosen."""
 
     name: str
     title: str
-    svg: str
     wide: str
     narrow: str
     png: bytes
@@ -131,7 +129,6 @@ def render(drawing: Drawing) -> Picture:
     return Picture(
         name=drawing.name,
         title=drawing.title,
-        svg=_METADATA.sub("", wide),
         wide=shown[0],
         narrow=shown[1],
         png=png_of(drawing),

@@ -40,7 +40,8 @@ from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.motion import NO_POSE, rig_of_run
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
-from pamid.report.pdf import CREATOR, pdf_of
+from pamid.report.pdf import MARK as PDF_MARK
+from pamid.report.pdf import printed
 from pamid.report.recording_errors import held_out_errors
 from pamid.report.rig_figure import rig_drawing
 from pamid.report.run_page import run_document
@@ -124,7 +125,7 @@ def write_report(
     `pdf` whatever they are.
 
     FileError if the folder is no run, holds no result, a file of it is damaged, `output` or `pdf`
-    exists and is no report, or `rig` is another rig or has no pose.
+    exists and is no report, no browser prints the PDF, or `rig` is another rig or has no pose.
     """
     page = run_folder / "report.html" if output is None else output
     content = content_of(run_folder, rig)
@@ -136,8 +137,8 @@ def write_report(
         pictures[drawing.name] = render(drawing)
     tell("the page")
     document = content.document_of(pictures)  # everything is made before anything is written
-    html = html_of(document)
-    paper = pdf_of(document) if pdf is not None else b""
+    html = html_of(document).encode(errors="replace")
+    paper = {pdf: printed(html)} if pdf is not None else {}
     own = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in own.items() if name in pictures]
     beside = [one for one in (page, pdf) if one is not None]
@@ -149,9 +150,7 @@ def write_report(
         : len(drawn)
     ]
     files = {path: pictures[own[file]].png for path, file in zip(figures, drawn, strict=True)}
-    write_together(
-        {**files, **({pdf: paper} if pdf is not None else {}), page: html.encode(errors="replace")}
-    )
+    write_together({**files, **paper, page: html})
     return Report(page, tuple(figures), content.errors, pdf, content.recordings, content.notes)
 
 
@@ -245,20 +244,17 @@ def write_comparison(
     report, unless it may be overwritten."""
     if not overwrite:
         _require_ours(page, pdf)
-    document = comparison_document(runs)
-    html = html_of(document).encode(errors="replace")
+    html = html_of(comparison_document(runs)).encode(errors="replace")
+    paper = {pdf: printed(html)} if pdf is not None else {}
     for one in filter(None, (page, pdf)):
         make_folder(one.parent)
-    write_together({**({pdf: pdf_of(document)} if pdf is not None else {}), page: html})
+    write_together({**paper, page: html})
 
 
 def _require_ours(page: Path, pdf: Path | None) -> None:
     _require_own(page, lambda found: found.startswith(MARK.encode()))
     if pdf is not None:
-        _require_own(
-            pdf,
-            lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found,
-        )
+        _require_own(pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK))
 
 
 def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
