@@ -100,7 +100,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         raise DataError(END)
 
     def blank(drawing: Drawing) -> Picture:
-        return Picture(drawing.name, drawing.title, "", "", "", b"")
+        return Picture(drawing.name, drawing.title, "", "", b"")
 
     # the importing modules first: one that is imported while its source is patched keeps the patch
     for place in (

@@ -146,7 +146,7 @@ def test_a_page_vouches_for_nothing_outside_its_run(
 ) -> None:
     """Neither for an excitation elsewhere, nor with a line to copy that is two commands."""
     monkeypatch.setattr(
-        "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", "", b"")
+        "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b"")
     )
     diagnosis = diagnosis_json("explained")
     assert (

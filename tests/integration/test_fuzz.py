@@ -71,7 +71,7 @@ def test_damaged_input(
     monkeypatch.setattr(
         writing,
         "render",
-        lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, NOTHING, b"PNG"),
+        lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, b"PNG"),
     )
     numbers = (*range(min(FEW.get(kind, SAMPLE), SAMPLE)), *FOUND.get(kind, ()))
     inputs = [(kind, number) for number in numbers]

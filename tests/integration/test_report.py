@@ -40,7 +40,7 @@ from pamid.schemas.diagnosis_file import CAUSED
 
 
 def blank(drawing: Drawing) -> Picture:
-    return Picture(drawing.name, drawing.title, "<svg/>", "<svg/>", "<svg/>", b"\x89PNG")
+    return Picture(drawing.name, drawing.title, "<svg/>", "<svg/>", b"\x89PNG")
 
 
 @pytest.fixture

@@ -136,5 +136,5 @@ def test_the_coupling_is_drawn() -> None:
     wave = np.sin(9.0 * TIME)
     swung = [Swung(f"angle {j} [deg]", TIME, wave, wave, 0.0 * wave) for j in "12"]
     picture = coupling_picture("Pulses on one joint swing the other", swung)
-    assert picture.name == "coupling" and "coupling terms left out" in picture.svg
+    assert picture.name == "coupling" and "coupling terms left out" in picture.wide
     size_of(picture.png)
