@@ -25,11 +25,8 @@ from pamid.correction.identified_model import Identified
 from pamid.export.c_source import asset, header, model_name, source
 from pamid.export.form import Written
 from pamid.export.step import SampleStep
+from pamid.simulators.fmu_file import fmpy_package
 
-_HEADERS = {
-    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
-    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
-}
 _FLAGS = ("-shared", "-fPIC", "-std=c99", "-O2", "-Wall", "-Wextra")
 _ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}
 _DIMENSIONS = ("kg", "m", "s", "A", "K", "rad")
@@ -118,7 +115,8 @@ def not_offered(version: int, shim: str) -> str:
     """Definitions of all functions of the standard that the shim leaves out: they return an
     error."""
     lines = []
-    types = re.sub(r"/\*.*?\*/", "", asset(f"fmi{version}FunctionTypes.h"), flags=re.DOTALL)
+    header = (standard_headers() / f"fmi{version}FunctionTypes.h").read_text(encoding="utf-8")
+    types = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
     for kind, name, arguments in re.findall(
         r"typedef\s+(\w+)\s+(fmi\d\w+)TYPE\s*\(([^;]*)\);", types
     ):
@@ -135,6 +133,11 @@ def not_offered(version: int, shim: str) -> str:
                 "}",
             ]
     return "\n".join([*lines, ""])
+
+
+def standard_headers() -> Path:
+    """Folder of the standard's C headers, which come with FMPy; FileError where it is absent."""
+    return Path(fmpy_package().__file__).parent / "c-code"
 
 
 def _place(version: int) -> tuple[str, str]:
@@ -155,11 +158,12 @@ def _compiled(sources: dict[str, str], version: int, compiler: str) -> tuple[byt
     """The binary, or why there is none."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for file, text in {**sources, **{h: asset(h) for h in _HEADERS[version]}}.items():
+        for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
         line = [
             compiler,
             *_FLAGS,
+            f"-I{standard_headers()}",
             *(file for file in sources if file.endswith(".c")),
             "-lm",
             "-o",

@@ -138,7 +138,7 @@ class FmuFile:
         }
 
 
-def fmpy_package(path: PathLike) -> Any:
+def fmpy_package() -> Any:
     """FMPy; FileError with what to install where it is absent."""
     try:
         import fmpy
@@ -146,7 +146,7 @@ def fmpy_package(path: PathLike) -> Any:
         if (error.name or "").split(".")[0] != "fmpy":
             raise
         raise FileError(
-            f"{path}: an FMU needs fmpy, which is not installed.",
+            "An FMU needs fmpy, which is not installed.",
             "pip install 'pamid[fmu]'",
             code="missing-extra",
         ) from error
@@ -159,7 +159,7 @@ def read_fmu(path: PathLike) -> FmuFile:
     file = Path(path)
     if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of an .fmu file")
-    fmpy = fmpy_package(file)
+    fmpy = fmpy_package()
     try:
         _require_size(file)
         described = fmpy.read_model_description(str(file))
@@ -397,7 +397,7 @@ def extracted(path: str, folder: str) -> None:
     """The FMU unpacked into a folder."""
     try:
         _require_size(Path(path))
-        fmpy_package(path).extract(path, folder)
+        fmpy_package().extract(path, folder)
     except FileError:
         raise
     except Exception as error:

@@ -3,7 +3,6 @@ bit."""
 
 from __future__ import annotations
 
-import hashlib
 import io
 import re
 import shutil
@@ -20,22 +19,14 @@ import pytest
 from exported import PERIOD_S, Array, Case, case, simulated
 from pamid_cli import frame
 
-from pamid.export.c_source import asset, model_name
-from pamid.export.fmu import Fmu, make_fmu
+from pamid.export.c_source import model_name
+from pamid.export.fmu import Fmu, make_fmu, standard_headers
 from pamid.export.step import step_of
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (pip install 'pamid[verify]')")
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 SEVERAL = "several effects, two steps"
-HEADERS = {
-    "fmi2FunctionTypes.h": "756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456",
-    "fmi2Functions.h": "9df3cb9d50d810ef993e1fc2925d19b5886e08809b31ac10de361ceeba62ad1a",
-    "fmi2TypesPlatform.h": "50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287",
-    "fmi3FunctionTypes.h": "77bb086dbf9b9123f75edc2a90a0f27fb5c32f913ab3f9b69fe2e2cbc2448b24",
-    "fmi3Functions.h": "6367e9f7895848ed8d06c8a9b7f77e72d9f3eae102f64c313d51c10049b720ee",
-    "fmi3PlatformTypes.h": "19ea19ae07cdab582931fc1a545d9aeef3d5066da131ee96a7e393e72164fa30",
-}
 
 
 @cache
@@ -251,15 +242,10 @@ def test_units_are_real(version: int, tmp_path: Path) -> None:
 @needs_gcc
 @pytest.mark.parametrize("name", ["implicit", "kettle"])
 def test_sources_compile_without_warnings(name: str, version: int, tmp_path: Path) -> None:
-    step, names = (
-        step_of(case(name, 1).model),
-        [n for n in HEADERS if n.startswith(f"fmi{version}")],
-    )
+    step = step_of(case(name, 1).model)
     with zipfile.ZipFile(io.BytesIO(fmu_of(name, version, "").data)) as file:
         file.extractall(tmp_path)
     sources = tmp_path / "sources"
-    for header in names:
-        (tmp_path / header).write_text(asset(header))
     done = subprocess.run(
         [
             "gcc",
@@ -271,8 +257,8 @@ def test_sources_compile_without_warnings(name: str, version: int, tmp_path: Pat
             "-O2",
             "-fPIC",
             "-shared",
-            "-I",
-            tmp_path,
+            "-isystem",
+            standard_headers(),
             *sorted(sources.glob("*.c")),
             "-lm",
             "-o",
@@ -286,7 +272,7 @@ def test_sources_compile_without_warnings(name: str, version: int, tmp_path: Pat
     declared = set(
         re.findall(
             rf"FMI{version}_Export \w+TYPE +(\w+)",
-            re.sub(r"\s+", " ", asset(f"fmi{version}Functions.h")),
+            re.sub(r"\s+", " ", (standard_headers() / f"fmi{version}Functions.h").read_text()),
         )
     )
     defined = set(re.findall(rf"^[\w* ]*?\b(fmi{version}\w+)\(", shim, re.MULTILINE))
@@ -324,12 +310,3 @@ def test_the_command_says_how_to_build(
     assert "no C compiler" in told.err and "fmpy compile" in told.err and str(path) in told.out
     with zipfile.ZipFile(path) as file:
         assert b'fmiVersion="3.0"' in file.read("modelDescription.xml")
-
-
-def test_the_headers_are_those_of_the_standard() -> None:
-    for name, sha256 in HEADERS.items():
-        assert hashlib.sha256(asset(name).encode()).hexdigest() == sha256
-        assert (Path(fmpy.__file__).parent / "c-code" / name).read_text() == asset(name)
-    assert "2-Clause" in asset("fmi3Functions.h") and "Redistribution and use" in asset(
-        "FMI-LICENSE.txt"
-    )
