@@ -21,7 +21,7 @@ BY_COMPARISON = (
     "docs/measured/comparison.md: one of 60 rules on 47 recordings; 28 causes right or in a set of "
     "two (27 with 138 settings), 1 of 6 healthy machines blamed (3)"
 )
-BY_TRIAL = "tried together with all others by the blind trial (docs/measured/blind-trial.md)"
+BY_TRIAL = "tried together with all others by the blind trial (docs/measured/comparison.md)"
 COST_ONLY = "a bound of the cost (docs/measured/speed.md); it may only hide a candidate"
 
 
