@@ -1,4 +1,4 @@
-"""The reference pages in Markdown: effects, rigs, commands, schemas, glossary, the Python face."""
+"""The reference pages in Markdown: effects, rigs, commands, schemas, the Python face."""
 
 from __future__ import annotations
 
@@ -41,7 +41,6 @@ def written_pages() -> Iterator[tuple[str, str]]:
     yield "reference/settings.md", _settings_page()
     yield "reference/schemas.md", _schemas_page()
     yield "reference/python.md", _face_page()
-    yield "explanation/glossary.md", _glossary_page()
 
 
 def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
@@ -349,14 +348,6 @@ def _equation_lines() -> list[str]:
 def _arguments(function: Any) -> str:
     names = inspect.signature(function).parameters
     return f"({', '.join(names)})"
-
-
-def _glossary_page() -> str:
-    """The section *Words* of CONTRIBUTING."""
-    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    words = page.partition("## Words\n")[2].partition("\n## ")[0].strip()
-    what = "Words as the commands, the page and this documentation use them."
-    return f"# Glossary\n\n{what}\n\n{words}\n"
 
 
 def _cell(text: str) -> str:
