@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import frame
+from .conditions import Condition, exit_code_of, fail_if_option
 from .job import cluster_option, failed_text, parameter_values, said_of
 from .options import (
     figure_option,
@@ -64,6 +65,11 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
     "the rig as a block diagram, with the shares of the gap and the effects found; below it the "
     "residual over what the leading candidates add"
 )
+@fail_if_option(
+    "'remainder > 0.3' (share of the gap that no cause explains, 0 without a structural gap), "
+    "'probability > 0.9' (of the leading cause), or the held-out error of a channel with the "
+    "causes, as 'angle_deg > 0.1'"
+)
 @frame.overwrite_option("Replace an earlier run in that folder, and the figure.")
 def command(
     recordings: tuple[Path, ...],
@@ -80,6 +86,7 @@ def command(
     cluster: str | None,
     resume: bool,
     figure: Path | None,
+    conditions: tuple[Condition, ...],
     overwrite: bool,
 ) -> frame.Result:
     """Say where a model departs from its recordings, which effect of the catalogue causes it, and
@@ -117,7 +124,20 @@ def command(
     if figure is not None:
         text, line, follow = text.rpartition("\nNext: ")  # what to do next stays the last line
         text += f"\n{write_figure(figure, run.overview_png())}{line}{follow}"
-    return frame.Result(found, text, 6 if run.failed_jobs else 0)
+    code = exit_code_of(conditions, _figures(found), 6 if run.failed_jobs else 0)
+    return frame.Result(found, text, code)
+
+
+def _figures(found: dict[str, Any]) -> dict[str, float | None]:
+    """What --fail-if may name: the share that remains, the probability of the leading cause, and
+    the error of every channel with the causes."""
+    causes, rest = found["causes"], found["remainder"]
+    gap = found["verdict"] != "no-structural-gap"
+    return {
+        "remainder": rest["share"] if gap and rest else 0.0,
+        "probability": causes[0]["probability"] if causes else 0.0,
+        **{channel: reach["mae_with_cause"] for channel, reach in found["how_far"].items()},
+    }
 
 
 def diagnosis_text(found: dict[str, Any], output: Path) -> str:

@@ -30,14 +30,15 @@ if TYPE_CHECKING:
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _EPILOG = (
     "Options may also stand in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
-    "done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done."
+    "done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done, "
+    "7 a condition of --fail-if holds."
 )
 
 
 @dataclass(frozen=True)
 class Result:
     """What a command found: `json` for scripts (a model of pamid.schemas, or what was written of
-    one), `text` for people; exit_code 0, or 4 to 6 when the result is written and yet falls short.
+    one), `text` for people; exit_code 0, or 4 to 7 when the result is written and yet falls short.
     """
 
     json: Model | dict[str, Any] = field(default_factory=dict)

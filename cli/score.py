@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from . import frame
+from .conditions import Condition, exit_code_of, fail_if_option
 from .terminal import aside, quoted, told_progress
 
 PLACE = 65
 EXAMPLE = """
 pamid score fitted new-1.csv new-2.csv
+pamid score fitted new-1.csv --fail-if "angle_deg > 0.1"
 """
 
 
@@ -27,8 +30,16 @@ pamid score fitted new-1.csv new-2.csv
     multiple=True,
     help="Path of an effect file that the run was made with (it is run, if it is the same).",
 )
+@fail_if_option(
+    "the mean absolute error of a channel, as 'angle_deg > 0.1', by the run's best model in the "
+    "recording where it is largest"
+)
 def command(
-    run: Path, recordings: tuple[Path, ...], rig: str | None, effects: tuple[str, ...]
+    run: Path,
+    recordings: tuple[Path, ...],
+    rig: str | None,
+    effects: tuple[str, ...],
+    conditions: tuple[Condition, ...],
 ) -> frame.Result:
     """Judge the models of the run folder RUN on RECORDINGS that it has not seen: data sheet,
     refitted, with the causes, with the network.
@@ -48,4 +59,20 @@ def command(
             effects=effects,
             warn=lambda text: aside(f"Warning: {text}"),
         )
-    return frame.Result(found.to_dict(), f"{found.summary()}\nNext: pamid report {quoted(run)}")
+    content = found.to_dict()
+    return frame.Result(
+        content,
+        f"{found.summary()}\nNext: pamid report {quoted(run)}",
+        exit_code_of(conditions, _largest_errors(content)),
+    )
+
+
+def _largest_errors(score: dict[str, Any]) -> dict[str, float | None]:
+    """Channel -> largest mean absolute error over the recordings, of the most complete model that
+    the recording has; None where that became unstable."""
+    largest: dict[str, float | None] = {}
+    for row in score["recordings"]:
+        model = next(name for name in reversed(score["models"]) if name in row["mae"])
+        error, before = row["mae"][model], largest.get(row["channel"], 0.0)
+        largest[row["channel"]] = None if error is None or before is None else max(error, before)
+    return largest

@@ -224,3 +224,24 @@ def test_the_report_has_the_same_table_of_what_was_held_out(
     assert row(found, "rec", "replay")["mae"]["refitted"] == pytest.approx(pooled, rel=1e-3)
     page = (run / "report.html").read_text(encoding="utf-8")
     assert "Errors by recording and model" in page and "inertia_kg_m2 0.0896" in page
+
+
+@pytest.mark.parametrize(
+    "limit, code", [("angle_deg > 0.1", 7), ("angle_deg < 1000", 7), ("angle_deg > 1000", 0)]
+)
+def test_a_condition_on_an_error_decides_the_exit_code(
+    limit: str, code: int, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["score", str(place / "run"), str(place / "light.csv"), "--fail-if", limit]
+    assert frame.run(words) == code
+    found = capsys.readouterr()
+    assert "angle [deg]" in found.out and ("--fail-if" in found.err) == (code == 7)
+
+
+@pytest.mark.parametrize("limit", ["angle_rad > 1", "angle_deg", "angle_deg > large"])
+def test_a_condition_that_is_none_is_refused(
+    limit: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["score", str(place / "run"), str(place / "light.csv"), "--fail-if", limit]
+    assert frame.run(words) == 2
+    assert "angle_deg" in capsys.readouterr().err

@@ -1,0 +1,81 @@
+"""`--fail-if`: conditions on the figures of a result, for scripts and CI."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from .names import suggest
+from .terminal import aside
+
+#: exit code of a command whose result meets a condition of --fail-if
+MET = 7
+_COMPARISONS = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
+_CONDITION = re.compile(r"\s*([A-Za-z_]\w*)\s*(>=|<=|>|<)\s*(\S+)\s*")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A figure by name, compared with a number."""
+
+    name: str
+    comparison: str
+    limit: float
+
+    def holds(self, figures: Mapping[str, float | None]) -> bool:
+        """Whether it holds; a figure of an unstable model (None) is beyond every limit.
+        UsageError where there is no such figure."""
+        if self.name not in figures:
+            raise click.UsageError(
+                f"--fail-if: there is no figure {self.name!r}. {suggest(self.name, figures)}"
+                f" Figures: {', '.join(figures)}."
+            )
+        value = figures[self.name]
+        if value is None:
+            return True
+        return bool(_COMPARISONS[self.comparison](value, self.limit))
+
+
+class _ConditionType(click.ParamType):
+    name = "condition"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Condition:
+        parts = _CONDITION.fullmatch(str(value))
+        try:
+            if parts:
+                return Condition(parts[1], parts[2], float(parts[3]))
+        except ValueError:
+            pass
+        self.fail(f"{value!r} is no condition such as 'remainder > 0.3'.", param, ctx)
+
+
+def fail_if_option(figures: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """`--fail-if`; figures: those that it may name, for the help."""
+    return click.option(
+        "--fail-if",
+        "conditions",
+        multiple=True,
+        type=_ConditionType(),
+        metavar="CONDITION",
+        help=f"End with exit code {MET} if this holds: {figures}. The result is printed all the "
+        "same.",
+    )
+
+
+def exit_code_of(
+    conditions: Sequence[Condition], figures: Mapping[str, float | None], otherwise: int = 0
+) -> int:
+    """7 where a condition holds, which is stated on stderr; else `otherwise`."""
+    met = [one for one in conditions if one.holds(figures)]
+    for one in met:
+        value = figures[one.name]
+        shown = "unstable" if value is None else f"{value:.4g}"
+        aside(f"pamid: {one.name} is {shown}, which is {one.comparison} {one.limit:g} (--fail-if)")
+    return MET if met else otherwise
