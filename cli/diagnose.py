@@ -220,13 +220,15 @@ def _left(found: dict[str, Any]) -> list[str]:
     """What remains: how much, whether it is more than tolerances, where, and what it looks like."""
     from pamid.schemas.diagnosis_file import Remainder
     from pamid.schemas.model import read
-    from pamid.verdict.verdict_words import amount_of, size_of, weight_of
+    from pamid.verdict.verdict_words import advice_of, amount_of, size_of, weight_of
 
     if not found["remainder"]:
         return []
     rest = read(Remainder, found["remainder"])
     size = size_of(rest, beside=bool(found["causes"]))
     lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
+    if found["causes"] and (advice := advice_of(rest)):
+        lines.append(f"          {advice}")
     told = rest.formula or (found["unknown"] or {}).get("formula", "")
     if rest.port:
         amount = amount_of(rest)

@@ -111,14 +111,15 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in found["parameters"].items():
-        edge = f", at its {p['at_bound']} bound" if p["at_bound"] else ""
+        edge = f"at its {p['at_bound']} bound" if p["at_bound"] else ""
+        word = "" if edge and p["word"] == "settled" else p["word"]
         null = p.get("null")
         within = null is not None and p["low"] <= null <= p["high"]
         nothing = f", not told from {null:g}, at which the effect vanishes" if within else ""
         strain = f", {p['strain']:.1f} prior sd from its data sheet" if p["strain"] > 3.0 else ""
         lines.append(
             f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  "
-            f"{p['word']}{edge}{strain}{nothing}"
+            f"{', '.join(filter(None, (word, edge)))}{strain}{nothing}"
         )
     if not found["parameters"]:
         lines = ["The rig has no parameters to fit: its errors are those of the model as it is."]

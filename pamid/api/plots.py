@@ -56,6 +56,9 @@ def added_variable_figure(run: RunData, effect: str | None = None) -> NotebookFi
     """The plots of the leading candidates, or that of one; UsageError for an effect that the run
     holds none of."""
     plots = {one.effect: one for one in usable_plots(run)}
+    at_ports = [name for name in plots if name.partition("@")[0] == effect]
+    if effect not in plots and len(at_ports) == 1:
+        (effect,) = at_ports
     if effect is not None and plots and effect not in plots:
         raise UsageError(
             f"The run has no added-variable plot of {effect!r}.",

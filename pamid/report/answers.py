@@ -407,6 +407,8 @@ def left_answer(run: RunData) -> AnswerText | None:
     details = [sentence(f"remaining: {size}") if size else "", sentence(amount) if amount else ""]
     if caused and (term := missing_term(diagnosis)) is not None:
         details += formula_texts(term)
+    if caused and (advice := verdict_words.advice_of(rest)):
+        details.append(sentence(advice))
     if rest.real and rest.family:
         details.append(
             sentence(f"a curve of the {effect_label(rest.family)} family would remove it")

@@ -181,8 +181,10 @@ def _with_value(cause: Cause) -> str:
     found = first_parameter(cause)
     if found is None:
         return name
-    value = formatting.with_unit_text(found[1].value, channel_unit(found[0]))
-    return f"{name} {set_spaces(value)}"
+    unit_text = channel_unit(found[0])
+    value = set_spaces(formatting.with_unit_text(found[1].value, unit_text))
+    # a number without unit says nothing without its name
+    return f"{name} {value}" if unit_text else f"{name}, {channel_label(found[0])} {value}"
 
 
 def _cause_line(cause: Cause, several: bool) -> str:

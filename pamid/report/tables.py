@@ -185,11 +185,10 @@ def parameters_of(run: RunData) -> tuple[Mapping[str, FitParameter], Mapping[str
 
 
 def _remark(one: FitParameter, strained: bool) -> str:
-    remarks = [formatting.clean(one.word)] if one.word else []
-    remarks += ["may be absorbing structure"] if strained else []
-    remarks += (
-        [f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"] if one.at_bound else []
-    )
+    end = f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound" if one.at_bound else ""
+    word = "" if end and one.word == "settled" else formatting.clean(one.word)
+    strain = "may be absorbing structure" if strained else ""
+    remarks = [text for text in (word, strain, end) if text]
     return ", ".join(remarks) or formatting.DASH
 
 

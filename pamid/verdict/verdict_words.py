@@ -12,6 +12,9 @@ from pamid.base.share_words import chance_text, percent_text, percents_text, tim
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
 RECORD_MORE = "Record for longer, or with larger excitation."
+#: where an immaterial remainder is this many noise floors, smaller effects may hide in it
+LEAST_FLOORS = 10.0
+LOOK_FURTHER = "smaller effects may remain: correct the rig by what was found, then diagnose again"
 NOT_IN_CATALOGUE = "No effect of the catalogue removes a material share of the gap."
 
 
@@ -205,6 +208,11 @@ def amount_of(rest: Remainder) -> str:
 def weight_of(rest: Remainder) -> str:
     """Whether what remains is a material part of the gap."""
     return "a material part of the gap" if rest.real else "no material part of the gap"
+
+
+def advice_of(rest: Remainder) -> str:
+    """How to see the smaller effects of an immaterial remainder; "" where it is near the floor."""
+    return "" if rest.real or (rest.floors or 0.0) < LEAST_FLOORS else LOOK_FURTHER
 
 
 def _entrance(where: Where, spelling: Spelling) -> str:

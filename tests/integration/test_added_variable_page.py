@@ -14,6 +14,7 @@ from report_pages import Outline, flat
 from synthetic_run import added_variables_json, cause, make_run
 
 import pamid
+from pamid.api.plots import added_variable_figure
 from pamid.base.errors import DataError, FileError, UsageError
 from pamid.report.added_variable_figure import (
     added_drawing,
@@ -201,3 +202,14 @@ def test_a_slope_that_may_be_zero_says_so(run: Path) -> None:
     plots = {one.effect: one for one in usable_plots(load_run(run))}
     assert slope_text(plots["coulomb-friction"]) == "slope 0.97 ± 0.07"
     assert slope_text(plots["leak"]).endswith("± 0.3 (may be 0)")
+
+
+def test_an_effect_is_found_without_its_port(tmp_path: Path) -> None:
+    content = added_variables_json("explained")
+    content["plots"][0]["effect"] = "coulomb-friction@joint"
+    folder = make_run(tmp_path / "run")
+    (folder / FILE).write_text(json.dumps(content), encoding="utf-8")
+    run = load_run(folder)
+    assert added_variable_figure(run, "coulomb-friction") is not None
+    with pytest.raises(UsageError, match="no added-variable plot"):
+        added_variable_figure(run, "coulomb")

@@ -13,6 +13,7 @@ from pamid.schemas.model import read
 from pamid.verdict.verdict_words import (
     AS_IN_FILE,
     _entrance,
+    advice_of,
     amount_of,
     free_families,
     sentence,
@@ -264,3 +265,13 @@ def test_a_port_that_takes_as_much_is_named_where_nothing_tells_them_apart(
 def test_a_port_with_less_of_the_gap_is_not_named() -> None:
     where = Where(port="sensor", ports=SHARES, indistinguishable=(("block", "sensor"),))
     assert _entrance(where, AS_IN_FILE) == " It enters at the sensor port."
+
+
+@pytest.mark.parametrize(
+    "real, floors, advised", [(False, 370.0, True), (False, 1.2, False), (True, 370.0, False)]
+)
+def test_an_immaterial_remainder_far_above_the_floor_is_looked_into(
+    real: bool, floors: float, advised: bool
+) -> None:
+    rest = read(Remainder, left(0.05, floors=floors, real=real))
+    assert ("diagnose again" in advice_of(rest)) == advised
