@@ -36,8 +36,10 @@ pamid export run --to fmu --output joint.fmu
     "--which",
     default="best",
     show_default=True,
-    help="cause (of a diagnosis), network (the refitted model "
-    "with the network trained on the run), refitted, or best: the first of these there is.",
+    help="cause (of a diagnosis), network (the model that the network of the run was trained on, "
+    "with it: the refitted one, or after train-residual --on causes the one with the causes), "
+    "refitted, or best: causes and network where both go together, else the first of these there "
+    "is.",
 )
 @click.option(
     "--known",
@@ -100,7 +102,8 @@ def command(
     built = f", with a binary for {made.binary}" if made.binary else ""
     text = (
         f"{', '.join(map(str, made.files))}: {model.name} with "
-        f"{', '.join(effects) or 'no effect'}{built}.\n"
+        f"{', '.join(effects) or 'no effect'}"
+        f"{'' if network is None else f' and a network ({written.network})'}{built}.\n"
         f"Every {step.period_s:g} s: {', '.join(inputs)} -> {', '.join(outputs)}"
     )
     return frame.Result(written, text)

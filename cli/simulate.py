@@ -37,9 +37,10 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
     "--which",
     default="best",
     show_default=True,
-    help="With --model: cause (of a diagnosis), network (the "
-    "refitted model with the network trained on the run), refitted, or best: the first of these "
-    "there is.",
+    help="With --model: cause (of a diagnosis), network (the model that the network of the run was "
+    "trained on, with it: the refitted one, or after train-residual --on causes the one with the "
+    "causes), refitted, or best: causes and network where both go together, else the first of "
+    "these there is.",
 )
 @click.option(
     "--excitation",

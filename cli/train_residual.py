@@ -98,6 +98,14 @@ pamid train-residual fitted --at joint --iterations 20
     "the recordings again.",
 )
 @click.option(
+    "--on",
+    type=click.Choice(["refit", "causes"]),
+    default="refit",
+    show_default=True,
+    help="Model whose residual it is trained on: the refitted one, or the one with the causes that "
+    "a diagnosis named, replayed on recorded commands.",
+)
+@click.option(
     "--rig", help="With --at PORT, where the run was fitted with a rig file: its path (it is run)."
 )
 @click.option("--resume", is_flag=True, help="Go on from where the same training was interrupted.")
@@ -108,7 +116,7 @@ pamid train-residual fitted --at joint --iterations 20
     "--inputs",
     metavar="A,B,...",
     help="Columns of residual.csv the network is given. "
-    "[default: reference and the model in its own loop; else inputs of the rig and refitted "
+    "[default: reference and the model in its own loop; else inputs of the rig and the model's "
     "outputs]",
 )
 def command(
@@ -126,6 +134,7 @@ def command(
     mu_largest: float | None,
     device: str,
     at: str,
+    on: str,
     rig: str | None,
     resume: bool,
     channel: str | None,
@@ -134,7 +143,7 @@ def command(
 ) -> frame.Result:
     """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted
     part, and judge it on the held-out part: measured - model, or with --at PORT what is missing in
-    the equations there.
+    the equations there. --on causes takes the model with the causes of a diagnosis.
 
     Writes network.json, network.npz and trace.csv and adds the corrected model to residual.csv.
     Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
@@ -162,6 +171,7 @@ def command(
             mu_largest=mu_largest,
             device=device,
             at=at,
+            on=on,
             rig=rig,
             channel=channel,
             inputs=given,
@@ -209,9 +219,19 @@ def training_text(about: dict[str, Any], run: Path) -> str:
 def errors_table(about: dict[str, Any]) -> list[str]:
     """Held-out errors of the model and of the corrected ones, channel by channel."""
     at = about["enters"]["port"] if isinstance(about["enters"], dict) else "output"
-    columns = {"refitted": "model", "with_output_network": "at output", "with_network": f"at {at}"}
-    if at == "output":
-        del columns["with_output_network"]
+    columns = {
+        "refitted": "refitted",
+        "with_cause": "with causes",
+        "with_output_network": "at output",
+        "with_network": f"at {at}",
+    }
+    before = "with_cause" if about["on"] == "causes" else "refitted"
+    for name, absent in (
+        ("with_cause", before == "refitted"),
+        ("with_output_network", at == "output"),
+    ):
+        if absent:
+            del columns[name]
     lines = []
     for ending, title in (
         ("", "held-out mean absolute error"),
@@ -236,7 +256,7 @@ def errors_table(about: dict[str, Any]) -> list[str]:
             "There the model's parameters are those found together with what is missing "
             "(network.json).",
         ]
-    if all(errors["with_network"] >= errors["refitted"] for errors in about["mae"].values()):
+    if all(errors["with_network"] >= errors[before] for errors in about["mae"].values()):
         lines.append("On what it was not trained on, this network does not help.")
     return lines
 

@@ -205,7 +205,8 @@ class FitResult:
         steps.
 
         excitation: columns that are sent (references run the model in its control loop); which:
-        "cause", "network", "refitted", or "best": the first of these there is; parameters, known:
+        "cause", "network" (with the model that it was trained on), "refitted", or "best": causes
+        and network where both go together, else the first of these there is; parameters, known:
         values by name in its unit that replace fitted ones, the latter stated in the recording;
         noise: factor on the rig's sensor noise. FileError where the run was made with a rig or
         effect file, or in Python, and it was opened without it; DataError where the excitation has

@@ -37,9 +37,10 @@ def simulate(
     effects      NAME, NAME@PORT, with :parameter=value,...; paths of effect files (they are run);
                  or Effects, which act at their typical size
     model        a result or its run folder: simulate what it has found, by its own steps, instead
-                 of a rig from its data sheet; `which` part of it: "cause", "network", "refitted",
-                 or "best": the first of these there is. A run made with a rig or effect file needs
-                 them again, as rig and effects
+                 of a rig from its data sheet; `which` part of it: "cause", "network" (with the
+                 model that it was trained on), "refitted", or "best": causes and network where both
+                 go together, else the first of these there is. A run made with a rig or effect file
+                 needs them again, as rig and effects
     known        parameters by name, in its unit, that the recording states as known
     parameters   parameters of the virtual rig that nobody is told
     noise        factor on the sensors' noise, 0: none; same seed, same noise

@@ -30,7 +30,13 @@ from pamid.correction.port_network import (
     train_at_port,
     write_port_correction,
 )
-from pamid.correction.residual_data import ResidualData, read_residual_data
+from pamid.correction.residual_data import (
+    CAUSES,
+    MODEL_COLUMNS,
+    REFIT,
+    ResidualData,
+    read_residual_data,
+)
 from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.networks.network_training import TrainingStep
@@ -50,14 +56,16 @@ Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[st
 class NetworkResult:
     """A network that corrects a fitted model, and what it is worth on what was held out.
 
-    folder: of the run; kind: "elman", "anfis" or "narx"; target: what it was trained on; inputs:
-    what it is given; weights: their number; iterations, why, converged: of the training;
-    interrupted: it was ended early, and is what it had reached; errors: channel -> "refitted",
-    "with_network" ... -> mean absolute error in the channel's unit.
+    folder: of the run; kind: "elman", "anfis" or "narx"; on: the model whose residual it was
+    trained on, "refit" or "causes"; target: that residual in words; inputs: what it is given;
+    weights: their number; iterations, why, converged: of the training; interrupted: it was ended
+    early, and is what it had reached; errors: channel -> "refitted", "with_cause" (of a network on
+    the model with the causes), "with_network" ... -> mean absolute error in the channel's unit.
     """
 
     folder: Path
     kind: str
+    on: str
     target: str
     inputs: tuple[str, ...]
     weights: int
@@ -108,11 +116,10 @@ class NetworkResult:
         )
 
     def _rows(self) -> Cells:
-        rows = [
-            (channel, number(e.get("refitted")), number(e.get("with_network")))
-            for channel, e in self.errors.items()
-        ]
-        return ("held-out mean absolute error", "refitted", "with network"), rows
+        models = ("refitted", *(["with_cause"] if self.on == CAUSES else []), "with_network")
+        rows = [(c, *(number(e.get(name)) for name in models)) for c, e in self.errors.items()]
+        heads = (name.replace("_", " ") for name in models)
+        return ("held-out mean absolute error", *heads), rows
 
 
 def train_residual(
@@ -126,6 +133,7 @@ def train_residual(
     evidence: str = "every-sample",
     device: str = "cpu",
     at: str = "output",
+    on: str = REFIT,
     rig: RigLike | None = None,
     channel: str | None = None,
     inputs: Sequence[str] = (),
@@ -139,8 +147,8 @@ def train_residual(
     command: Sequence[str] = (),
     **sizes: int | None,
 ) -> NetworkResult:
-    """Train a network on what the refitted model of a run leaves over, on its fitted part, and
-    judge it on the held-out part. Its files are added to the run.
+    """Train a network on what the refitted model of a run, or the model with its causes, leaves
+    over, on its fitted part, and judge it on the held-out part. Its files are added to the run.
 
     run          a result, or a run folder
     network      "elman", "anfis" or "narx"
@@ -154,6 +162,8 @@ def train_residual(
     device       "cpu", or "cuda" where torch sees one
     at           "output", or the port of the rig where the correction enters the equations; rig:
                  then the rig file that the run was made with (it is run), or the Rig
+    on           the model whose residual it is trained on: "refit", the refitted one, or "causes",
+                 the one with the causes that a diagnosis named, replayed on recorded commands
     channel      output to correct [default: angle_deg, else the first of the run]
     inputs       columns of residual.csv that the network is given
     resume       go on from where the same training was interrupted
@@ -170,6 +180,8 @@ def train_residual(
     """
     if evidence not in EVIDENCE:
         raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
+    if on not in MODEL_COLUMNS:
+        raise UsageError(f"on={on!r}: take {' or '.join(MODEL_COLUMNS)}.")
     damping = _damping(as_in_paper, mu, mu_increase, mu_decrease, mu_largest)
     if iterations is None:
         iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
@@ -177,7 +189,7 @@ def train_residual(
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
     folder = Run.open(home.folder)
     trainer = _trainer(run, home.folder, at, rig_given(rig))
-    leftover = read_residual_data(home.folder, channel, tuple(inputs), replay=at != "output")
+    leftover = read_residual_data(home.folder, channel, tuple(inputs), on=on, replay=at != "output")
     folder.begin_step(
         command=command or ["pamid.train_residual", str(home.folder)],
         seed=seed,
@@ -189,6 +201,7 @@ def train_residual(
             "starts": starts,
             "evidence": evidence,
             "at": at,
+            "on": on,
             "as_in_paper": as_in_paper,
             "damping": asdict(damping),
             "resume": resume,
@@ -295,6 +308,7 @@ def _result(home: RunHome, about: dict[str, Any], interrupted: bool) -> NetworkR
     return NetworkResult(
         folder=home.folder,
         kind=about["kind"],
+        on=about["on"],
         target=about["target"],
         inputs=tuple(one["name"] for one in about["inputs"]),
         weights=about["n_weights"],

@@ -29,7 +29,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, Run
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
-from pamid.correction.residual_data import REFIT_REMEDY, derived
+from pamid.correction.residual_data import CAUSES, MODEL_COLUMNS, REFIT, REFIT_REMEDY, derived
 from pamid.engine.program import Stepping
 from pamid.estimation.baseline_repair import rig_without
 from pamid.estimation.closed_loop import loop_motion, loop_names
@@ -56,6 +56,11 @@ Array = NDArray[np.float64]
 WHICH = ("best", "cause", "network", "refitted")
 BESIDE = "uncorrected."
 GIVEN_PREFIX, MEMORY, VALUE = "network.given_", "network.memory", "network"
+NETWORK_LEFT_OUT = (
+    "the network of the run was trained on the residual of the refitted model and is left out of "
+    "the model with the causes; --which network takes it with the refitted model, train-residual "
+    "--on causes trains one for this model"
+)
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
 MOST_STORED_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
 
@@ -107,6 +112,7 @@ class Identified:
     controller   [controller] of the first recording made in a closed loop, {} where none was
     source       the rig as the run names it: with its variant, or the path of its file
     sha256       of the run's fit.json
+    notes        on what the run holds and the model lacks
     """
 
     name: str
@@ -119,6 +125,7 @@ class Identified:
     controller: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def effects(self) -> tuple[Attachment, ...]:
@@ -311,9 +318,10 @@ def load_identified(
     """The model of a run; FileError where the folder is damaged or its rig or effect files are not
     named here.
 
-    which          "cause" (of a diagnosis), "network" (the refitted model with the network that was
-    trained on the
-                   run), "refitted", or "best": the first of these that the run has
+    which          "cause" (of a diagnosis), "network" (the model that the run's network was trained
+                   on, with it: the refitted one, or the one with the causes), "refitted", or
+                   "best": with causes and network where the network was trained on the model with
+                   the causes, else the first of these that the run has
     rig, effects   paths of the rig file and the effect files that the run was made with, which are
     run; or the rig and the effects themselves
     """
@@ -325,12 +333,10 @@ def load_identified(
         raise FileError(
             f"{path} does not hold its model.", f"An older version wrote it. {REFIT_REMEDY}"
         )
-    has = {
-        "cause": fit.cause is not None,
-        "network": (run_folder / NETWORK_FILE).exists(),
-        "refitted": True,
-    }
-    chosen = next(name for name, found in has.items() if found) if which == "best" else which
+    trained_on = _trained_on(run_folder) if (run_folder / NETWORK_FILE).exists() else ""
+    has = {"cause": fit.cause is not None, "network": bool(trained_on), "refitted": True}
+    best = ("network",) * (trained_on == CAUSES) + tuple(name for name in has if has[name])
+    chosen = best[0] if which == "best" else which
     if not has[chosen]:
         raise FileError(
             f"{run_folder} has no {chosen}.",
@@ -349,11 +355,15 @@ def load_identified(
         catalogue = effects_again(
             tuple(map(str, record["options"].get("effects", ()))), effects, noted
         )
-        saved = fit.cause if chosen == "cause" and fit.cause else fit.model
+        on_causes = chosen == "cause" or (chosen == "network" and trained_on == CAUSES)
+        saved = fit.cause if on_causes else fit.model
+        if saved is None:
+            _refuse(run_folder / NETWORK_FILE, f"its network corrects a cause that {path} lacks")
         model = _model(made, saved, fit.recordings, catalogue, path)
         model = replace(model, source=name_of(rig or source), sha256=sha256_of(path))
     if chosen != "network":
-        return model
+        left_out = trained_on == REFIT and which == "best"
+        return replace(model, notes=(NETWORK_LEFT_OUT,)) if left_out and fit.cause else model
     with _sound(run_folder / NETWORK_FILE):
         return _with_network(model, run_folder, fit.channels)
 
@@ -393,18 +403,33 @@ def _with_background_of(rig: Rig, saved: FittedModel) -> Rig:
     return rig
 
 
-def network_beside(model: Identified, folder: Path, channels: Sequence[str]) -> Identified:
-    """The refitted model of a run with another network of it, of the folder of its channel;
-    FileError as `load_identified`. channels: that the run was fitted to."""
+def network_beside(
+    models: Mapping[str, Identified], folder: Path, channels: Sequence[str]
+) -> Identified:
+    """The model that another network of a run was trained on, with that network, of the folder of
+    its channel; FileError as `load_identified`. models: "refitted" and, where there is one,
+    "with_cause"; channels: that the run was fitted to."""
     with _sound(folder / NETWORK_FILE):
-        return _with_network(model, folder, channels)
+        base = models["with_cause" if _trained_on(folder) == CAUSES else "refitted"]
+        return _with_network(base, folder, channels)
+
+
+def _trained_on(folder: Path) -> str:
+    """The model whose residual the network of a folder was trained on: REFIT or CAUSES; FileError
+    where it states another."""
+    path = folder / NETWORK_FILE
+    with _sound(path):
+        on = str(read_json(path).get("on", REFIT))
+    if on not in MODEL_COLUMNS:
+        _refuse(path, f"it was trained on {on!r:.60}, which is none of {', '.join(MODEL_COLUMNS)}")
+    return on
 
 
 def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> Identified:
-    """The refitted model with the network of the folder in its place."""
+    """The model that the network of the folder was trained on with that network in its place."""
     about, trained = read_json(folder / NETWORK_FILE), load_network(folder)
     enters, offered = about["enters"], {name: name for name in model.assembly.rig.inputs}
-    offered |= {derived(c, "refitted"): c for c in channels}
+    offered |= {derived(c, MODEL_COLUMNS[_trained_on(folder)]): c for c in channels}
     if (
         about["model"] == "loop" or enters == "output"
     ) and trained.output_name not in model.assembly.rig.outputs:
@@ -417,7 +442,7 @@ def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> I
         if name not in offered:
             raise FileError(
                 f"{folder / NETWORK_FILE}: its input {name!r} is neither an input of the rig nor "
-                "an output of the refitted model, so that it cannot run beside it.",
+                "an output of the model that it corrects, so that it cannot run with it.",
                 f"Train it with --inputs out of {', '.join(offered)}.",
             )
     sources = tuple(offered[name] for name in trained.input_names)

@@ -96,8 +96,8 @@ class Correction:
     """A trained network and its correction of the model over every row of residual.csv (0 outside
     its stretches).
 
-    mae: refitted, with_network on the held-out part, and both again `_after_1_s` of every stretch;
-    channel's unit.
+    mae: refitted, with_cause (of a network trained on the model with the causes) and with_network
+    on the held-out part, and all again `_after_1_s` of every stretch; channel's unit.
     """
 
     residual: ResidualData
@@ -142,7 +142,7 @@ def train_correction(residual: ResidualData, **options: Unpack[TrainingOptions])
         held_out_mae(
             residual,
             residual.channel,
-            refitted=residual.columns[residual.modelled],
+            **residual.models(residual.channel),
             with_network=residual.columns[residual.modelled] + values,
         ),
     )
@@ -218,6 +218,7 @@ def write_correction(run: Run, found: Correction) -> dict[str, Any]:
     about = {
         "enters": "output",
         "model": one.model,
+        "on": one.on,
         "target": f"measured {one.channel} - {one.model_words}",
         "mae": {one.channel: {**found.mae, "part": "held-out"}},
         "notes": list(one.notes),

@@ -47,7 +47,7 @@ from pamid.correction.output_network import (
     train_network,
     write_network,
 )
-from pamid.correction.residual_data import ResidualData, derived
+from pamid.correction.residual_data import ResidualData
 from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
@@ -390,10 +390,7 @@ def _compared(
     """Held-out MAE of every channel by the model and the corrected ones."""
     found = {}
     for channel, corrected in outputs.items():
-        models = {
-            "refitted": residual.columns[derived(channel, "refitted")],
-            "with_network": corrected,
-        }
+        models = residual.models(channel) | {"with_network": corrected}
         if at_output is not None and channel == residual.channel:
             models["with_output_network"] = residual.columns[residual.modelled] + at_output.values
         found[channel] = held_out_mae(residual, channel, **models)
@@ -406,6 +403,7 @@ def write_port_correction(run: Run, found: PortCorrection) -> dict[str, Any]:
     about = {
         "enters": {"port": found.entry.name},
         "model": found.residual.model,
+        "on": found.residual.on,
         "target": f"what is missing at {found.entry.name} of {found.residual.model_words}",
         "parameters": found.parameters,
         "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()},

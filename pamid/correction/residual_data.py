@@ -1,11 +1,12 @@
 """What a fitted model leaves over of one channel, read from a run folder and laid out for a
 network.
 
-Where residual.csv holds the model in its own control loop, that is the model to be corrected, as in
-the first paper: target = measured - angle_loop, inputs = reference, command_loop, angle_loop,
-velocity_loop, acceleration_loop, one record per stretch of recording. Otherwise it is the replay on
-recorded commands: inputs = inputs of the rig and every refitted output, one record per window.
-Inputs never are measured outputs: what they would tell, a model cannot know.
+Where residual.csv holds the refitted model in its own control loop, that is the model to be
+corrected, as in the first paper: target = measured - angle_loop, inputs = reference, command_loop,
+angle_loop, velocity_loop, acceleration_loop, one record per stretch of recording. Otherwise it is
+the replay on recorded commands: inputs = inputs of the rig and every output of the model, one
+record per window. The model with the causes of a diagnosis is always the replayed one. Inputs never
+are measured outputs: what they would tell, a model cannot know.
 """
 
 from __future__ import annotations
@@ -25,15 +26,16 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
+from pamid.report.load import read_diagnosis, repeats_refit
 from pamid.schemas.fit_file import FitFile
 
 Array = NDArray[np.float64]
 
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")
-RESIDUAL_RUNS = {
-    "loop": "the refitted model in its own control loop",
-    "replay": "the refitted model on recorded commands",
-}
+RESIDUAL_RUNS = {"loop": "in its own control loop", "replay": "on recorded commands"}
+#: models whose residual a network may be trained on -> the kind of their columns in residual.csv
+REFIT, CAUSES = "refit", "causes"
+MODEL_COLUMNS = {REFIT: "refitted", CAUSES: "cause"}
 _BLANK = re.compile(r"(?<=,)(?=,)")
 REFIT_REMEDY = "Run `pamid fit` or `pamid diagnose` again."
 _PERIODS_AGREE = 0.01  # share by which the sampling periods of the recordings may differ
@@ -52,7 +54,7 @@ class Segment:
 class ResidualData:
     """channel: its column; model: a key of RESIDUAL_RUNS; columns: residual.csv by name; modelled:
     the model's column; inputs: the columns a network is given; washout: rows at the start of every
-    segment that are not scored."""
+    segment that are not scored; causes: those of the model, in words, none of the refitted one."""
 
     channel: str
     model: str
@@ -63,6 +65,12 @@ class ResidualData:
     washout: int
     period_s: float
     notes: tuple[str, ...]
+    causes: tuple[str, ...] = ()
+
+    @property
+    def on(self) -> str:
+        """The model whose residual this is: REFIT or CAUSES."""
+        return CAUSES if self.causes else REFIT
 
     @property
     def target(self) -> Array:
@@ -71,11 +79,21 @@ class ResidualData:
 
     @property
     def model_words(self) -> str:
-        """The model whose residual this is, and whether the run holds causes that it lacks."""
-        caused = derived(self.channel, "cause") in self.columns
-        return RESIDUAL_RUNS[self.model] + (
-            ", without the causes of the diagnosis" if caused else ""
-        )
+        """The model whose residual this is, with its causes, or whether the run holds causes that
+        it lacks."""
+        run = RESIDUAL_RUNS[self.model]
+        if self.causes:
+            return f"the model with its causes {run}: {', '.join(self.causes)}"
+        caused = derived(self.channel, MODEL_COLUMNS[CAUSES]) in self.columns
+        lacks = ", without the causes of the diagnosis" if caused else ""
+        return f"the refitted model {run}{lacks}"
+
+    def models(self, channel: str) -> dict[str, Array]:
+        """A channel by the models before the network, under the names of their errors."""
+        refitted = "loop" if self.model == "loop" else MODEL_COLUMNS[REFIT]
+        kinds = {"refitted": refitted}
+        kinds |= {"with_cause": MODEL_COLUMNS[CAUSES]} if self.causes else {}
+        return {name: self.columns[derived(channel, kind)] for name, kind in kinds.items()}
 
     def signals(self, stretch: Segment) -> dict[str, Array]:
         """The inputs over a stretch by name, in the order of `inputs`."""
@@ -86,15 +104,23 @@ class ResidualData:
 
 
 def read_residual_data(
-    folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *, replay: bool = False
+    folder: Path,
+    channel: str | None = None,
+    inputs: Sequence[str] = (),
+    *,
+    on: str = REFIT,
+    replay: bool = False,
 ) -> ResidualData:
     """`channel` (default angle_deg, else the first one) of a run, for a network with these inputs.
-    replay: the model on recorded commands, also where there is one in its own loop.
+    on: REFIT or CAUSES; replay: the refitted model on recorded commands, also where there is one in
+    its own loop.
 
     FileError where the run holds no residual or a damaged one, UsageError for a channel or input it
-    does not have, DataError where a part is missing or nothing varies.
+    does not have and for causes where it names none, DataError where a part is missing or nothing
+    varies.
     """
-    fit = need_result(folder / FIT_FILE, FitFile)
+    fit = need_result(folder / FIT_FILE, FitFile, also=("cause",) if on == CAUSES else ())
+    causes = causes_of(folder, fit) if on == CAUSES else ()
     if not fit.channels:
         raise FileError(f"{folder / FIT_FILE} has no channels.", REFIT_REMEDY, code="damaged")
     channels = list(fit.channels)
@@ -106,13 +132,23 @@ def read_residual_data(
             f"--channel {channel!r}: this run has no such channel.",
             nearest(channel, channels) or f"Its channels: {', '.join(channels)}.",
         )
-    for name in (channel, derived(channel, "refitted")):
+    kind = MODEL_COLUMNS[on]
+    for name in (channel, derived(channel, "refitted"), derived(channel, kind)):
         if name not in columns:
             raise FileError(
                 f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", REFIT_REMEDY, code="damaged"
             )
+    modelled, refitted = (columns[derived(channel, k)] for k in (kind, "refitted"))
+    if causes and repeats_refit(columns["part"], modelled, refitted):
+        raise FileError(
+            f"{folder / RESIDUAL_FILE} does not hold the model with its causes over the fitted "
+            "part: an earlier version wrote it.",
+            REFIT_REMEDY,
+            code="earlier-version",
+        )
     spans = _spans(columns)
-    model, usual, notes = _model_of(columns, channel, channels, spans, replay, fit.inputs)
+    replay = replay or on == CAUSES
+    model, usual, notes = _model_of(columns, channel, channels, spans, replay, kind, fit.inputs)
     if model == "loop":
         stretches, washout = spans, 0
     else:
@@ -128,17 +164,37 @@ def read_residual_data(
             f"Name the network's inputs with --inputs. {REFIT_REMEDY}",
             code="damaged",
         )
-    chosen, dropped = _inputs(columns, channels, tuple(inputs) or usual, stretches)
+    chosen, dropped = _inputs(columns, channels, kind, tuple(inputs) or usual, stretches)
     return ResidualData(
         channel,
         model,
         columns,
-        derived(channel, "loop" if model == "loop" else "refitted"),
+        derived(channel, "loop" if model == "loop" else kind),
         chosen,
         tuple(stretches),
         washout,
         _period(fit, columns),
         (*notes, *dropped),
+        causes,
+    )
+
+
+def causes_of(folder: Path, fit: FitFile) -> tuple[str, ...]:
+    """The effects that the model with the causes adds to the refitted one, with their ports, as
+    "coulomb-friction at joint"; UsageError where the run names none."""
+    added = [label for label in fit.cause.effects if label not in fit.effects] if fit.cause else []
+    if not added:
+        raise UsageError(
+            f"--on {CAUSES}: {folder} names no cause.",
+            f"Train on the residual of the refitted model (--on {REFIT}), or give the run of a "
+            "`pamid diagnose` that names one.",
+            code="no-cause",
+        )
+    diagnosis = read_diagnosis(folder / "diagnosis.json")
+    ports = {one.effect: one.port for one in diagnosis.causes} if diagnosis else {}
+    return tuple(
+        f"{label.partition('@')[0]} at {ports[label]}" if ports.get(label) else label
+        for label in added
     )
 
 
@@ -271,6 +327,7 @@ def _model_of(
     channels: list[str],
     spans: list[Segment],
     replay: bool,
+    kind: str,
     rig_inputs: Sequence[str] | None,
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Which model is to be corrected, its usual inputs (() where fit.json does not state the rig's)
@@ -288,7 +345,7 @@ def _model_of(
         break
     if rig_inputs is None:
         return "replay", (), notes
-    usual = (*rig_inputs, *(derived(c, "refitted") for c in channels))
+    usual = (*rig_inputs, *(derived(c, kind) for c in channels))
     return "replay", tuple(name for name in usual if name in columns), notes
 
 
@@ -311,6 +368,7 @@ def _loop_blocks(header: list[str]) -> list[tuple[str, ...]]:
 def _inputs(
     columns: dict[str, Array],
     channels: list[str],
+    kind: str,
     wanted: tuple[str, ...],
     stretches: list[Segment],
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -322,7 +380,7 @@ def _inputs(
             raise UsageError(
                 f"--inputs {name}: the inputs come from the model, {name} is measured or "
                 "corrected.",
-                f"Take {derived(name, 'refitted')}." if name in channels else "",
+                f"Take {derived(name, kind)}." if name in channels else "",
             )
         if name not in offered:
             raise UsageError(

@@ -59,7 +59,7 @@ class RunScore:
 @dataclass(frozen=True, eq=False)
 class _Models:
     """The models of a run, those that it has, by name; channels: that it was fitted to; beside:
-    the refitted model with the network of a channel, where the run has several."""
+    the model that a channel's network was trained on with it, where the run has several."""
 
     refitted: Identified
     named: dict[str, Identified]
@@ -113,17 +113,17 @@ def _models_of(
         "data_sheet": replace(refitted, values=refitted.assembly.data_sheet()),
         "refitted": refitted,
     }
+    if fit.cause is not None:
+        named["with_cause"] = load_identified(folder, which="cause", rig=rig, effects=effects)
     beside: dict[str, Identified] = {}
     if (folder / NETWORK_FILE).exists():
         named["with_network"] = load_identified(folder, which="network", rig=rig, effects=effects)
         own = named["with_network"].network
         beside = {
-            channel: network_beside(refitted, place, fit.channels)
+            channel: network_beside(named, place, fit.channels)
             for channel, place in networks_beside(folder).items()
             if own is not None and channel != own.channel
         }
-    if fit.cause is not None:
-        named["with_cause"] = load_identified(folder, which="cause", rig=rig, effects=effects)
     return _Models(refitted, named, tuple(fit.channels), beside)
 
 
@@ -132,7 +132,10 @@ def _notes(found: _Models) -> tuple[str, ...]:
     if one is None or one.network is None:
         return ()
     where, other = ("closed loop", "replay") if one.network.in_loop else ("replay", "")
-    return (f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}.",)
+    labels, without = ([a.label for a in m.effects] for m in (one, found.refitted))
+    model = "model with its causes" if labels != without else "refitted model"
+    text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
+    return (f"{text}; it corrects the {model}.",)
 
 
 # ---- what may be judged ------------------------------------------------------------------------

@@ -148,24 +148,18 @@ def _role(e: DataSplit, recording: Recording) -> str:
     return "both" if fit and held else "fit" if fit else "held-out"
 
 
-def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str], Array]:
-    """Header and rows of residual.csv: measured, data sheet, refitted (and with the cause) over
-    everything."""
+def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str], Array]:
+    """Header and rows of residual.csv: measured, data sheet, refitted (and the model with the
+    causes) over everything."""
     e, header, rows = g.evidence, ["time_s", "recording", "part", "window"], []
     spans = [(0, s) for s in e.fit] + [(1, s) for s in e.held_out]
-    fitted = [
-        replay_track(g.assembly, g.fit.p, t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)
-    ]
-    sheet = [
-        replay_track(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise)
-        for t in e.tracks(g.assembly)
-    ]
-    fitted += g.held_out
-    sheet += g.data_sheet
+    fitted = [*_fitted_replays(g, g.fit.p), *g.held_out]
+    sheet = [*_fitted_replays(g, g.assembly.values()), *g.data_sheet]
+    with_cause = [] if cause is None else [*_fitted_replays(cause, cause.fit.p), *cause.held_out]
     for c in e.channels:
         stem, unit = split_column(c)
         header += [c, with_unit(f"{stem}_data_sheet", unit), with_unit(f"{stem}_refitted", unit)]
-        header += [with_unit(f"{stem}_cause", unit)] if cause else []
+        header += [] if cause is None else [with_unit(f"{stem}_cause", unit)]
     inputs = list(recorded_inputs(e))
     loops = [
         q
@@ -190,13 +184,11 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
             window,
         ]
         for k, c in enumerate(e.channels):
+            models = [sheet[i], fitted[i], *with_cause[i : i + 1]]
             table += [
                 from_si(y, split_column(c)[1])
-                for y in (fitted[i].track.y[:, k], sheet[i].model[:, k], fitted[i].model[:, k])
+                for y in (fitted[i].track.y[:, k], *(one.model[:, k] for one in models))
             ]
-            if cause:
-                after = cause[i - len(e.fit)].model[:, k] if part else fitted[i].model[:, k]
-                table.append(from_si(after, split_column(c)[1]))
         table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
         table += loop_columns(g, s, loops)
         rows.append(np.stack(table, axis=1))
@@ -205,7 +197,15 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
     return header, np.concatenate([rows[i] for i in order])
 
 
-def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
+def _fitted_replays(g: GreyBox, p: Array) -> list[Replay]:
+    """Replays of a model with these parameters (SI) over the fitted part."""
+    return [
+        replay_track(g.assembly, p, t, g.fit.stepping, g.evidence.noise)
+        for t in g.evidence.tracks(g.assembly)
+    ]
+
+
+def residual_csv(g: GreyBox, cause: GreyBox | None = None) -> bytes:
     """residual.csv as bytes, 9 significant digits."""
     header, rows = residual_table(g, cause)
     formats = ["%.12g"] + ["%.9g"] * (len(header) - 1)

@@ -45,4 +45,4 @@ def export_model(
     for folder in {file.parent for file in files}:
         make_folder(folder)
     write_together(made.files)
-    return Exported(step, files, made.binary, made.notes)
+    return Exported(step, files, made.binary, (*model.notes, *made.notes))

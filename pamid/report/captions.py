@@ -324,9 +324,7 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
     )
 
 
-def window_title(
-    channel: str, window: WorstWindow, diagnosis: DiagnosisFile | None, kinds: tuple[str, ...]
-) -> str:
+def window_title(run: RunData, channel: str, window: WorstWindow, kinds: tuple[str, ...]) -> str:
     """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
     friction"."""
     part = "held-out" if window.held_out else "fitted"
@@ -334,15 +332,13 @@ def window_title(
     before = window.mae["refitted"]
     for kind in reversed(kinds):
         if kind in ("cause", "network") and kind in window.mae:
-            cause = (
-                causes_label(diagnosis)
-                if diagnosis is not None and kind == "cause"
-                else "the network"
-            )
+            causes = causes_label(run.diagnosis) if run.diagnosis is not None else "the causes"
+            corrected = f"{causes} and the network" if run.network_on_causes(channel) else ""
+            added = causes if kind == "cause" else corrected or "the network"
             change = "falls" if window.mae[kind] < before else "grows"
             return (
                 f"Worst {part} window: the {what} error {change} from {formatting.short(before)} "
-                f"to {with_unit_text(window.mae[kind], unit_text)} with {cause}"
+                f"to {with_unit_text(window.mae[kind], unit_text)} with {added}"
             )
     return (
         f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} "

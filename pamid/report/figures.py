@@ -380,7 +380,7 @@ def window_drawing(
         legend_above(above, 2 if narrow else 4)
 
     name = "window-network" if "network" in kinds else "window"
-    return Drawing(name, window_title(channel, window, diagnosis, kinds), draw, 3.3, 3.5)
+    return Drawing(name, window_title(run, channel, window, kinds), draw, 3.3, 3.5)
 
 
 def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing | None:

@@ -61,6 +61,11 @@ class RunData:
                 found |= one.errors
         return found
 
+    def network_on_causes(self, channel: str) -> bool:
+        """Does the network that corrects a channel correct the model with the causes?"""
+        networks = (*self.beside, self.network)
+        return any(n is not None and n.on_causes and channel in n.errors for n in networks)
+
     @property
     def rig(self) -> str:
         """The rig's name, "" if no file says it."""
@@ -130,6 +135,12 @@ def load_run(folder: Path) -> RunData:
         missing=missing,
         added=read_result(folder / ADDED_VARIABLES_FILE, AddedVariablesFile),
     )
+
+
+def repeats_refit(part: FloatArray, cause: FloatArray, refitted: FloatArray) -> bool:
+    """Whether the trace of the model with the causes is that of the refitted model over the fitted
+    part, as an earlier version wrote it."""
+    return np.array_equal(cause[part == 0], refitted[part == 0], equal_nan=True)
 
 
 def _in_loops(

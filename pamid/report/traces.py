@@ -19,7 +19,7 @@ from pamid.report.captions import model_label
 from pamid.report.channel_errors import ChannelErrors, headline
 from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.highlights import Highlight, highlights_of
-from pamid.report.load import Residual, RunData
+from pamid.report.load import Residual, RunData, repeats_refit
 from pamid.report.markup import paragraphs, tag
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
@@ -256,17 +256,13 @@ def _block(name: str, content: Packed) -> Markup:
 
 
 def _values(residual: Residual, column: str, kind: str) -> FloatArray:
-    """A trace as it is drawn. The cause was run over what was held out; before it stands a copy of
-    the refitted model, which is no trace of the cause."""
+    """A trace as it is drawn, that of the causes only where their model ran."""
     values = residual.columns[column] if kind == MEASURED else residual.of(column, kind)
+    part, refitted = residual.columns["part"], residual.of(column, "refitted")
     assert values is not None
-    if kind != "cause":
-        return values
-    fitted, refitted = residual.columns["part"] == 0, residual.of(column, "refitted")
-    copied = refitted is not None and np.array_equal(
-        values[fitted], refitted[fitted], equal_nan=True
-    )
-    return np.where(fitted, np.nan, values) if copied else values
+    if kind == "cause" and refitted is not None and repeats_refit(part, values, refitted):
+        return np.where(part == 0, np.nan, values)
+    return values
 
 
 def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]) -> list[str]:

@@ -233,7 +233,8 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
         return []
     found = [window_drawing(run, residual, channel, window, ("data_sheet", "refitted", "cause"))]
     if residual.of(channel, "network") is not None:
-        found.append(window_drawing(run, residual, channel, window, ("refitted", "network")))
+        before = ("refitted", "cause") if run.network_on_causes(channel) else ("refitted",)
+        found.append(window_drawing(run, residual, channel, window, (*before, "network")))
     return found
 
 

@@ -133,6 +133,11 @@ class NetworkFile(Model):
         description="what it corrects: the replayed model (replay), or the one in its own loop "
         "(loop)",
     )
+    on: Sometimes[Text] = Field(
+        default=None,
+        description="the model whose residual it was trained on: the refitted one (refit), or the "
+        "one with the causes of the diagnosis (causes)",
+    )
     target: Sometimes[Text] = Field(default=None, description="what it was trained on, in words")
     parameters: Sometimes[dict[Text, Number]] = Field(
         default=None, description="fitted ones of the model that it corrects from within, by name"
@@ -140,7 +145,7 @@ class NetworkFile(Model):
     mae: Sometimes[MapOf[ChannelErrors]] = Field(
         default=None,
         description="mean absolute error in the unit of the channel: channel -> refitted, "
-        "with_network ..., and `part` in words",
+        "with_cause, with_network ..., and `part` in words",
     )
     notes: Sometimes[ListOf[Text]] = Field(default=None, description="a sentence each")
 
@@ -149,6 +154,11 @@ class NetworkFile(Model):
         """It corrects the model in its own loop, so its errors do not compare with those of the
         replay."""
         return self.model == "loop"
+
+    @property
+    def on_causes(self) -> bool:
+        """It was trained on what the model with the causes leaves over."""
+        return self.on == "causes"
 
     @property
     def summary(self) -> TrainingSummary:

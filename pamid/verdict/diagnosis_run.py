@@ -19,6 +19,7 @@ from pamid.base.run_folder import (
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
+from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
@@ -87,10 +88,8 @@ def diagnose_into(
     proposal = pool.one(Proposing(), found)
     content = with_experiment(draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found))
-    write_atomically(
-        run.path(RESIDUAL_FILE),
-        residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
-    )
+    residual = residual_csv(found.budget.model, with_causes(found))
+    write_atomically(run.path(RESIDUAL_FILE), residual)
     write_atomically(run.path(FREE_RUN_FILE), free_runs_of(found))
     if found.ranking:
         write_json(run.path(ADDED_VARIABLES_FILE), added_variables(found).as_json())
@@ -117,9 +116,15 @@ def free_runs_of(d: Diagnosis) -> bytes:
 
 def models_json(d: Diagnosis) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it."""
-    model = d.budget.model
-    if d.cause is None:
+    model, cause = d.budget.model, with_causes(d)
+    if cause is None:
         return fit_json(model, d.seed)
-    with_cause = replace(model, assembly=d.cause.assembly, fit=d.cause.fit)
-    cause = {"cause": model_json(d.cause.assembly, d.cause.fit)}
-    return fit_json(model, d.seed, with_cause) | cause
+    return fit_json(model, d.seed, cause) | {"cause": model_json(cause.assembly, cause.fit)}
+
+
+def with_causes(d: Diagnosis) -> GreyBox | None:
+    """The model with the causes that the verdict names, with its held-out replays."""
+    if d.cause is None:
+        return None
+    c = d.cause
+    return replace(d.budget.model, assembly=c.assembly, fit=c.fit, held_out=c.replays)

@@ -131,7 +131,8 @@ def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
     found."""
     _, recording, fitted = made
     plain = fitted_run(tmp_path / "plain", recording.path)
-    found: Any = SimpleNamespace(budget=SimpleNamespace(model=plain), cause=fitted, seed=0)
+    cause = SimpleNamespace(assembly=fitted.assembly, fit=fitted.fit, replays=fitted.held_out)
+    found: Any = SimpleNamespace(budget=SimpleNamespace(model=plain), cause=cause, seed=0)
     write_json(tmp_path / "plain" / "fit.json", models_json(found))
     best, refitted = (load_identified(tmp_path / "plain", which=w) for w in ("best", "refitted"))
     np.testing.assert_array_equal(best.values, agreed(fitted.fit))
