@@ -26,8 +26,13 @@ def built(name: str, folder: Path) -> Path:
     step = step_of(case(name, 1).model)
     for file, text in c_files(step).items():
         (folder / file).write_text(text)
+    return compiled(folder)
+
+
+def compiled(folder: Path) -> Path:
+    """The program of the C files in a folder."""
     subprocess.run(
-        ["gcc", *STRICT, "main.c", f"{model_name(step)}.c", "-lm", "-o", "model"],
+        ["gcc", *STRICT, *sorted(p.name for p in folder.glob("*.c")), "-lm", "-o", "model"],
         cwd=folder,
         check=True,
     )
