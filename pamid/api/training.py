@@ -188,8 +188,8 @@ def train_residual(
     wanted = NetworkChoice(network, sizes)
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
     folder = Run.open(home.folder)
-    trainer = _trainer(run, home.folder, at, rig_given(rig))
     leftover = read_residual_data(home.folder, channel, tuple(inputs), on=on, replay=at != "output")
+    trainer = _trainer(run, home.folder, at, on, rig_given(rig))
     folder.begin_step(
         command=command or ["pamid.train_residual", str(home.folder)],
         seed=seed,
@@ -246,7 +246,9 @@ def _damping(
         ) from None
 
 
-def _trainer(run: FitResult | PathLike, folder: Path, at: str, rig: str | Rig | None) -> Trainer:
+def _trainer(
+    run: FitResult | PathLike, folder: Path, at: str, on: str, rig: str | Rig | None
+) -> Trainer:
     """What trains at the output or at a port. Wrong names are refused here."""
     if at == "output":
         if rig is not None:
@@ -254,13 +256,13 @@ def _trainer(run: FitResult | PathLike, folder: Path, at: str, rig: str | Rig | 
         return _at_output
     if rig is None and isinstance(run, FitResult):
         rig = run.code[0]
-    origin = origin_of(folder, rig)
+    origin = origin_of(folder, rig, on)
     entry = entry_of(origin.evidence.rig, at)
 
     def at_port(
         run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
     ) -> tuple[dict[str, Any], bool]:
-        found = train_at_port(leftover, origin.model(show), entry, show, **course)
+        found = train_at_port(leftover, origin.model(), entry, show, **course)
         return write_port_correction(run, found), found.interrupted
 
     return at_port

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,17 +30,15 @@ from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, Run
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
 from pamid.correction.residual_data import CAUSES, MODEL_COLUMNS, REFIT, REFIT_REMEDY, derived
+from pamid.correction.stored_model import refuse, stored_model
 from pamid.engine.program import Stepping
-from pamid.estimation.baseline_repair import rig_without
 from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment, attach
-from pamid.model.between_samples import stated
+from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
 from pamid.model.registry import effects_again, in_catalogue, name_of, rig_again
 from pamid.model.rig import Rig
-from pamid.model.sampling import as_sampled
 from pamid.model.trace import Traced, beside, fed, signals_of
 from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
@@ -62,7 +60,6 @@ NETWORK_LEFT_OUT = (
     "--on causes trains one for this model"
 )
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
-MOST_STORED_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,7 +355,7 @@ def load_identified(
         on_causes = chosen == "cause" or (chosen == "network" and trained_on == CAUSES)
         saved = fit.cause if on_causes else fit.model
         if saved is None:
-            _refuse(run_folder / NETWORK_FILE, f"its network corrects a cause that {path} lacks")
+            refuse(run_folder / NETWORK_FILE, f"its network corrects a cause that {path} lacks")
         model = _model(made, saved, fit.recordings, catalogue, path)
         model = replace(model, source=name_of(rig or source), sha256=sha256_of(path))
     if chosen != "network":
@@ -375,32 +372,12 @@ def _model(
     catalogue: dict[str, type[Effect]],
     path: Path,
 ) -> Identified:
-    periods = [one.period_s for one in recordings if one.period_s]
-    rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
-    rig = _with_background_of(rig, saved)
-    assembly = Assembly(
-        rig, tuple(attach(rig, label, catalogue) for label in saved.effects), background=True
-    )
-    values = saved.values
-    if set(values) != set(assembly.keys):
-        odd = sorted(set(values) ^ set(assembly.keys))
-        _refuse(path, f"its model and the rig {rig.name!r} differ in {', '.join(odd[:3])}")
-    p = np.array([values[key] for key in assembly.keys])
-    step = Stepping(saved.stepping.substeps or 0, saved.stepping.implicit)
     period = (recordings[0].period_s if recordings else None) or 0.0
-    if period <= 0.0 or not 1 <= step.substeps <= MOST_STORED_SUBSTEPS:
-        _refuse(path, "a sampling period or the number of steps is out of range")
+    if period <= 0.0:
+        refuse(path, "the sampling period of its recordings is out of range")
+    assembly, p, step = stored_model(rig, saved, recordings, catalogue, path)
     controller = next((one.controller for one in recordings if one.loop == "closed"), {})
     return Identified(rig.name, assembly, p, period, step, controller=controller)
-
-
-def _with_background_of(rig: Rig, saved: FittedModel) -> Rig:
-    """The rig without the background terms that the fit left out."""
-    owners = {key.partition(":")[0] for key in saved.values}
-    for owner, term in Assembly(rig, background=True).background_terms.items():
-        if owner not in owners:
-            rig = rig_without(rig, term)
-    return rig
 
 
 def network_beside(
@@ -421,7 +398,7 @@ def _trained_on(folder: Path) -> str:
     with _sound(path):
         on = str(read_json(path).get("on", REFIT))
     if on not in MODEL_COLUMNS:
-        _refuse(path, f"it was trained on {on!r:.60}, which is none of {', '.join(MODEL_COLUMNS)}")
+        refuse(path, f"it was trained on {on!r:.60}, which is none of {', '.join(MODEL_COLUMNS)}")
     return on
 
 
@@ -433,7 +410,7 @@ def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> I
     if (
         about["model"] == "loop" or enters == "output"
     ) and trained.output_name not in model.assembly.rig.outputs:
-        _refuse(
+        refuse(
             folder / NETWORK_FILE, f"its output {trained.output_name!r} is no output of the model"
         )
     if about["model"] == "loop":
@@ -451,7 +428,7 @@ def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> I
     try:
         entry = entry_of(model.assembly.rig, str(enters["port"]))
     except UsageError as error:
-        _refuse(folder / NETWORK_FILE, error.message)
+        refuse(folder / NETWORK_FILE, error.message)
     corrected = entered(model.assembly, entry)
     p = corrected.values({str(k): float(v) for k, v in about["parameters"].items()})
     free = [corrected.index_of(str(name)) for name in about["parameters"]]
@@ -459,7 +436,7 @@ def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> I
         if i not in free:
             p[i] = model.values[model.assembly.keys[key]]
     if not np.isfinite(p).all():
-        _refuse(folder / NETWORK_FILE, "a parameter is not finite")
+        refuse(folder / NETWORK_FILE, "a parameter is not finite")
     return replace(
         model,
         assembly=corrected,
@@ -475,12 +452,8 @@ def _sound(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        _refuse(
+        refuse(
             path,
             f"it lacks entries, or they are not what they should be ({type(error).__name__}: "
             f"{error})",
         )
-
-
-def _refuse(path: Path, what: str) -> NoReturn:
-    raise FileError(f"{path} cannot be used: {what}.", REFIT_REMEDY, code="damaged")

@@ -34,7 +34,6 @@ from pamid.base.units import (
     NONE,
     display_unit,
     from_si,
-    size_from_si,
     split_column,
     to_si,
     with_unit,
@@ -47,13 +46,19 @@ from pamid.correction.output_network import (
     train_network,
     write_network,
 )
-from pamid.correction.residual_data import ResidualData
+from pamid.correction.residual_data import CAUSES, REFIT, ResidualData
+from pamid.correction.stored_model import stored_model
 from pamid.diagnosis.candidate_model import candidate_from, transferred
-from pamid.estimation.grey_box import GreyBox, fit_model
+from pamid.engine.program import Stepping
+from pamid.estimation.fit_files import span_rows
+from pamid.estimation.grey_box import GreyBox, model_with
+from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.posterior import read_posterior
+from pamid.estimation.problem import Problem, free_parameters
+from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.smoother import SMOOTHER_STEPS, Latent, Smoother, size_at
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment, attach
+from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.registry import all_effects, rig_again
 from pamid.model.rig import Rig
@@ -62,14 +67,14 @@ from pamid.networks.trained_network import TrainedNetwork
 from pamid.recording.recording import read_recording
 from pamid.schemas.fit_file import FitFile
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.replay import Replay, channel_mae, replay_track
+from pamid.simulation.replay import Replay, replay_track
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 
 ADDED = "value_of_the_network"  # the rig's further input
-AGAIN = 1e-3  # share by which a model fitted again may differ in its errors
+AGAIN = 1e-3  # of a model's error: what its replays may differ by from those of residual.csv
 
 
 @dataclass(frozen=True)
@@ -135,40 +140,43 @@ class PortCorrection:
 # ---- the model of a run ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Origin:
-    """What a run's model was fitted to, its effects, and its fit.json."""
+    """A run's recordings, divided, the model that its fit.json stores, with its values (SI) and
+    steps, and fit.json."""
 
     evidence: DataSplit
-    attached: tuple[Attachment, ...]
+    assembly: Assembly
+    p: Array
+    stepping: Stepping
     fit: FitFile
 
-    def model(self, progress: Progress = silent) -> GreyBox:
-        """The model, fitted again; DataError where it is not the run's any more."""
-        earlier = read_posterior(Path(self.fit.from_.path)) if self.fit.from_ else None
-        found = fit_model(
-            self.evidence,
-            self.attached,
-            seed=self.fit.seed or 0,
-            progress=progress,
-            earlier=earlier,
+    def model(self) -> GreyBox:
+        """The stored model with its held-out replays, and what its recordings tell of its
+        parameters there."""
+        e, a = self.evidence, self.assembly
+        tracks = e.tracks(a)
+        problem = Problem(a, tracks, free_parameters(a, tracks))
+        if self.fit.from_ is not None:
+            earlier = read_posterior(Path(self.fit.from_.path))
+            problem = replace(problem, prior=earlier.prior(problem))
+        with threadpool_limits(limits=1, user_api="blas"):
+            found = fit_robustly(problem, p=self.p, stepping=self.stepping)
+        fitted = replace(found, p=self.p)
+        held_out = tuple(
+            replay_track(a, self.p, t, self.stepping, e.noise) for t in e.tracks(a, held_out=True)
         )
-        for c, now in zip(self.evidence.channels, channel_mae(list(found.held_out)), strict=True):
-            now, before = size_from_si(now, split_column(c)[1]), self.fit.mae[c]["refitted"]
-            if not np.isclose(now, before, rtol=AGAIN):
-                raise DataError(
-                    f"The model fitted again is not the run's: MAE of {c} {now:.4g}, in {FIT_FILE} "
-                    f"{before:.4g}.",
-                    "Another version wrote the run: fit it anew.",
-                )
-        return found
+        return GreyBox(e, a, fitted, 0.0, held_out, (), ())
 
 
-def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
-    """Read a run's recordings again. FileError where one has moved or changed, or where the rig is
-    a file that nobody names here: it is code, and is run."""
+def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Origin:
+    """Read a run's recordings again, and its refitted model or the one with the causes (on: REFIT
+    or CAUSES). FileError where a recording has moved or changed, where the model is not stored, or
+    where the rig is a file that nobody names here: it is code, and is run."""
     record = Run.open(folder).record
-    fit = need_result(folder / FIT_FILE, FitFile, also=("seed", "from"))
+    stored = "cause" if on == CAUSES else "model"
+    fit = need_result(folder / FIT_FILE, FitFile, also=("from", stored))
+    saved = fit.cause if on == CAUSES else fit.model
     try:
         known = {
             str(one["path"]): str(one["sha256"])
@@ -178,11 +186,11 @@ def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
         name = str(record["options"].get("rig") or fit.rig)
         roles = {one.path: one.role for one in fit.recordings}
         known |= {one.path: one.sha256 for one in fit.recordings}
-        if not roles:
-            raise KeyError("recordings")
+        if not roles or saved is None:
+            raise KeyError("recordings, model")
     except (KeyError, TypeError, AttributeError):
         raise FileError(
-            f"{folder} does not tell its recordings, rig and effects.",
+            f"{folder} does not tell its recordings, rig and model.",
             "Run `pamid fit` or `pamid diagnose` again.",
             code="damaged",
         ) from None
@@ -197,7 +205,16 @@ def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
         [r for path, r in recordings.items() if roles[path] != "held-out"],
         [r for path, r in recordings.items() if roles[path] == "held-out"],
     )
-    return Origin(evidence, tuple(attach(made, label, all_effects()) for label in fit.effects), fit)
+    model, p, stepping = stored_model(made, saved, fit.recordings, all_effects(), folder / FIT_FILE)
+    evidence = replace(evidence, rig=model.rig)
+    assembly = model_with(evidence, model.attachments, observed_sizes(evidence))
+    # a diagnosis widens ranges where a fit ends at them
+    ranges = {
+        b.key: (min(b.low, value), max(b.high, value))
+        for b, value in zip(assembly.parameters, p.tolist(), strict=True)
+        if not b.low <= value <= b.high
+    }
+    return Origin(evidence, replace(assembly, ranges=ranges), p, stepping, fit)
 
 
 def _place(folder: Path, path: str) -> Path:
@@ -297,8 +314,8 @@ class Corrected:
         return entered(self.model.assembly, self.entry)
 
     def replayed(self, values: Array) -> list[Replay]:
-        """Replays of all fitted and held-out tracks with these values (SI; rows of residual.csv)
-        added."""
+        """Replays of all fitted and held-out tracks with these values (SI; one track after the
+        other) added."""
         m, a, first, found = self.model, self.assembly, 0, []
         p, column = transferred(a, (m.assembly, self.p)), a.traced.inputs.index(ADDED)
         for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):
@@ -328,12 +345,14 @@ def train_at_port(
             for t in e.tracks(model.assembly)
         )
         missing, p = missing_at(model, fitted, entry)
+    rows = np.concatenate([np.r_[places] for places in span_rows(e)])  # of all tracks
     target = np.zeros(len(residual.target))
-    if len(missing) + sum(len(r.track) for r in model.held_out) != len(target):
+    if len(rows) != len(target):
         raise FileError(
             f"{RESIDUAL_FILE} has {len(target)} rows, the recordings have others.", "Fit again."
         )
-    target[: len(missing)] = from_si(missing, unit)
+    _require_stored(residual, model, rows[len(missing) :])
+    target[rows[: len(missing)]] = from_si(missing, unit)
     trained, training, values = train_network(
         residual, with_unit("missing", unit), target, **options
     )
@@ -341,11 +360,10 @@ def train_at_port(
     if training.why != "interrupted":
         at_output = _at_output(residual, **options)
     stage("simulating with the network")
-    runs = Corrected(model, entry, p).replayed(to_si(values, unit))
-    outputs = {
-        c: from_si(np.concatenate([r.model[:, k] for r in runs]), split_column(c)[1])
-        for k, c in enumerate(e.channels)
-    }
+    runs = Corrected(model, entry, p).replayed(to_si(values[rows], unit))
+    found = np.empty((len(rows), len(e.channels)))
+    found[rows] = np.concatenate([r.model for r in runs])
+    outputs = {c: from_si(y, split_column(c)[1]) for c, y in zip(e.channels, found.T, strict=True)}
     notes = (
         ()
         if all(r.finite for r in runs)
@@ -365,6 +383,21 @@ def train_at_port(
         _compared(residual, outputs, at_output),
         (*residual.notes, *notes),
     )
+
+
+def _require_stored(residual: ResidualData, model: GreyBox, held_out: NDArray[np.intp]) -> None:
+    """DataError where the replays of a model are not those of residual.csv over these rows."""
+    replayed = np.concatenate([r.model for r in model.held_out])
+    for channel, now in zip(model.evidence.channels, replayed.T, strict=True):
+        written = list(residual.models(channel).values())[-1][held_out]
+        now = from_si(now, split_column(channel)[1])
+        gap = residual.columns[channel][held_out] - written
+        if not np.mean(np.abs(now - written)) <= AGAIN * np.nanmean(np.abs(gap)):
+            raise DataError(
+                f"The model that {FIT_FILE} stores is not that of {RESIDUAL_FILE}: they differ in "
+                f"{channel}.",
+                "Another version wrote the run: fit it anew.",
+            )
 
 
 def named_values(model: GreyBox, p: Array) -> dict[str, float]:

@@ -192,9 +192,10 @@ def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str],
         table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
         table += loop_columns(g, s, loops)
         rows.append(np.stack(table, axis=1))
-    # a recording's parts in order of time
-    order = sorted(range(len(spans)), key=lambda i: (rows[i][0, 1], spans[i][1].start))
-    return header, np.concatenate([rows[i] for i in order])
+    order = np.concatenate([np.r_[places] for places in span_rows(e)])
+    table_rows = np.empty((len(order), len(header)))
+    table_rows[order] = np.concatenate(rows)
+    return header, table_rows
 
 
 def _fitted_replays(g: GreyBox, p: Array) -> list[Replay]:
@@ -203,6 +204,21 @@ def _fitted_replays(g: GreyBox, p: Array) -> list[Replay]:
         replay_track(g.assembly, p, t, g.fit.stepping, g.evidence.noise)
         for t in g.evidence.tracks(g.assembly)
     ]
+
+
+def span_rows(e: DataSplit) -> list[slice]:
+    """Rows of residual.csv that every span holds, the fitted ones first: recording by recording, a
+    recording's parts in order of time."""
+    spans = (*e.fit, *e.held_out)
+    place = {id(r): k for k, r in enumerate(e.recordings)}
+    ordered = sorted(
+        range(len(spans)), key=lambda i: (place[id(spans[i].recording)], spans[i].start)
+    )
+    first, rows = 0, [slice(0)] * len(spans)
+    for i in ordered:
+        rows[i] = slice(first, first + spans[i].stop - spans[i].start)
+        first = rows[i].stop
+    return rows
 
 
 def residual_csv(g: GreyBox, cause: GreyBox | None = None) -> bytes:

@@ -106,7 +106,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
         "pamid.api.fitting.fit_model",
         "pamid.api.diagnosing.diagnose_into",
-        "pamid.correction.port_network.fit_model",
+        "pamid.correction.port_network.fit_robustly",
         "pamid.api.training.train_correction",
         "pamid.api.trial_cases.examine",
         "pamid.replications.papers.joint.reproduce",

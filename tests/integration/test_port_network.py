@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from pamid.base.errors import UsageError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.run_folder import Run
+from pamid.base.units import from_si
 from pamid.correction.port_network import (
     Corrected,
     Entry,
@@ -26,6 +28,7 @@ from pamid.correction.port_network import (
     missing_at,
     named_values,
     origin_of,
+    train_at_port,
 )
 from pamid.correction.residual_data import read_columns, read_residual_data
 from pamid.estimation.fit_files import fit_json, residual_csv
@@ -251,10 +254,11 @@ def _edited(folder: Path, change: Callable[[dict[str, Any], dict[str, Any]], Non
             3,
             ".toml was changed since",
         ),
-        (lambda fit, _: fit.pop("recordings"), 3, "does not tell"),
+        (lambda fit, _: fit.pop("recordings"), 3, "period_s of every recording"),
         (lambda _, record: record["options"].update(rig="my/rig.py"), 3, "add --rig my/rig.py"),
-        (lambda fit, _: fit["mae"]["angle_deg"].update(refitted=1.0), 4, "is not the run's"),
-        (lambda fit, _: fit.update(effects=["no-such-effect"]), 3, "no-such-effect"),
+        (lambda fit, _: fit["model"]["values"].update(viscous=0.5), 4, "they differ in angle_deg"),
+        (lambda fit, _: fit["model"].update(effects=["no-such-effect"]), 3, "no-such-effect"),
+        (lambda fit, _: fit.pop("model"), 3, "does not tell"),
     ],
 )
 def test_a_run_that_cannot_be_made_again_is_refused(
@@ -297,9 +301,48 @@ def test_effects_and_held_out_recordings_are_remembered(tmp_path: Path) -> None:
         ]
     ) in (0, 5)
     origin = origin_of(tmp_path / "run")
-    assert [a.label for a in origin.attached] == ["coulomb-friction@joint"]
+    assert [a.label for a in origin.assembly.attachments] == ["coulomb-friction@joint"]
     assert (
         [s.recording.path for s in origin.evidence.fit],
         [s.recording.path for s in origin.evidence.held_out],
     ) == ([paths[0]], [paths[1]])
-    origin.model()  # refuses a model of other errors than the run's
+    table = read_columns(tmp_path / "run" / "residual.csv")
+    replayed = from_si(np.concatenate([r.model[:, 0] for r in origin.model().held_out]), "deg")
+    np.testing.assert_allclose(replayed, table["angle_refitted_deg"][table["part"] == 1], rtol=1e-7)
+
+
+def test_values_go_to_the_rows_of_their_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two recordings that are each divided in time, fitted rows do not all come first."""
+    withheld = Withheld("coulomb-friction", "friction", "coulomb-friction", {})
+    paths = []
+    for seed in (3, 4):
+        (tmp_path / str(seed)).mkdir()
+        paths.append(
+            write_demo_recording(tmp_path / str(seed), withheld, seed=seed, duration_s=6.0)
+        )
+    folder = tmp_path / "run"
+    assert frame.run(["fit", *map(str, paths), "--output", str(folder)]) in (0, 5)
+    residual = read_residual_data(folder, replay=True)
+    model, targets = origin_of(folder).model(), []
+    number = {id(r): k for k, r in enumerate(model.evidence.recordings)}
+    told = [1e3 * number[id(s.recording)] + s.recording.time[s.start : s.stop]
+            for s in model.evidence.fit]  # fmt: skip
+
+    def silent(leftover: Any, name: str, target: np.ndarray, **_: Any) -> Any:
+        targets.append(target)
+        return None, SimpleNamespace(why="interrupted"), np.zeros(len(target))
+
+    monkeypatch.setattr(port_network, "train_network", silent)
+    monkeypatch.setattr(port_network, "missing_at", lambda *_: (np.concatenate(told), model.fit.p))
+    found = train_at_port(residual, model, Entry("command", ""))
+    table = residual.columns
+    fitted = table["part"] == 0
+    assert np.diff(fitted.astype(int)).max() > 0  # the second recording's fitted part comes later
+    np.testing.assert_allclose(
+        targets[0], np.where(fitted, 1e3 * table["recording"] + table["time_s"], 0.0), rtol=1e-9
+    )
+    for channel, values in found.outputs.items():
+        gap = np.abs(values - residual.models(channel)["refitted"])
+        assert gap.max() < 1e-5 * np.ptp(values)
