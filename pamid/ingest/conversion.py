@@ -22,7 +22,8 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import MIN_SAMPLES
 
 NOMINAL = 1e-3  # a clock and a stated period that differ by less name the same sampling
-ROUND = 2e-4  # a measured period so close to a round number of s or Hz is that number
+#: significant digits of a round number of s or Hz -> how close to it a measured period is meant so
+ROUND = {1: NOMINAL, 2: NOMINAL, 3: 2e-4}
 CELL_TEXT = 40  # bytes of a sample on its way into a file
 FINER = 100  # times the rows of the log: more samples are not made of them
 Stretch = tuple[float, float]  # from, to: s by the log's clock
@@ -179,9 +180,11 @@ def _period(stated: float | None, lead: Clock) -> tuple[float, float]:
 
 def round_period(measured: float) -> float:
     """The round number of s or Hz that a measured period (s) must mean, or itself to 9 digits."""
-    round_s, round_hz = float(f"{measured:.3g}"), 1.0 / float(f"{1.0 / measured:.3g}")
-    near = [value for value in (round_s, round_hz) if abs(value / measured - 1.0) < ROUND]
-    return near[0] if near else float(f"{measured:.9g}")
+    for digits, within in ROUND.items():
+        for value in (float(f"{measured:.{digits}g}"), 1.0 / float(f"{1.0 / measured:.{digits}g}")):
+            if abs(value / measured - 1.0) < within:
+                return value
+    return float(f"{measured:.9g}")
 
 
 def _pieces(

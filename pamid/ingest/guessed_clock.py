@@ -17,6 +17,7 @@ from pamid.ingest.conversion import round_period
 from pamid.ingest.gathering import SINCE_1970_NS
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.source_units import is_readable, read_unit
+from pamid.ingest.stamp_parts import TIME_WORDS
 from pamid.ingest.stamps import usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.recording.recording import toml_string
@@ -30,15 +31,6 @@ FEWEST_STAMPS = 10  # distinct ones
 EPOCH_STEP_S = 3600.0  # samples of a clock that counts from 1970 are closer
 BY_SPACING = "by the spacing"
 FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clock in s
-#: what clocks are called whose name says their unit
-_UNIT_WORDS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "tout"), "s"),
-    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "micros", "microsecond", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
-    **dict.fromkeys(("minute", "minutes"), "min"),
-    **dict.fromkeys(("hour", "hours"), "h"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +107,7 @@ def _named_unit(name: str) -> str:
     if unit(suffix).dimension == _SECOND:
         return suffix
     words = tokens(name)
-    return _UNIT_WORDS.get(words[-1], "") if words else ""
+    return TIME_WORDS.get(words[-1], "") if words else ""
 
 
 def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:

@@ -10,23 +10,48 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from pamid.base.errors import FileError, nearest
+from pamid.base.errors import FileError, nearest, quoted
 from pamid.base.files import LOG, open_data
 from pamid.ingest.channels import Log
 from pamid.ingest.child_process import read_in_child
 from pamid.ingest.log_kinds import Kind, known_kinds, read_here
 from pamid.ingest.readers.lerobot import data_set_of
+from pamid.ingest.stamp_parts import join_stamp_parts
 
 HEAD_BYTES = 4096
 
 
+_PICKLE = (
+    "a pickle, which runs code when it is loaded; pamid loads none",
+    "Load it where it was written, and save the table: table.to_parquet('log.parquet').",
+)
+_PICKLE_SUFFIXES = (".pkl", ".pickle", ".pck", ".joblib")  # the oldest pickles begin with no mark
+_SQLITE = b"SQLite format 3\0"
 #: what is often mistaken for a log, and what to do
 _OTHER_FORMATS = (
-    (b"PK\x03\x04", "a packed archive (a workbook, an npz)", "Save it as CSV, Parquet or MAT."),
-    (b"\x1f\x8b", "packed with gzip", "Unpack it first."),
+    *((bytes((0x80, protocol)), *_PICKLE) for protocol in range(2, 6)),
+    (b"\x1f\x8b", "packed with gzip", "Unpack it first: gunzip -k FILE."),
+    (b"BZh", "packed with bzip2", "Unpack it first: bunzip2 -k FILE."),
+    (b"\xfd7zXZ", "packed with xz", "Unpack it first: unxz -k FILE."),
+    (b"\x28\xb5\x2f\xfd", "packed with zstd", "Unpack it first: unzstd FILE."),
+    (b"7z\xbc\xaf", "packed with 7-Zip", "Unpack it first: 7z x FILE."),
     (b"\xd0\xcf\x11\xe0", "a workbook", "Save it as CSV."),
     (b"\x93NUMPY", "an array of NumPy", "Save it with names: CSV, Parquet, HDF5 or MAT."),
     (b"TDSh", "an index of a TDMS file", "Read the .tdms file beside it."),
+    (
+        b"ARROW1",
+        "a Feather or Arrow file",
+        "Save it as Parquet: pandas.read_feather(FILE).to_parquet('log.parquet').",
+    ),
+    (b"ULog\x01", "a ULog of a PX4", "Make a CSV of each topic: ulog2csv FILE (pip install pyulog)."),
+    (b"LOGG", "a BLF trace of CAN frames", "Decode it with the DBC file and save it as MDF4 or CSV."),
+)
+#: what the first member of a packed archive says of it
+_ARCHIVES = (
+    (b".npy", "an archive of NumPy (npz)", "Save its arrays with names: CSV, Parquet, HDF5 or MAT."),
+    (b".xml", "a workbook", "Save it as CSV."),
+    (b"xl/", "a workbook", "Save it as CSV."),
+    (b"", "a packed archive", "Unpack it first: unzip FILE."),
 )
 
 
@@ -49,7 +74,7 @@ def read_log(path: Path, kind: str | None = None) -> Log:
         raise FileError(f"{path}: there is no such file.", near)
     found, note = _kind_of(path, kind)
     log = read_in_child(path, found.name) if found.extra else read_here(path, found.name)
-    return replace(log, details=(note, *log.details)) if note else log
+    return join_stamp_parts(replace(log, details=(note, *log.details)) if note else log)
 
 
 def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
@@ -115,10 +140,24 @@ def _head(path: Path) -> bytes:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error
     if not head.strip(b"\0 \r\n\t"):
         raise FileError(f"{path} is empty.")
-    for mark, what, hint in _OTHER_FORMATS:
-        if head.startswith(mark):
-            raise FileError(f"{path} is {what}, no log that can be read.", hint, code="kind")
+    what, hint = _other_format(path, head)
+    if what:
+        hint = hint.replace("FILE", quoted(path))
+        raise FileError(f"{path} is {what}, no log that can be read.", hint, code="kind")
     return head
+
+
+def _other_format(path: Path, head: bytes) -> tuple[str, str]:
+    """What is often mistaken for a log, and what to do; "" of anything else."""
+    if head.startswith(b"PK\x03\x04"):
+        member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+        return next((what, hint) for part, what, hint in _ARCHIVES if part in member)
+    if head.startswith(_SQLITE) and path.suffix.lower() not in known_kinds()["ros"].suffixes:
+        table = 'sqlite3 -header -csv FILE "select * from TABLE" > log.csv'
+        return "an SQLite database and no ROS bag", f"Save its table as CSV: {table}."
+    if path.suffix.lower() in _PICKLE_SUFFIXES:
+        return _PICKLE
+    return next(((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark)), ("", ""))
 
 
 def _by_content(head: bytes) -> Kind | None:

@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationErro
 
 from pamid.base.errors import FileError, PamidError, nearest
 from pamid.base.toml_file import read_toml
-from pamid.base.units import NONE, is_unit, split_column, unit, with_unit
-from pamid.ingest.own_names import column_unit
+from pamid.base.units import NONE, split_column, unit, with_unit
+from pamid.ingest.own_names import column_unit, is_foreign_unit
 from pamid.ingest.source_units import (
     PRESSURE_DIMENSION,
     STANDARD_ATMOSPHERE_KPA,
@@ -356,18 +356,8 @@ def _check_column(column: str, where: str) -> None:
             code="mapping",
         )
     tail = column.rpartition("_")[2]
-    if split_column(column)[1] == NONE and len(tail) > 2 and tail != column and not is_unit(tail):
-        _refuse_foreign(column, tail, where)
-
-
-def _refuse_foreign(column: str, tail: str, where: str) -> None:
-    """A name that ends in a unit which pamid's columns do not have: the made column would lose its
-    meaning."""
-    try:
-        found = read_unit(tail)
-    except FileError:
-        return
-    if any(found.dimension):
+    if split_column(column)[1] == NONE and tail != column and is_foreign_unit(tail):
+        # the made column would lose its meaning
         raise FileError(
             f"{where}: signals.{column}: {tail!r} is no unit of pamid's columns.",
             "Name the made column in another, such as _kpa, _deg, _n, _nm; the source stays as it "

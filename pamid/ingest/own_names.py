@@ -6,7 +6,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.errors import PamidError
-from pamid.base.units import NONE, Dimension, known_symbols, split_column, unit, with_unit
+from pamid.base.units import (
+    NONE,
+    Dimension,
+    is_unit,
+    known_symbols,
+    split_column,
+    unit,
+    with_unit,
+)
 from pamid.ingest.channel_words import meanings, tokens
 from pamid.ingest.channels import ANY, Channel
 from pamid.ingest.source_units import is_readable, read_unit
@@ -29,7 +37,7 @@ def own_columns(channels: Sequence[Channel], angles: str = "") -> dict[str, tupl
         if not text and meanings(channel.name.rpartition("/")[2]) == {"angle"}:
             text = angles
         symbol = column_unit(text) if text else NONE
-        stem, count = _stem(channel), 1
+        stem, count = _apart(_stem(channel), symbol), 1
         column = with_unit(stem, symbol)
         while column in found:
             count += 1
@@ -42,10 +50,37 @@ def logged_unit(channel: Channel) -> str:
     """The unit of a channel, by the log or by its name; a speed per minute is one of turns."""
     name, text = channel.name.rpartition("/")[2], channel.unit.strip()
     if not text or not is_readable(text):
-        suffix = split_column(name)[1]
-        return "" if suffix == NONE else suffix
+        return _named_unit(name)[1]
     turns = read_unit(text).dimension == _PER_TIME and "velocity" in meanings(name)
     return TURNS if turns else text
+
+
+def _named_unit(name: str) -> tuple[str, str]:
+    """A name without the unit at its end, and the unit: of a column ("angle_deg") or as logs write
+    it ("angle_degrees"); "" where it has none."""
+    stem, symbol = split_column(name)
+    if symbol != NONE:
+        return stem, symbol
+    stem, _, tail = name.rpartition("_")
+    return (stem, tail) if stem and is_foreign_unit(tail) else (name, "")
+
+
+def is_foreign_unit(tail: str) -> bool:
+    """Is the last word of a name a unit that logs write and columns do not have?"""
+    readable = len(tail) > 2 and not is_unit(tail) and is_readable(tail)
+    return readable and any(read_unit(tail).dimension)
+
+
+def _apart(stem: str, symbol: str) -> str:
+    """The stem, its last words joined until the column's unit is read as it was meant: "channel_a"
+    in V is "channela_v", since "channel_a_v" would be in A V."""
+    while "_" in stem:
+        foreign = symbol == NONE and is_foreign_unit(stem.rpartition("_")[2])
+        if split_column(with_unit(stem, symbol)) == (stem, symbol) and not foreign:
+            break
+        head, _, tail = stem.rpartition("_")
+        stem = head + tail
+    return stem
 
 
 def column_unit(text: str) -> str:
@@ -81,8 +116,7 @@ def _stem(channel: Channel) -> str:
     group, _, name = channel.name.rpartition("/")
     if name.isdigit():
         name = f"{group.rpartition('/')[2].strip(ANY)}_{name}"
-    stem = split_column(name)[0] if split_column(name)[1] != NONE else name
-    words = [w.translate(_LATIN) for w in tokens(stem)]
+    words = [w.translate(_LATIN) for w in tokens(_named_unit(name)[0])]
     plain = [w for w in words if w.isascii()] or ["channel"]
     text = "_".join(plain)
     return text if not text[0].isdigit() and text != "time" else f"channel_{text}"
