@@ -10,8 +10,12 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.gathering import Gathering
+from pamid.ingest.source_units import is_readable
 
-_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?$")
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$")
+_WITH_UNIT = (
+    r"^(?P<number>[+-]?[\d.,]{1,40}(?:[eE][+-]?\d{1,4})?)\s?(?P<unit>[^\d\s.,:;+-][^\d]{0,20})$"
+)
 _TIME = r"(?P<hour>\d{1,3}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?)?\s?(?P<half>[aApP][mM])?"  # noqa: E501
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})[-/.](?P<day>\d{1,2})"
@@ -115,11 +119,23 @@ def add_column(
         seconds = _moments(gathering, name, text, f"{place}, column {name!r}")
         gathering.add(name, seconds, unit="s")
         return
+    text, unit = _unit_in_cells(text, unit)
     numbers = _numbers(gathering, name, text, decimal, f"{place}, column {name!r}")
     if numbers is None:
         gathering.leave_out(name, "text")
     else:
         gathering.add(name, numbers, unit=unit)
+
+
+def _unit_in_cells(text: Any, unit: str) -> tuple[Any, str]:
+    """Numbers with one unit behind each ("1.25 V"), without it, and the unit."""
+    parts = text.str.extract(_WITH_UNIT)
+    units = parts["unit"].dropna().unique()
+    if unit or len(units) != 1 or not is_readable(units[0]):
+        return text, unit
+    if parts["unit"].notna().sum() < SHARE_OF_NUMBERS * text.notna().sum():
+        return text, unit
+    return parts["number"].where(parts["number"].notna(), text), str(units[0])
 
 
 def _numbers(
@@ -131,7 +147,8 @@ def _numbers(
     thousands = text[kinds == "k"]
     if len(thousands):
         raise FileError(
-            f"{place}: {thousands.iloc[0]!r} has its thousands separated.",
+            f"{place}, data row {int(thousands.index[0]) + 1}: {thousands.iloc[0]!r} has its "
+            "thousands separated.",
             "Write the numbers without separators between thousands.",
             code="thousands",
         )
@@ -164,6 +181,7 @@ def _numbers(
         .str.replace(",", ".")
         .str.lower()
         .replace({"true": "1", "false": "0"})
+        .str.replace(r"(?<=[\d.])d(?=[-+\d])", "e", regex=True)  # as Fortran writes it
     )
     return _floats(clean)
 
@@ -236,27 +254,31 @@ def _days(parts: Any, part: Any, place: str) -> FloatArray:
     the month."""
     nan = float("nan")
     one, two = part("one", missing=nan), part("two", missing=nan)
-    month_first = False
-    if not np.isnan(one).all() and not (parts["other_mark"] == ".").any():
-        month_first = bool(np.nanmax(two) > 12)
-        changes = np.nanmin(one) != np.nanmax(one) or np.nanmin(two) != np.nanmax(two)
-        if not month_first and np.nanmax(one) <= 12 and changes:
-            raise FileError(
-                f"{place}: it cannot be told which number of the dates is the month.",
-                "Write dates as 2024-12-31.",
-                code="date-order",
-            )
-    month, day = (one, two) if month_first else (two, one)
     year = part("late_year", missing=nan)
     year = np.where(year < 100, year + 2000, year)
-    year, month, day = (
-        np.where(np.isnan(early), late, early)
-        for early, late in (
-            (part("year", missing=nan), year),
-            (part("month", missing=nan), month),
-            (part("day", missing=nan), day),
+    if np.isnan(one).all():
+        return _counted_days(*(part(name, missing=nan) for name in ("year", "month", "day")))
+    day_first, month_first = _counted_days(year, two, one), _counted_days(year, one, two)
+    if (parts["other_mark"] == ".").any() or np.nanmax(one) > 12:
+        return day_first
+    if np.nanmax(two) > 12:
+        return month_first
+    # a log runs from day to day: the other order leaps by months
+    steps = (np.diff(days[np.isfinite(days)]) for days in (day_first, month_first))
+    leaps = [bool(((step < 0.0) | (step > 1.0)).any()) for step in steps]
+    if leaps == [True, False]:
+        return month_first
+    if leaps == [True, True]:
+        raise FileError(
+            f"{place}: it cannot be told which number of the dates is the month.",
+            "Write dates as 2024-12-31.",
+            code="date-order",
         )
-    )
+    return day_first
+
+
+def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
+    """Days since 1970; NaN where there is no date."""
     there = ~np.isnan(year)
     months = (
         np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64).astype("datetime64[M]")

@@ -188,6 +188,22 @@ WORDS: dict[str, tuple[str, ...]] = {
     "voltage": ("voltage", "spannung", "tension", "napeti", "napatie"),
     "current": ("current", "strom", "courant", "corriente", "corrente", "proud", "prud", "i"),
 }
+#: the last word of a clock's name -> the unit that it counts
+TIME_WORDS = {
+    **dict.fromkeys(("h", "hour", "hours"), "h"),
+    **dict.fromkeys(("min", "minute", "minutes"), "min"),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "tout"), "s"),
+    **{
+        word: symbol
+        for symbol, long, short in (("ms", "milli", "m"), ("us", "micro", "u"), ("ns", "nano", "n"))
+        for word in (
+            symbol,
+            f"{long}s",
+            *(start + end for start in (long, short) for end in ("sec", "secs")),
+            *(long + end for end in ("second", "seconds")),
+        )
+    },
+}
 _SIDES = {
     "a": "1",
     "b": "2",

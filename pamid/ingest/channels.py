@@ -3,12 +3,18 @@ own stamps."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pamid.base.errors import FileError, listed, nearest
 from pamid.base.metrics import FloatArray
+from pamid.ingest.stated_period import StatedPeriod
 
+FEWEST, MOST_ROWS = 50, 0.9  # values, and share of the rows, of a channel that has its turn
 ANY = "*"  # stands in a name for the part of a log that a channel is in
 
 
@@ -46,16 +52,40 @@ class Channel:
     robot: RobotValue | None = None
 
 
+def rows_in_turns(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
+    """The rows, as masks, of channels that take turns in a table: every message of a bus has a row
+    of its own, and empty cells for what the others send."""
+    masks: dict[bytes, NDArray[np.bool_]] = {}
+    members: dict[bytes, list[str]] = {}
+    for channel in channels:
+        there = np.isfinite(channel.values)
+        if channel.stamps is None and FEWEST <= there.sum() < MOST_ROWS * there.size:
+            masks.setdefault(there.tobytes(), there)
+            members.setdefault(there.tobytes(), []).append(channel.name)
+    return {
+        name: mask
+        for key, mask in masks.items()
+        if any(
+            mask.size == other.size
+            and (mask & other).sum() <= (1.0 - MOST_ROWS) * min(mask.sum(), other.sum())
+            for other in masks.values()
+        )
+        for name in members[key]
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Log:
     """What a reader found. details: what it decided, in words (encoding, delimiter, header lines,
-    which stamps). part: which of several recordings in the file it is, "" for all of it."""
+    which stamps). part: which of several recordings in the file it is, "" for all of it. stated:
+    the sampling period that the text around the numbers states, if it does."""
 
     path: Path
     kind: str  # "csv", "mat", "tdms", "mdf", "ros", "parquet", "hdf5", ...
     channels: tuple[Channel, ...]
     details: tuple[str, ...] = ()
     part: str = ""
+    stated: StatedPeriod | None = None
 
     def channel(self, name: str) -> Channel:
         """The channel `name`; FileError with the nearest name if there is none."""

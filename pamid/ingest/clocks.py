@@ -12,7 +12,7 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, listed, nearest
 from pamid.base.metrics import FloatArray
 from pamid.base.units import unit
-from pamid.ingest.channels import Channel, Log
+from pamid.ingest.channels import Channel, Log, rows_in_turns
 from pamid.ingest.mapping import UNANSWERED, MappedSignal, Mapping
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
@@ -107,6 +107,7 @@ def _by_stamps(
 ) -> list[Group]:
     groups: list[Group] = []
     rows: FloatArray | None = None
+    turns = rows_in_turns([c for c in log.channels if c.name != mapping.time.source])
     for signal in signals:
         channel = channel_of(log, signal.source, f"{where}: signals.{signal.column}.source")
         of_rows = channel.stamps is None
@@ -122,6 +123,8 @@ def _by_stamps(
                 code="rows",
             )
         _require_sane(channel, log)
+        if (turn := turns.get(channel.name)) is not None:
+            stamps, channel = stamps[turn], replace(channel, values=channel.values[turn])
         course = SampledColumn(
             signal, _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
         )

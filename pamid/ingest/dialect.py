@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.ingest.cells import classify, decimal_mark
+from pamid.recording.recording import MIN_SAMPLES
 
 #: in the order in which they are believed where two read the same; blank stands for any run of
 #: blanks
@@ -33,6 +34,13 @@ _UNIT = re.compile(rf"{_ATOM}(?:(?:\s?[*/·⋅.]\s?| ){_ATOM})*$", re.IGNORECASE
 #: longer cells of a header are no units
 LONGEST_UNIT = 40
 _BRACKETED = re.compile(r"\s*[\[(<{]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])>}]$")
+#: "t / s", "Winkel in °", "Temp, °C (LGR S/N: 1)": a unit behind the name without brackets
+_BEHIND_NAME = re.compile(
+    r"(?P<name>.*?[^\s,/])(?:\s*,\s+|\s+/\s*|\s+in\s+)(?P<unit>[^\s,()\[\]]+)(?:\s*\([^()]*\))?"
+)
+#: the first cell of rows above the numbers that name the columns or their units
+_NAMES = frozenset(("name", "names", "tracename", "channel", "signal", "kanal", "title"))
+_UNITS = frozenset(("unit", "units", "vunit", "einheit", "einheiten"))
 _BEFORE_UNIT = re.compile(r"^(?:in|en|unit:?|einheit:?)\s+", re.IGNORECASE)
 #: share of the cells of a row that look like units, so that it is one of units
 MOST_UNITS = 0.5
@@ -90,6 +98,7 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
             "A log has rows of numbers below a row of names.",
             code="no-numbers",
         )
+    _refuse_signals_in_rows(path, lines, guesses)
     best = max(guesses, key=lambda guess: (guess.count, guess.header_fits, guess.width))
     _refuse_thousands(path, best)
     cells = [
@@ -131,6 +140,9 @@ def split_unit(name: str) -> tuple[str, str]:
         and match["unit"] not in ("1", "-")
     ):
         return name[: match.start()], match["unit"]
+    behind = _BEHIND_NAME.fullmatch(name) if len(name) <= 5 * LONGEST_UNIT else None
+    if behind and looks_like_unit(behind["unit"]) and behind["unit"] not in ("1", "-"):
+        return behind["name"], behind["unit"]
     return name, ""
 
 
@@ -172,12 +184,23 @@ def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, in
             if all(following) and (
                 len(following) == RUN or position == 0 or not rows[position - 1]
             ):
-                return (
-                    there[_climb(position, rows, [kinds[index] for index in there], width)],
-                    width,
-                    count,
-                )
+                start = there[_climb(position, rows, [kinds[index] for index in there], width)]
+                return _with_labels(start, kinds), width, count
     return None
+
+
+def _with_labels(start: int, kinds: list[str]) -> int:
+    """The line at which a table begins whose first rows have words in columns that are empty
+    below."""
+    below = kinds[start]
+    while (
+        "e" in below
+        and start
+        and len(kinds[start - 1]) == len(below)
+        and all(kind in ("e", one) for one, kind in zip(kinds[start - 1], below, strict=True))
+    ):
+        start -= 1
+    return start
 
 
 def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int:
@@ -200,11 +223,24 @@ def _block(guess: _Guess) -> list[tuple[list[str], str]]:
     return [(row, kinds) for row, kinds in pairs if len(row) == guess.width]
 
 
-def _refuse_thousands(path: Path, guess: _Guess) -> None:
-    for row, kinds in _block(guess):
-        if "k" in kinds:
+def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[_Guess]) -> None:
+    for guess in guesses:
+        rows = [kinds for kinds in guess.kinds if kinds]
+        wider = len(lines) < SAMPLE and guess.width > max(len(rows), MIN_SAMPLES)
+        if wider and len(rows) > 1 and all(kinds[0] == "t" for kinds in rows):
             raise FileError(
-                f"{path}: {row[kinds.index('k')]!r} has its thousands separated.",
+                f"{path}: every signal stands in a row: {len(rows)} rows of {guess.width} cells.",
+                "Turn rows and columns round: in pandas, read_csv(FILE, sep="
+                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=False, index=False).",
+                code="signals-in-rows",
+            )
+
+
+def _refuse_thousands(path: Path, guess: _Guess) -> None:
+    for line, (row, kinds) in enumerate(zip(guess.rows, guess.kinds, strict=True), 1):
+        if line > guess.first and len(row) == guess.width and "k" in kinds:
+            raise FileError(
+                f"{path}, line {line}: {row[kinds.index('k')]!r} has its thousands separated.",
                 "Write the numbers without separators between thousands.",
                 code="thousands",
             )
@@ -255,6 +291,8 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     numbered = [f"column_{column + 1}" for column in range(guess.width)]
     none = [""] * guess.width
     above = guess.above
+    if labelled := _labelled(guess):
+        return labelled
     if above is None or (
         guess.width > 1 and len([cell for cell in guess.rows[above] if cell]) == 1
     ):
@@ -290,6 +328,23 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     if above:
         notes.append(f"{above} lines above the names are left out")
     return names, [unit or own for unit, (_, own) in zip(units, pairs, strict=True)], notes
+
+
+def _labelled(guess: _Guess) -> tuple[list[str], list[str], list[str]] | None:
+    """Names and units in rows whose first cell says so: "Name;Torque;Angle", also before every
+    second cell (Name;Torque;Name;Angle); None where there is no such row."""
+    cells: dict[str, list[str]] = {}
+    for row in guess.rows[: guess.first]:
+        label = row[0].lower() if len(row) > 1 else ""
+        kind = "names" if label in _NAMES else "units" if label in _UNITS else ""
+        if kind and _fits(row, guess.width):
+            cells[kind] = ["" if cell.lower() == label else cell for cell in row]
+    if "names" not in cells:
+        return None
+    names = _padded(cells["names"], guess.width)
+    named = [name or f"column_{column + 1}" for column, name in enumerate(names)]
+    units = [_bare(cell) for cell in _padded(cells.get("units", []), guess.width)]
+    return named, units, ["names and units: the rows that say so in their first cell"]
 
 
 def _padded(row: list[str], width: int) -> list[str]:

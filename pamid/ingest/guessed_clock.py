@@ -3,22 +3,24 @@ they look like. A sampling period that the log does not show is asked for, never
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from pamid.base.errors import PamidError
+from pamid.base.errors import PamidError, listed
 from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, split_column, unit
-from pamid.ingest.channel_words import meanings, tokens
+from pamid.ingest.channel_words import TIME_WORDS, meanings, tokens
 from pamid.ingest.channels import Channel
-from pamid.ingest.conversion import round_period
+from pamid.ingest.conversion import NOMINAL, round_period
 from pamid.ingest.gathering import SINCE_1970_NS
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.source_units import is_readable, read_unit
-from pamid.ingest.stamp_parts import TIME_WORDS
 from pamid.ingest.stamps import usable_rows
+from pamid.ingest.stated_period import StatedPeriod
 from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.recording.recording import toml_string
 
@@ -29,6 +31,7 @@ _RISING = 0.98  # share of steps that a clock does not go back
 _EVEN = 0.5  # of the usual step: how far half of the steps of an unnamed clock stray at most
 FEWEST_STAMPS = 10  # distinct ones
 EPOCH_STEP_S = 3600.0  # samples of a clock that counts from 1970 are closer
+NAMED_CLOCK = 3  # likeness of a clock by its name that also runs evenly
 BY_SPACING = "by the spacing"
 FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clock in s
 
@@ -36,7 +39,8 @@ FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clo
 @dataclass(frozen=True, eq=False)
 class ClockGuess:
     """The channel with the stamps (None: channels have their own, or there is none), its unit ("?":
-    unknown), the stamps in s, and what was found out about them."""
+    unknown), the stamps in s, and what was found out about them. others: channels that are clocks,
+    too; stated: the sampling period that the log states."""
 
     source: Channel | None
     unit: str
@@ -44,39 +48,82 @@ class ClockGuess:
     reason: str = ""
     found: StampDiagnosis | None = None
     trouble: str = ""
-
-    @property
-    def by_spacing(self) -> bool:
-        """Is the unit of the stamps a guess?"""
-        return self.reason.startswith(BY_SPACING)
+    others: tuple[Channel, ...] = ()
+    stated: StatedPeriod | None = None
 
     def period(self, usual: float | None) -> float | None:
         """The sampling period (s) that the stamps show, the usual one of the rig where they agree;
-        None where they do not show it."""
+        without stamps the stated one; None where nothing shows it."""
+        if self.stamps is None and self.stated is not None:
+            return self.stated.period_s
         if self.found is None or self.unit == UNANSWERED:
             return None
-        if usual is not None and abs(self.found.period / usual - 1.0) < 1e-3:
+        if usual is not None and abs(self.found.period / usual - 1.0) < NOMINAL:
             return usual
         return round_period(self.found.period)
 
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on a unit that was guessed, on other clocks, and on a period that the log
+        states and its stamps do not show."""
+        notes, name = [], self.source.name if self.source is not None else ""
+        if self.reason.startswith(BY_SPACING):
+            notes.append(
+                f"{name} is taken to count in {self.unit}, {self.reason}: correct time.unit where "
+                "that is wrong"
+            )
+        if self.others:
+            others = listed(channel.name for channel in self.others)
+            notes.append(f"{name} is the clock; not mapped, clocks as well: {others}")
+        known = self.found if self.unit != UNANSWERED else None
+        if known is not None and self.stated is not None and not self.stated.agrees(known.period):
+            notes.append(
+                f"the log states {self.stated.quote!r}, its clock shows {known.period:.4g} s "
+                "between samples: correct time.unit, or give time.period_s in place of time.source"
+            )
+        return notes
 
-def guess_clock(channels: Sequence[Channel], usual: float | None) -> ClockGuess:
-    """The clock among channels that share the log's rows. usual: sampling period of the rig in s,
-    None where no rig is named."""
-    scored = [(_likeness(channel), -i) for i, channel in enumerate(channels)]
-    best, place = max(scored, default=(0, 0))
+
+def guess_clock(
+    channels: Sequence[Channel], usual: float | None = None, stated: StatedPeriod | None = None
+) -> ClockGuess:
+    """The clock among channels that share the log's rows: of several the evenest, since a device
+    samples evenly, and the time at which a host received a sample jitters.
+
+    usual: sampling period of the rig in s, None where no rig is named; stated: that of the log.
+    """
+    scored = {i: _likeness(channel) for i, channel in enumerate(channels)}
+    best = max(scored.values(), default=0)
     if best == 0:
-        return ClockGuess(None, "s", None)
-    source = channels[-place]
-    symbol, reason = _unit_of(source, usual)
+        return ClockGuess(None, "s", None, stated=stated)
+    clocks = [channels[i] for i, likeness in scored.items() if likeness == best]
+    source = min(clocks, key=lambda channel: round(_unevenness(channel.values, np.mean), 3))
+    symbol, reason = _unit_of(source, usual, stated)
     factor = read_unit(symbol).factor if symbol != UNANSWERED else 1.0
     first = source.values[np.isfinite(source.values)][0]
-    return ClockGuess(source, symbol, (source.values - first) * factor, reason)
+    others = tuple(
+        channel
+        for channel in channels
+        if channel is not source
+        and (
+            (channel in clocks and best >= NAMED_CLOCK)
+            or np.array_equal(channel.values, source.values, equal_nan=True)
+        )
+    )
+    stamps = (source.values - first) * factor
+    return ClockGuess(source, symbol, stamps, reason, others=others, stated=stated)
 
 
 def counts_rows(values: FloatArray) -> bool:
     """Is it the number of the row?"""
     return values.size > 1 and bool((np.diff(values) == 1.0).all())
+
+
+def _unevenness(values: FloatArray, of: Callable[[FloatArray], Any] = np.median) -> float:
+    """Distance of the steps from the usual one, in parts of it, a pause as one step."""
+    steps = np.diff(values[np.isfinite(values)])
+    usual = float(np.median(steps))
+    return float(of(np.minimum(np.abs(steps / usual - 1.0), 1.0))) if usual > 0.0 else math.inf
 
 
 def _likeness(channel: Channel) -> int:
@@ -90,9 +137,7 @@ def _likeness(channel: Channel) -> int:
         return 0
     name = channel.name.rpartition("/")[2]
     logged = read_unit(channel.unit) if channel.unit and is_readable(channel.unit) else None
-    usual = float(np.median(steps))
-    even = float(np.median(np.abs(steps - usual))) <= _EVEN * usual
-    runs = even and usual > 0.0 and float(np.mean(steps > 0.0)) > _RISING
+    runs = _unevenness(values) <= _EVEN and float(np.mean(steps > 0.0)) > _RISING
     if logged is not None and any(logged.dimension):
         return 2 + runs if logged.dimension == _SECOND else 0
     if "time" in meanings(name) or _named_unit(name):
@@ -110,7 +155,7 @@ def _named_unit(name: str) -> str:
     return TIME_WORDS.get(words[-1], "") if words else ""
 
 
-def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
+def _unit_of(channel: Channel, usual: float | None, stated: StatedPeriod | None) -> tuple[str, str]:
     """(unit of the stamps or "?", how it is known)."""
     name = channel.name.rpartition("/")[2]
     if channel.unit and is_readable(channel.unit) and read_unit(channel.unit).dimension == _SECOND:
@@ -125,6 +170,9 @@ def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
         factor = read_unit(symbol).factor
         if low <= level * factor <= high and step * factor <= EPOCH_STEP_S:
             return symbol, "it counts from 1970"
+    for symbol in _LIKELY_UNITS if stated is not None else ():
+        if stated is not None and stated.agrees(step * read_unit(symbol).factor):
+            return symbol, f"the log states {toml_string(stated.quote)}"
     if usual is not None:
         for symbol in _LIKELY_UNITS:
             ratio = step * read_unit(symbol).factor / usual
@@ -139,17 +187,18 @@ def _unit_of(channel: Channel, usual: float | None) -> tuple[str, str]:
 
 def diagnosed(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:
     """The clock with what its stamps look like, judged by the channels that seem to be measured;
-    where the log's rows have no clock, that of the first channel with stamps."""
+    where no channel has the log's rows, that of the first channel with stamps."""
     stamps, moving = clock.stamps, [c for c in measured if c.stamps is None]
-    if stamps is None:
-        stamps = next((c.stamps for c in measured if c.stamps is not None), None)
-        if stamps is None:
-            return clock
+    own = next((c.stamps for c in measured if c.stamps is not None), None)
+    if own is not None and (stamps is None or not moving):
+        stamps = own
         moving = [
             c
             for c in measured
-            if c.stamps is not None and np.array_equal(c.stamps, stamps, equal_nan=True)
+            if c.stamps is not None and np.array_equal(c.stamps, own, equal_nan=True)
         ]
+    if stamps is None:
+        return clock
     try:
         rows = usable_rows(stamps, [c.values for c in moving], "the stamps")
         found = diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
@@ -170,6 +219,8 @@ def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
         ]
     elif clock.stamps is not None:
         lines.append("# channels have stamps of their own")
+    if clock.stamps is None and clock.stated is not None and isinstance(period, float):
+        lines.append(f"# no channel is a clock; the log states {toml_string(clock.stated.quote)}")
     if period == UNANSWERED:
         lines += [
             "# no channel is a clock: rows are taken to be evenly spaced, by this period in s",

@@ -15,7 +15,7 @@ import numpy as np
 
 from pamid.base.errors import FileError, listed
 from pamid.base.units import NONE, quantity_of, split_column, unit
-from pamid.ingest.channels import Channel, Log
+from pamid.ingest.channels import Channel, Log, rows_in_turns
 from pamid.ingest.guessed_clock import (
     ClockGuess,
     clock_lines,
@@ -39,7 +39,7 @@ from pamid.ingest.robot_names import (
 from pamid.ingest.source_units import PRESSURE_DIMENSION, is_readable, read_unit
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, moves_in_steps
-from pamid.recording.recording import toml_string
+from pamid.recording.recording import MIN_SAMPLES, toml_string
 
 PAUSE = 100.0  # times the usual step
 EQUAL_TO = 1.05  # what is sent stays within -1 to 1, or is in per cent
@@ -96,12 +96,8 @@ def guess_of(
     answers = answers or Answers()
     log, parts = parts_in(log)
     usual = rig.period_s if rig is not None else None
-    rows, strangers = _of_one_length(log.channels)
-    clock = guess_clock([c for c in rows if c.stamps is None], usual)
-    every = [channel for channel in rows if channel is not clock.source]
+    clock, every, notes = _clock_and_channels(log, usual)
     rest = chosen_by(only, every, log) if only else every
-    notes = [detail for detail in log.details if detail.startswith("left out")]
-    notes += strangers
     if rig is None:
         taken = {
             column: ChosenChannel(replace(channel, unit=text or channel.unit), by_own_name=True)
@@ -118,19 +114,10 @@ def guess_of(
         if unmapped and not rig.log_names:
             notes.append(f"not mapped, rig {rig.name!r} has no column for them: {listed(unmapped)}")
         measured = [chosen[c] for c in rig.outputs if c in chosen] or rest
-    if rig is None and not taken:
-        why = f" ({'; '.join(notes)})" if notes else ""
-        raise FileError(
-            f"{log.path}: there is no channel to map{why}.",
-            "Is it a table of numbers?",
-            code="no-signals",
-        )
-    if clock.by_spacing and clock.source is not None:
-        notes.append(
-            f"{clock.source.name} is taken to count in {clock.unit}, {clock.reason}: correct "
-            "time.unit where that is wrong"
-        )
+    if not taken:
+        _refuse_empty(log, rig, rest, notes)
     clock = diagnosed(clock, measured)
+    notes += clock.notes
     period: float | str | None = answers.period_s or clock.period(usual)
     if period is None and clock.stamps is None:
         period = UNANSWERED
@@ -149,9 +136,63 @@ def guess_of(
     return GuessedMapping(text, tuple(left), len(taken), len(every), tuple(notes))
 
 
+def _clock_and_channels(
+    log: Log, usual: float | None
+) -> tuple[ClockGuess, list[Channel], list[str]]:
+    """The clock of a log, the channels to map, with stamps where they take turns in its rows, and
+    notes on the others. usual: sampling period of the rig in s."""
+    rows, strangers = _usable(log.channels)
+    notes = [detail for detail in log.details if detail.startswith("left out")] + strangers
+    clock = guess_clock([c for c in rows if c.stamps is None], usual, log.stated)
+    clocks, stamps = [clock.source, *clock.others], clock.stamps
+    channels = [channel for channel in rows if all(channel is not one for one in clocks)]
+    turns = rows_in_turns(channels)
+    if stamps is None or not turns:
+        return clock, channels, notes
+    whole = [c.name for c in channels if c.stamps is None and c.name not in turns]
+    if whole:
+        notes.append(f"not mapped, in every row where the others take turns: {listed(whole)}")
+    apart = [
+        replace(c, values=c.values[turns[c.name]], stamps=stamps[turns[c.name]])
+        for c in channels
+        if c.name in turns
+    ]
+    return clock, [*apart, *(c for c in channels if c.stamps is not None)], notes
+
+
+def _refuse_empty(log: Log, rig: Rig | None, channels: Sequence[Channel], notes: list[str]) -> None:
+    """FileError where no channel is mapped."""
+    if rig is None or not channels:
+        why = f" ({'; '.join(notes)})" if notes else ""
+        raise FileError(
+            f"{log.path}: there is no channel to map{why}.",
+            "Is it a table of numbers?",
+            code="no-signals",
+        )
+    raise FileError(
+        f"{log.path}: none of its channels ({listed(c.name for c in channels)}) fits a column of "
+        f"rig {rig.name!r} ({listed([*rig.inputs, *rig.outputs])}).",
+        "Leave --rig out: then every channel is mapped under its own name. In that mapping name "
+        "them as the rig does, [signals.angle_deg].",
+        code="no-signals",
+    )
+
+
+def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
+    """The channels that can be in one recording, and sentences about the others: those of the
+    log's rows have as many values as most of them, and no fewer than a recording needs."""
+    channels, notes = _of_one_length(channels)
+    rare = [
+        c
+        for c in channels
+        if c.stamps is None and np.isfinite(c.values).sum() < MIN_SAMPLES <= c.values.size
+    ]
+    if rare:
+        notes.append(f"not mapped, fewer than {MIN_SAMPLES} values: {listed(c.name for c in rare)}")
+    return [c for c in channels if all(c is not one for one in rare)], notes
+
+
 def _of_one_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
-    """The channels that can be in one recording, and a sentence about the others: those of the
-    log's rows have as many values as most of them."""
     lengths = Counter(c.values.size for c in channels if c.stamps is None)
     if len(lengths) < 2:
         return list(channels), []

@@ -43,12 +43,24 @@ _OTHER_FORMATS = (
         "a Feather or Arrow file",
         "Save it as Parquet: pandas.read_feather(FILE).to_parquet('log.parquet').",
     ),
-    (b"ULog\x01", "a ULog of a PX4", "Make a CSV of each topic: ulog2csv FILE (pip install pyulog)."),
-    (b"LOGG", "a BLF trace of CAN frames", "Decode it with the DBC file and save it as MDF4 or CSV."),
+    (
+        b"ULog\x01",
+        "a ULog of a PX4",
+        "Make a CSV of each topic: ulog2csv FILE (pip install pyulog).",
+    ),
+    (
+        b"LOGG",
+        "a BLF trace of CAN frames",
+        "Decode it with the DBC file and save it as MDF4 or CSV.",
+    ),
 )
 #: what the first member of a packed archive says of it
 _ARCHIVES = (
-    (b".npy", "an archive of NumPy (npz)", "Save its arrays with names: CSV, Parquet, HDF5 or MAT."),
+    (
+        b".npy",
+        "an archive of NumPy (npz)",
+        "Save its arrays with names: CSV, Parquet, HDF5 or MAT.",
+    ),
     (b".xml", "a workbook", "Save it as CSV."),
     (b"xl/", "a workbook", "Save it as CSV."),
     (b"", "a packed archive", "Unpack it first: unzip FILE."),
@@ -157,7 +169,9 @@ def _other_format(path: Path, head: bytes) -> tuple[str, str]:
         return "an SQLite database and no ROS bag", f"Save its table as CSV: {table}."
     if path.suffix.lower() in _PICKLE_SUFFIXES:
         return _PICKLE
-    return next(((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark)), ("", ""))
+    return next(
+        ((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark)), ("", "")
+    )
 
 
 def _by_content(head: bytes) -> Kind | None:

@@ -56,6 +56,8 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
         score, by = SAME_MEANING, "word"
     elif dimension is not None and same and wanted_symbol != NONE:
         score, by = SAME_UNIT, "unit"
+    if not same and by == "word" and score == SAME_MEANING and found & sought == {"reference"}:
+        return NO_FIT  # a set-point is a role: a goal current is not a wanted angle
     if not same:
         score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
     return ColumnFit(score, by, not same)

@@ -151,7 +151,7 @@ def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
             return False
         if len({max(_lengths(part.values())) for part in parts}) > 1:
             return True
-        clocks = [guess_clock(list(part.values()), None).source for part in parts]
+        clocks = [guess_clock(list(part.values())).source for part in parts]
         values = [clock.values for clock in clocks if clock is not None]
         # time1, p1, time2, p2: channels of one recording may each have the same stamps beside them
         alone = any("/" in name for name in parts[0]) or not _alike(values)

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from pamid.ingest.cells import classify
 from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS
 
+_DECIMAL = re.compile(r"\d{1,12}\.\d{1,12}")
 ARROW, LONGEST_STAMP = "->", 40
 #: bounded lengths, so that no line takes longer than its length
 _BESIDE_NAME = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
@@ -45,6 +46,9 @@ def _unlabelled(
     text: str, labels: Sequence[str], stamps: Sequence[str], notes: list[str]
 ) -> tuple[str, str]:
     rows = text.split("\n")
+    if not stamps and _most(map(_leading_stamp, filter(str.strip, rows[:SAMPLE]))):
+        stamps = [_leading_stamp(row) for row in rows]
+        notes.append("a time stands before the names in every line")
     times = [[stamp] for stamp in stamps] or [[] for _ in rows]
     table = [["time", *labels] if stamps else list(labels)]
     for time, row in zip(times, rows, strict=False):
@@ -57,6 +61,15 @@ def _unlabelled(
     return "".join(";".join(row) + "\n" for row in table), "; ".join(notes)
 
 
+def _leading_stamp(line: str) -> str:
+    """The time at the beginning of a line, before the first name: "2025-03-04 10:00:00,020 INFO
+    cmd=1", "[12.345678] cmd=1"; "" where there is none."""
+    first = _LABELLED.search(line)
+    words = line[: first.start() if first else 0].split()[:2]
+    texts = [text.strip("[](),;") for text in (" ".join(words), *words[:1])]
+    return next((text for text in texts if classify(text) == "d" or _DECIMAL.fullmatch(text)), "")
+
+
 def _is_stamped(line: str) -> bool:
     stamp, arrow, _ = line.partition(ARROW)
     return bool(arrow) and len(stamp) <= LONGEST_STAMP and classify(stamp) in "nd"
@@ -67,7 +80,7 @@ def _labels(line: str) -> tuple[str, ...]:
     return tuple(match["label"] for match in _LABELLED.finditer(line))
 
 
-def _most(checks: Iterable[bool]) -> bool:
+def _most(checks: Iterable[object]) -> bool:
     """Do nearly all hold, of one at least?"""
-    found = list(checks)
+    found = [bool(one) for one in checks]
     return bool(found) and sum(found) >= SHARE_OF_ROWS * len(found)

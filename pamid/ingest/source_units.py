@@ -17,7 +17,7 @@ import numpy as np
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.metrics import FloatArray
-from pamid.base.units import NONE, Dimension, from_si, quantity_of, suffixes_for, unit
+from pamid.base.units import NONE, Dimension, from_si, kindred_units, quantity_of, unit
 
 STANDARD_ATMOSPHERE_KPA = 101.325
 PRESSURE_DIMENSION = unit("Pa").dimension
@@ -198,11 +198,7 @@ def require_same_quantity(source: SourceUnit, symbol: str) -> None:
     ):
         hint = "For turns per minute write rpm, for turns per second rev/s."
     elif source.text.strip() in ("", NONE):
-        hint = (
-            f"Say the unit of the source; a {quantity_of(symbol)} may be in "
-            + ", ".join(suffixes_for(symbol))
-            + "."
-        )
+        hint = f"Say the unit of the source, as {', '.join((symbol, *kindred_units(symbol)[:3]))}."
     elif symbol == NONE:
         hint = (
             "Name the signal with its unit at the end, as in [signals.temperature_degc]; of a "

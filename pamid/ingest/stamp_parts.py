@@ -11,27 +11,11 @@ import numpy as np
 
 from pamid.base.metrics import FloatArray
 from pamid.base.units import unit
-from pamid.ingest.channel_words import tokens
+from pamid.ingest.channel_words import TIME_WORDS, tokens
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.gathering import SINCE_1970_NS
 from pamid.ingest.source_units import is_readable, read_unit
 
-#: the last word of a clock's name -> the unit that it counts
-TIME_WORDS = {
-    **dict.fromkeys(("h", "hour", "hours"), "h"),
-    **dict.fromkeys(("min", "minute", "minutes"), "min"),
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "tout"), "s"),
-    **{
-        word: symbol
-        for symbol, long, short in (("ms", "milli", "m"), ("us", "micro", "u"), ("ns", "nano", "n"))
-        for word in (
-            symbol,
-            f"{long}s",
-            *(start + end for start in (long, short) for end in ("sec", "secs")),
-            *(long + end for end in ("second", "seconds")),
-        )
-    },
-}
 _SECOND = unit("s").dimension
 _DAY_S = 86400.0
 _FRACTIONS = ("ms", "us", "ns")
@@ -40,9 +24,9 @@ _FRACTIONS = ("ms", "us", "ns")
 def join_stamp_parts(log: Log) -> Log:
     """The log with one channel in place of the parts of each clock.
 
-    Parts bear the same name but for a unit of time; of columns without names they stand next to each
-    other, seconds since 1970 first. In both cases the finer part stays below one unit of the coarser
-    one, and falls only where that advances.
+    Parts bear the same name but for a unit of time; of columns without names they stand next to
+    each other, seconds since 1970 first. In both cases the finer part stays below one unit of the
+    coarser one, and falls only where that advances.
     """
     rows = [c for c in log.channels if c.stamps is None]
     groups = _named_parts(rows) or _epoch_pair(rows)

@@ -423,7 +423,9 @@ def test_a_part_without_a_channel_is_named(tmp_path: Path) -> None:
 
 def test_channels_with_the_same_stamps_beside_them_are_one_recording(tmp_path: Path) -> None:
     table(tmp_path / "a.csv", (TIME, DRIVE, TIME, ANGLE), "time1,p1,time2,p2\n")
-    assert pamid.guess_mapping(tmp_path / "a.csv").mapped == 3
+    guessed = pamid.guess_mapping(tmp_path / "a.csv")
+    assert guessed.mapped == 2
+    assert "time1 is the clock; not mapped, clocks as well: time2" in guessed.notes
     table(tmp_path / "b.csv", (TIME, DRIVE, TIME + 60.0, ANGLE), "time1,p1,time2,p2\n")
     assert pamid.guess_mapping(tmp_path / "b.csv").mapped == 1
 

@@ -8,29 +8,62 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pamid.base.errors import FileError
+from pamid.base.errors import FileError, listed
 from pamid.base.files import TABLE, read_data
 from pamid.ingest.cells import MISSING_WORDS, add_column, classify, moment_kind
 from pamid.ingest.channels import Log
-from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, TextDialect, find_dialect
+from pamid.ingest.dialect import (
+    COMMENT,
+    DELIMITERS,
+    RUN,
+    SAMPLE,
+    SHARE_OF_ROWS,
+    TextDialect,
+    find_dialect,
+)
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.memory_budget import MemoryBudget
 from pamid.ingest.serial_lines import as_table
+from pamid.ingest.stated_period import stated_period
 
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
 #: memory that the text of a log takes, in sizes of the file, and each of its cells, bytes
+HEAD_BYTES = 1 << 12  # of a text whose encoding is looked for
+MOST_ZEROS = 0.5  # more of the even or of the odd bytes are zero in UTF-16
 TEXT_COPIES, CELL_BYTES = 5, 16
 COUNTED_BYTES = 1 << 24  # bytes of text in which cells are counted at a time
-#: of a table with one value a row: columns, and signals, at most
+#: of a table with one value a row: columns that vary within a signal, and signals, at most
 LONG_COLUMNS, MOST_SIGNALS = 4, 64
+MOST_TURNS = 0.5  # share of rows with another signal than the one above, of signals in turn
 SPARSE = 1.25  # times as many instants as such a table has where no signal lacks a value
+#: text that is no table, and what to do
+_MESSAGES = (
+    (
+        re.compile(r"[ \t]{0,40}(?:- )?(?:[A-Za-z_]\w{0,60}:(?: \S.{0,200})?|- \S{1,60}|---)?\s*$"),
+        "messages with one value a line (YAML), no rows of numbers",
+        "Of ROS record a bag (ros2 bag record TOPIC), or write rows: ros2 topic echo --csv TOPIC. "
+        "Otherwise save a list of records as JSON.",
+    ),
+    (
+        re.compile(
+            r"[ \t]{0,40}\(?(?:\d{1,12}\.\d{1,9})?\)?[ \t]{0,9}(?:v?can\d|\d)[ \t]{1,9}"
+            r"[0-9A-Fa-f]{1,8}x?[ \t]{0,40}(?:#|[RT]x\b|\[\d\])"
+        ),
+        "frames of a CAN bus, whose bytes are not decoded",
+        "Decode it with the DBC file of the bus, and export the signals as MDF4 or CSV (CANape, "
+        "CANoe, asammdf, SavvyCAN).",
+    ),
+)
 #: lines after the last row of numbers that may be something else
 FOOTER = 20
 
@@ -42,13 +75,24 @@ def read_text(path: Path) -> Log:
     text, encoding = decode(gathering.budget)
     text, serial = as_table(text)
     head = text.split("\n", SAMPLE)[:SAMPLE]
+    _refuse_messages(head, path)
     dialect = find_dialect(path, head)
     start = sum(len(line) + 1 for line in head[: dialect.first])
     gathering.note(f"encoding: {encoding}")
     for note in (serial, *dialect.notes) if serial else dialect.notes:
         gathering.note(note)
     add_table(gathering, text[start:], dialect, path)
-    return gathering.log(path, "csv")
+    mark = "," if dialect.delimiter == "," else "\n"  # no decimal mark then
+    stated = stated_period(line.replace(mark, mark + " ") for line in head[: dialect.first])
+    return replace(gathering.log(path, "csv"), stated=stated)
+
+
+def _refuse_messages(head: Sequence[str], path: Path) -> None:
+    """FileError for text that is no table: messages one below the other, or frames of a bus."""
+    lines = [line for line in head if line.strip()]
+    for pattern, what, hint in _MESSAGES:
+        if sum(map(bool, map(pattern.match, lines))) >= SHARE_OF_ROWS * len(lines):
+            raise FileError(f"{path} holds {what}.", hint, code="messages")
 
 
 def decode(budget: MemoryBudget) -> tuple[str, str]:
@@ -58,14 +102,19 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
     data = read_data(path, TABLE)
     if not data.strip():
         raise FileError(f"{path} is empty.")
-    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    marked = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    halves = [data[start : 2 * HEAD_BYTES : 2] for start in (0, 1)]
+    zeros = [half.count(0) / max(1, len(half)) for half in halves]
+    wide = "utf-16" if marked else ""
+    if not marked and not len(data) % 2 and min(zeros) == 0.0 and max(zeros) > MOST_ZEROS:
+        wide = "utf-16-be" if zeros[0] else "utf-16-le"
     if b"\0" in data and not wide:
         raise FileError(
             f"{path} is no text: there are zero bytes in it.",
             "It may be damaged, or of another kind.",
         )
     text, used = "", ""
-    for used in ("utf-16",) if wide else ("utf-8-sig", *OLD_ENCODINGS):
+    for used in (wide,) if wide else ("utf-8-sig", *OLD_ENCODINGS):
         try:
             text = data.decode(used)
             break
@@ -106,7 +155,7 @@ def add_table(
             f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
             f"{error}."
         ) from error
-    _refuse_long(frame, dialect, path)
+    frame, dialect = _signal_per_column(gathering, frame, dialect)
     dates = _joined_dates(gathering, frame, dialect)
     for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
         series = frame[column]
@@ -131,26 +180,71 @@ def _joined_dates(gathering: Gathering, frame: Any, dialect: TextDialect) -> int
     return dates[0]
 
 
-def _refuse_long(frame: Any, dialect: TextDialect, path: Path) -> None:
-    """FileError for a table with one value a row, whose signal stands in a column of words."""
-    for words, name in enumerate(dialect.names):
-        column = frame[words]
-        if dialect.width > LONG_COLUMNS or column.dtype.kind in "biuf" or not column.notna().all():
-            continue
-        signals = column.nunique()
-        if not 1 < signals <= MOST_SIGNALS or classify(str(column.iloc[0])) != "t":
-            continue
-        for stamps in (place for place in range(dialect.width) if place != words):
-            instants = frame[stamps].nunique()
-            shared = RUN * signals < instants <= SPARSE * len(frame) / signals
-            if shared and not frame[[words, stamps]].duplicated().any():
-                raise FileError(
-                    f"{path}: every row holds one value, of the signal that is named in the "
-                    f"column {name!r}.",
-                    "Give every signal a column: in pandas, table.pivot(index="
-                    f"{dialect.names[stamps]!r}, columns={name!r}, values=...).",
-                    code="long-table",
-                )
+def _signal_per_column(
+    gathering: Gathering, frame: Any, dialect: TextDialect
+) -> tuple[Any, TextDialect]:
+    """The table with a column for each signal, where it has a row for each value: an instant, the
+    signal in words, and one or two values (a historian, a database, a decoded bus). Rows of signals
+    that are not sampled together have empty cells."""
+    long = next(filter(None, (_long_columns(frame, words) for words in frame.columns)), None)
+    if long is None:
+        return frame, dialect
+    words, stamp, values = long
+    signals = frame[words].unique()
+    made = frame.pivot(index=stamp, columns=words, values=values)[
+        [(value, signal) for signal in signals for value in values]
+    ]
+    order = frame[stamp].drop_duplicates()
+    made = made.loc[order if frame[stamp].dtype.kind not in "biuf" else order.sort_values()]
+    ends = [f"/{dialect.names[value]}" if len(values) > 1 else "" for value in values]
+    names = (dialect.names[stamp], *(str(name) + end for name in signals for end in ends))
+    units = (dialect.units[stamp], *("" for _ in names[1:]))
+    made = made.reset_index()
+    made.columns = range(len(names))
+    gathering.note(
+        f"every row holds the value of the signal in the column {dialect.names[words]!r}: each has "
+        f"a column now: {listed(map(str, signals))}"
+    )
+    return made, replace(dialect, names=names, units=units)
+
+
+def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
+    """(column of words, of stamps, those of values) of a table with one value a row; None where the
+    words name no signals."""
+    column = frame[words]
+    if column.dtype.kind in "biuf" or not column.notna().all():
+        return None
+    signals = column.nunique()
+    if not 1 < signals <= MOST_SIGNALS or classify(str(column.iloc[0])) != "t":
+        return None
+    others = [
+        place
+        for place in frame.columns
+        if place != words and frame.groupby(words)[place].nunique().max() > 1
+    ]
+    if not 1 < len(others) < LONG_COLUMNS:
+        return None
+    stamp, *values = others
+    instants = frame[stamp].nunique()
+    shared = instants <= SPARSE * len(frame) / signals
+    turns = float((column != column.shift()).mean()) > MOST_TURNS
+    # a value that only one signal has is in a column of its own already
+    numbers = all(
+        frame[place].dtype.kind in "biuf" and frame.groupby(words)[place].count().all()
+        for place in values
+    )
+    enough = instants > RUN * signals and (shared or turns) and numbers
+    return (words, stamp, values) if enough and _is_stamp(frame, words, stamp) else None
+
+
+def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
+    """Does each signal have one value at an instant, and do instants rise?"""
+    if frame[[words, stamp]].duplicated().any():
+        return False
+    dates = frame[stamp].dtype.kind not in "biuf"
+    if dates:
+        return bool(moment_kind(str(frame[stamp].iloc[0])))
+    return bool(frame.groupby(words)[stamp].agg(lambda one: one.is_monotonic_increasing).all())
 
 
 def _whole_rows(
