@@ -231,7 +231,7 @@ def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[
             raise FileError(
                 f"{path}: every signal stands in a row: {len(rows)} rows of {guess.width} cells.",
                 "Turn rows and columns round: in pandas, read_csv(FILE, sep="
-                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=False, index=False).",
+                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=None, index=None).",
                 code="signals-in-rows",
             )
 

@@ -3,8 +3,15 @@ the log does not say."""
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import io
 import json
+import lzma
+import math
+import pickle
 import tomllib
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -18,8 +25,10 @@ from pamid_cli import frame
 import pamid
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
+from pamid.ingest.conversion import round_period
 from pamid.ingest.guessed_mapping import GuessedMapping
 from pamid.ingest.ingesting import IngestResult
+from pamid.ingest.stated_period import stated_period
 
 N, T = 1200, 0.02
 TIME = np.arange(N) * T
@@ -134,9 +143,53 @@ def clock_time(seconds: float, form: str) -> str:
     return moment.strftime(form)[:-3]
 
 
-def lines(path: Path, form: Callable[[float, float, float], str]) -> None:
+def lines(
+    path: Path,
+    form: Callable[[float, float, float], str],
+    head: str = "",
+    encoding: str = "utf-8",
+    newline: str = "\n",
+) -> None:
     rows = (form(float(t), float(u), float(y)) for t, u, y in zip(*SERIES, strict=True))
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    path.write_text(head + "\n".join(rows) + "\n", encoding=encoding, newline=newline)
+
+
+def parts(t: float, per_s: int = 10**9) -> tuple[int, int]:
+    """Seconds since 1970, and the rest in units of which a second has `per_s`."""
+    ticks = round(t * per_s)
+    return 1_741_082_400 + ticks // per_s, ticks % per_s
+
+
+def annotated(path: Path) -> None:
+    """A query of InfluxDB: one table below the other, one value a row."""
+    head = (
+        "#group,false,false,true,true,false,false,true,true\n"
+        "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string,"
+        "string\n#default,_result,,,,,,,\n"
+        ",result,table,_start,_stop,_time,_value,_field,_measurement\n"
+    )
+    rows = [
+        f",,{number},2025-03-04T00:00:00Z,2025-03-06T00:00:00Z,"
+        f"{clock_time(t, '%Y-%m-%dT%H:%M:%S.%f')}Z,{value:.15g},{name},bench\n"
+        for number, (name, values) in enumerate((("drive_v", DRIVE), ("angle_deg", ANGLE)))
+        for t, value in zip(TIME, values, strict=True)
+    ]
+    path.write_text(head + "".join(rows) + "\n")
+
+
+def tektronix(path: Path) -> None:
+    """Settings beside the first rows of numbers."""
+    labels = ["Record Length,1.2e+03", "Sample Interval,2.0e-02", "Source,CH1", "Units,V"]
+    rows = (
+        f"{labels[i] if i < len(labels) else ','},,{t:.6f},{y:.15g},"
+        for i, (t, y) in enumerate(zip(TIME, ANGLE, strict=True))
+    )
+    path.write_text("\n".join(rows) + "\n")
+
+
+def stamped(t: float, u: float, y: float) -> dict[str, Any]:
+    sec, nanosec = parts(t)
+    return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}}, "effort": u, "position": y}
 
 
 def runs(path: Path) -> None:
@@ -324,6 +377,196 @@ LOGS = {
         ),
         ("soll_v", "ist_degc"),
     ),
+    "an oscilloscope with channels called by letters": Raw(
+        "pico.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: f"{1e3 * t:.6f},{u:.15g},{1e3 * y:.15g}",
+            "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n",
+            newline="\r\n",
+        ),
+        ("channela_v", "channel_b_mv"),
+    ),
+    "an oscilloscope with settings beside its numbers": Raw(
+        "tek.csv",
+        tektronix,
+        ("column_5",),
+        ("time.unit", "signals.column_5.unit"),
+        {"column_5": "1"},
+        time_unit="s",
+    ),
+    "rows of names and of units with labels": Raw(
+        "yoko.csv",
+        lambda path: table(
+            path,
+            (np.full(N, np.nan), DRIVE, ANGLE),
+            '"Model","DL850"\n"TraceName","CH1","CH2"\n"BlockSize",1200,1200\n'
+            '"VUnit","V","deg"\n"SampleRate",5.0E+01,5.0E+01\n\n',
+        ),
+        ("ch_1_v", "ch_2_deg"),
+    ),
+    "a scope of a controller, labels and a clock for each channel": Raw(
+        "twincat.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: f"{1e3 * t:g};{u:.15g};{1e3 * t:g};{y:.15g}".replace(".", ","),
+            "Name;Scope\nFile;C:\\scope.tcscopex\n\nName;SetTorque;Name;ActPos\n"
+            "SampleTime[ms];20;SampleTime[ms];20\nUnit;Nm;Unit;deg\n\n",
+        ),
+        ("set_torque_n_m", "act_pos_deg"),
+    ),
+    "units behind the names, as DIN 461 has it": Raw(
+        "din.csv",
+        lambda path: table(path, SERIES, "t / s;U / V;Winkel in °\n", ";", ","),
+        ("u_v", "winkel_deg"),
+    ),
+    "units in every cell": Raw(
+        "panel.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: f'"{clock_time(t, "%Y-%m-%d %H:%M:%S.%f")}",{u:.15g} V,{y:.15g} °C',
+            '"Time","drive","temp"\n',
+        ),
+        ("drive_v", "temp_degc"),
+    ),
+    "names that end in units which columns do not have": Raw(
+        "log.csv",
+        lambda path: table(path, SERIES, "time_sec,flow_sec,angle_degrees\n"),
+        ("flow_s", "angle_deg"),
+    ),
+    "ROS, whole seconds and nanoseconds": Raw(
+        "topic.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: ",".join(map(str, (*parts(t), "base", f"{u:.15g}", f"{y:.15g}"))),
+            "header.stamp.secs,header.stamp.nsecs,header.frame_id,effort,position\n",
+        ),
+        ("effort_n_m", "position_deg"),
+        ("signals.effort.unit", "signals.position.unit"),
+        {"effort": "N m", "position": "deg"},
+    ),
+    "ros2 topic echo --csv, without names": Raw(
+        "echo.csv",
+        lambda path: lines(
+            path, lambda t, u, y: ",".join(map(str, (*parts(t), "base", f"{u:.15g}", f"{y:.15g}")))
+        ),
+        ("column_4_n_m", "column_5_deg"),
+        ("signals.column_4.unit", "signals.column_5.unit"),
+        {"column_4": "N m", "column_5": "deg"},
+    ),
+    "a message of ROS in each line": Raw(
+        "topic.jsonl",
+        lambda path: lines(path, lambda t, u, y: json.dumps(stamped(t, u, y))),
+        ("effort_n_m", "position_deg"),
+        ("signals.effort.unit", "signals.position.unit"),
+        {"effort": "N m", "position": "deg"},
+    ),
+    "timeval, seconds and microseconds": Raw(
+        "log.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: ",".join(map(str, (*parts(t, 10**6), f"{u:.15g}", f"{y:.15g}"))),
+            "tv_sec,tv_usec,u_v,angle_deg\n",
+        ),
+        ("u_v", "angle_deg"),
+    ),
+    "hours, minutes, seconds and milliseconds past midnight": Raw(
+        "rtc.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: f"{clock_time(t, '%H,%M,%S,%f')},{u:.15g},{y:.15g}",
+            "hour,minute,second,millisecond,u_v,angle_deg\n",
+        ),
+        ("u_v", "angle_deg"),
+    ),
+    "two clocks, that of the device is even": Raw(
+        "px4.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: (
+                f"{round(1e6 * t + 800.0 * abs(math.sin(99.0 * t)))},{round(1e6 * t)},{u:.15g},"
+                f"{y:.15g}"
+            ),
+            "timestamp,timestamp_sample,u_v,angle_deg\n",
+        ),
+        ("u_v", "angle_deg"),
+        ("time.unit",),
+        time_unit="us",
+    ),
+    "a sampling rate in a comment": Raw(
+        "daq.csv",
+        lambda path: table(path, (DRIVE, ANGLE), "# DAQ 2\n# Fs = 50 Hz\nu_v,angle_deg\n"),
+        ("u_v", "angle_deg"),
+    ),
+    "a sampling interval above the names": Raw(
+        "scope.csv",
+        lambda path: table(
+            path,
+            (np.arange(N) * 1.0, DRIVE, ANGLE),
+            "Sample Interval,2.0E-02,s\nRecord Length,1200\n\nSample,u_v,angle_deg\n",
+        ),
+        ("sample", "u_v", "angle_deg"),
+    ),
+    "the unit of the clock by the sampling rate that is stated": Raw(
+        "daq.csv",
+        lambda path: table(
+            path, (1e3 * TIME, DRIVE, ANGLE), "# sample rate: 50 Hz\nclock,u_v,angle_deg\n"
+        ),
+        ("u_v", "angle_deg"),
+    ),
+    "one value a row": Raw(
+        "long.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: f"{t:.2f},u_v,{u:.15g}\n{t:.2f},angle_deg,{y:.15g}",
+            "time,signal,value\n",
+        ),
+        ("u_v", "angle_deg"),
+    ),
+    "one value a row, tables one below the other": Raw(
+        "influx.csv", annotated, ("drive_v", "angle_deg")
+    ),
+    "dates with the month first": Raw(
+        "hobo.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: (
+                f"{clock_time(t, '%m/%d/%y %I:%M:%S.%f')} {'PM' if t < 10 else 'AM'},"
+                f"{u:.15g},{y:.15g}"
+            ),
+            '"Date Time, GMT+01:00","Volt, V (LGR S/N: 1)","Temp, °C (LGR S/N: 1)"\n',
+        ),
+        ("volt_v", "temp_degc"),
+    ),
+    "exponents of Fortran": Raw(
+        "run.txt",
+        lambda path: lines(path, lambda t, u, y: f"{t:.8E} {u:.15E} {y:.15E}".replace("E", "D")),
+        ("column_2_v", "column_3_deg"),
+        ("time.unit", "signals.column_2.unit", "signals.column_3.unit"),
+        {"column_2": "V", "column_3": "deg"},
+        time_unit="s",
+    ),
+    "UTF-16 without a mark": Raw(
+        "bench.csv",
+        lambda path: lines(
+            path,
+            lambda t, u, y: f"{t:.2f}\t{u:.15g}\t{y:.15g}".replace(".", ","),
+            "Zeit [s]\tSpannung [V]\tWinkel [°]\n",
+            "utf-16-le",
+        ),
+        ("spannung_v", "winkel_deg"),
+    ),
+    "a program's log with a time before the names": Raw(
+        "node.log",
+        lambda path: lines(
+            path,
+            lambda t, u, y: (
+                f"{clock_time(t, '%Y-%m-%d %H:%M:%S,%f')} INFO motor: u_v={u:.15g} "
+                f"angle_deg={y:.15g}"
+            ),
+        ),
+        ("u_v", "angle_deg"),
+    ),
     "groups of an HDF5 file": Raw("runs.h5", runs, ("angle_deg",), lengths=LENGTHS),
 }
 
@@ -356,8 +599,9 @@ def test_a_raw_log_becomes_recordings(name: str, tmp_path: Path) -> None:
     for recording in made.recordings:
         assert recording.sampling_period_s == pytest.approx(period, rel=1e-9)
         last = list(recording.columns)[-1]
-        wanted = {"f_n": DRIVE, "enc": 9.0 * ANGLE}.get(last, ANGLE)[: len(recording)]
-        assert recording.columns[last] == pytest.approx(wanted, abs=1e-6), last
+        others = {"f_n": DRIVE, "enc": 9.0 * ANGLE, "channel_b_mv": 1e3 * ANGLE}
+        wanted = others.get(last, ANGLE)[: len(recording)]
+        assert recording.columns[last] == pytest.approx(wanted, rel=1e-7, abs=1e-6), last
 
 
 def test_an_unanswered_period_is_asked_for_like_a_unit(
@@ -436,16 +680,173 @@ def test_a_unit_of_the_clock_that_is_guessed_is_told(tmp_path: Path) -> None:
     assert note.startswith("t is taken to count in s, by the spacing of 0.02")
 
 
-def test_one_value_a_row_is_refused_with_the_cure(tmp_path: Path) -> None:
-    rows = (
-        f"{t:.2f},{n},{v:.4f}"
-        for t, u, y in zip(*SERIES, strict=True)
-        for n, v in (("u", u), ("y", y))
+LATER = 7e-3  # s, of the second signal of a log in which signals take turns
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "{t:.4f},drive_v,{u:.15g}\n{later:.4f},angle_deg,{y:.15g}",
+        "{t:.4f},17,cmd,{u:.15g},\n{later:.4f},18,state,,{y:.15g}",
+    ],
+)
+def test_signals_that_take_turns_have_their_own_clocks(form: str, tmp_path: Path) -> None:
+    wide = "cmd" in form
+    head = "time_s,id,message,drive_v,angle_deg\n" if wide else "time_s,signal,value\n"
+    log, mapping = tmp_path / "bus.csv", tmp_path / "map.toml"
+    lines(log, lambda t, u, y: form.format(t=t, later=t + LATER, u=u, y=y), head)
+    guessed = pamid.guess_mapping(log, output=mapping)
+    assert guessed.open == () and ("id" in str(guessed.notes)) == wide
+    (recording,) = pamid.ingest(log, mapping).recordings
+    assert recording.sampling_period_s == pytest.approx(T) and tuple(recording.columns) == (
+        "drive_v",
+        "angle_deg",
     )
-    (tmp_path / "long.csv").write_text("time,name,value\n" + "\n".join(rows) + "\n")
-    with pytest.raises(FileError, match="every row holds one value") as caught:
-        pamid.guess_mapping(tmp_path / "long.csv")
-    assert caught.value.code == "long-table" and "pivot(index='time'" in caught.value.hint
+    count = min(len(recording), N - 2)
+    drive = recording.columns["drive_v"][:count]
+    assert drive == pytest.approx(DRIVE[1 : count + 1])  # from the first row with both on
+    between = np.interp(TIME + T, TIME + LATER, ANGLE)[:count]
+    assert recording.columns["angle_deg"][:count] == pytest.approx(between, abs=0.05)
+    assert np.abs(between - ANGLE[1 : count + 1]).max() > 0.1
+
+
+def test_words_that_name_a_state_do_not_part_a_table(tmp_path: Path) -> None:
+    lines(
+        tmp_path / "log.csv",
+        lambda t, u, y: f"{t:.2f},{'up' if u > 0.0 else 'down'},{y:.15g}",
+        "time_s,state,angle_deg\n",
+    )
+    assert "[signals.angle_deg]" in pamid.guess_mapping(tmp_path / "log.csv").text
+
+
+def test_a_stated_rate_that_the_clock_contradicts_is_noted(tmp_path: Path) -> None:
+    table(tmp_path / "log.csv", SERIES, "# Fs = 1000 Hz\ntime_s,u_v,angle_deg\n")
+    (note,) = pamid.guess_mapping(tmp_path / "log.csv").notes
+    assert note.startswith("the log states 'Fs = 1000 Hz', its clock shows 0.02 s")
+
+
+def test_a_channel_with_a_few_values_is_noted(tmp_path: Path) -> None:
+    few = np.where(np.arange(N) % 100 == 7, 1.0, np.nan)
+    table(tmp_path / "log.csv", (TIME, few, ANGLE), "time_s,event,angle_deg\n")
+    guessed = pamid.guess_mapping(tmp_path / "log.csv")
+    assert guessed.mapped == 1
+    assert guessed.notes == ("not mapped, fewer than 50 values: event",)
+
+
+def test_a_rig_without_a_column_for_any_channel_is_refused_with_the_cure(tmp_path: Path) -> None:
+    table(tmp_path / "log.csv", SERIES, "time_s,Channel 0,Channel 1\n")
+    with pytest.raises(FileError, match="none of its channels") as caught:
+        pamid.guess_mapping(tmp_path / "log.csv", "dc-motor")
+    assert "Leave --rig out" in caught.value.hint
+    assert pamid.guess_mapping(tmp_path / "log.csv").mapped == 2
+
+
+class Bomb:
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        return pytest.fail, ("the pickle was loaded",)
+
+
+def member(name: str) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr(name, "x" * 100)
+    return packed.getvalue()
+
+
+def repeated_lines(form: str) -> bytes:
+    return "".join(form.format(t=t, k=k) for k, t in enumerate(TIME[:200])).encode()
+
+
+NO_LOGS = {
+    "a pickle": ("log.pkl", pickle.dumps(Bomb()), "runs code when it is loaded", "to_parquet"),
+    "an old pickle": ("log.pickle", pickle.dumps(Bomb(), 0), "runs code", "to_parquet"),
+    "gzip": ("log.csv.gz", gzip.compress(b"t,u\n0,1\n", mtime=0), "gzip", "gunzip -k "),
+    "bzip2": ("log.csv.bz2", bz2.compress(b"t,u\n0,1\n"), "bzip2", "bunzip2 -k "),
+    "xz": ("log.csv.xz", lzma.compress(b"t,u\n0,1\n"), "packed with xz", "unxz -k "),
+    "zip": ("log.zip", member("log.csv"), "a packed archive", "unzip "),
+    "a workbook": ("log.xlsx", member("[Content_Types].xml"), "a workbook", "Save it as CSV"),
+    "npz": ("log.npz", member("u.npy"), "an archive of NumPy", "with names"),
+    "Feather": ("log.feather", b"ARROW1\0\0" + b"\1" * 99, "a Feather", "to_parquet"),
+    "a database": ("log.db", b"SQLite format 3\0" + b"\1" * 99, "no ROS bag", "sqlite3 -header"),
+    "ULog": ("log.ulg", b"ULog\x01\x12\x35\x01" + b"\1" * 99, "a ULog", "ulog2csv "),
+    "BLF": ("log.blf", b"LOGG" + b"\1" * 99, "CAN frames", "MDF4"),
+    "frames of CANalyzer": (
+        "bus.asc",
+        b"date Tue Mar 4 10:00:00.000 am 2025\nbase hex  timestamps absolute\n"
+        + repeated_lines("   {t:.6f} 1  123             Rx   d 2 0A {k:02X}\n"),
+        "frames of a CAN bus",
+        "DBC",
+    ),
+    "candump": ("bus.log", repeated_lines("({t:.6f}) can0 123#0A{k:02X}\n"), "CAN bus", "DBC"),
+    "YAML": (
+        "topic.txt",
+        repeated_lines("header:\n  stamp:\n    sec: {k}\nposition:\n- {t:.3f}\n---\n"),
+        "one value a line",
+        "ros2 topic echo --csv",
+    ),
+    "signals in rows": (
+        "rows.csv",
+        b"time_s," + b",".join(b"%d" % k for k in range(N)) + b"\nu_v" + N * b",1\n"[:2] + b"\n",
+        "every signal stands in a row: 2 rows",
+        ".T.to_csv",
+    ),
+    "thousands with separators": (
+        "log.csv",
+        b"time_s;u_v\n" + b"".join(b"%d;1,%03d.5\n" % (k, k) for k in range(100)),
+        "log.csv, line 2: '1,000.5' has its thousands separated",
+        "without separators",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NO_LOGS)
+def test_no_log_is_refused_with_the_cure(name: str, tmp_path: Path) -> None:
+    file, content, what, cure = NO_LOGS[name]
+    (tmp_path / file).write_bytes(content)
+    with pytest.raises(FileError) as caught:
+        pamid.guess_mapping(tmp_path / file)
+    assert what in caught.value.message and cure in caught.value.hint
+    assert "FILE" not in caught.value.hint or "read_csv(FILE" in caught.value.hint
+
+
+def test_rows_that_are_signals_are_read_once_they_are_turned_round(tmp_path: Path) -> None:
+    import pandas
+
+    rows = zip(("time_s", "u_v", "angle_deg"), SERIES, strict=True)
+    text = "".join(f"{name},{','.join(f'{v:.15g}' for v in values)}\n" for name, values in rows)
+    (tmp_path / "rows.csv").write_text(text)
+    with pytest.raises(FileError, match="every signal stands in a row: 3 rows of 1201 cells"):
+        pamid.guess_mapping(tmp_path / "rows.csv")
+    turned = pandas.read_csv(tmp_path / "rows.csv", sep=",", header=None).T
+    turned.to_csv(tmp_path / "log.csv", header=False, index=False)
+    assert pamid.guess_mapping(tmp_path / "log.csv").mapped == 2
+
+
+def test_a_text_states_its_sampling_period() -> None:
+    stated = {
+        "# Fs = 1000 Hz": 1e-3,
+        "sampling rate: 2 kHz": 5e-4,
+        "Abtastrate [Hz];50": 0.02,
+        "Sample Interval, 2.0E-02, s": 0.02,
+        "SampleTime[ms];20;SampleTime[ms];20": 0.02,
+        "fs=10 kS/s": 1e-4,
+        "dt 5 µs": 5e-6,
+        "dt = 0.01": None,  # of what unit?
+        "Baud rate: 115200": None,
+        "Fs = 50 Hz, Fs = 100 Hz": None,
+    }
+    for line, period in stated.items():
+        found = stated_period([line])
+        assert (found and found.period_s) == period, line
+
+
+@pytest.mark.parametrize(
+    ("measured", "meant"),
+    [(0.0049999, 0.005), (0.0049985, 0.005), (0.020006, 0.02), (1.0 / 119.95, 1.0 / 120.0),
+     (0.01237, 0.01237), (0.012371234567, 0.0123712346)],
+)  # fmt: skip
+def test_a_measured_period_is_the_round_number_that_is_meant(measured: float, meant: float) -> None:
+    assert round_period(measured) == meant
 
 
 def test_a_log_of_nothing_but_a_clock_is_refused(tmp_path: Path) -> None:

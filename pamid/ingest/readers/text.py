@@ -11,6 +11,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -190,7 +191,8 @@ def _signal_per_column(
     if long is None:
         return frame, dialect
     words, stamp, values = long
-    signals = frame[words].unique()
+    signals, instants = frame[words].unique(), frame[stamp].nunique()
+    gathering.budget.charge("its signals", instants * len(signals) * len(values))
     made = frame.pivot(index=stamp, columns=words, values=values)[
         [(value, signal) for signal in signals for value in values]
     ]
@@ -217,11 +219,12 @@ def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
     signals = column.nunique()
     if not 1 < signals <= MOST_SIGNALS or classify(str(column.iloc[0])) != "t":
         return None
-    others = [
+    varying = (
         place
         for place in frame.columns
         if place != words and frame.groupby(words)[place].nunique().max() > 1
-    ]
+    )
+    others = list(islice(varying, LONG_COLUMNS))
     if not 1 < len(others) < LONG_COLUMNS:
         return None
     stamp, *values = others
