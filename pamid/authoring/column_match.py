@@ -9,28 +9,18 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from pamid.base.errors import FileError, UsageError, listed, nearest
-from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column, unit
+from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column
 from pamid.ingest.channel_words import meanings
-from pamid.ingest.matcher import (
-    DRIVEN,
-    NO_FIT,
-    RAW,
-    ColumnFit,
-    best_pairs,
-    column_fit,
-    duty_fit,
-)
+from pamid.ingest.matcher import best_pairs, recorded_fit
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
 UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
-ASKED = 0.45  # a drive's own set-point, for what it then makes
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
 LISTED_RIGS = 4  # rigs of which an error says what they lack
 UNRECORDED = 0.25  # weight of an output that was not recorded
 _SPEEDS = ("velocity", "angular velocity")
-_MADE = {"force", "torque"}  # by what a drive is sent
 #: what a rig file leans on that can be copied: parts shared between rigs cannot
 _COPIED = ("pamid.model.", "pamid.symbolic.")
 
@@ -178,26 +168,6 @@ def roles_of(rig: type[Rig]) -> dict[str, str]:
     }
 
 
-def pair_score(found: str, wanted: str) -> ColumnFit:
-    """How well a recorded column fits one of a rig."""
-    stem, symbol = split_column(found)
-    return column_fit(stem, unit(symbol).dimension, wanted)
-
-
-def _driven(found: str, wanted: str) -> ColumnFit:
-    """The same for what a drive is asked for, and for what is sent to it: nearly in proportion to
-    the force or torque that it makes."""
-    (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
-    if (
-        "reference" in meanings(stem)
-        and wanted_symbol != NONE
-        and compatible(symbol, wanted_symbol)
-    ):
-        return ColumnFit(ASKED, "word", False)
-    sent = unit(symbol).dimension in RAW and meanings(stem) & {"voltage", "current"}
-    return ColumnFit(DRIVEN, "word", True) if sent and meanings(wanted_stem) & _MADE else NO_FIT
-
-
 def match_columns(
     recorded: Iterable[str],
     rig: type[Rig],
@@ -232,11 +202,7 @@ def match_columns(
     free = [found for found in recorded if found not in said.values()]
     needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
-        (wanted, found): max(
-            pair_score(found, wanted),
-            _driven(found, wanted) if role == "input" else NO_FIT,
-            duty_fit(*split_column(found), wanted) if wanted in needed else NO_FIT,
-        )
+        (wanted, found): recorded_fit(found, wanted, sent=wanted in needed)
         # a room's temperature, which a rig can do without, comes after that of the oven
         for wanted, role in sorted(roles.items(), key=lambda one: one[0] in rig.optional)
         for found in free

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, listed, nearest
 from pamid.base.metrics import FloatArray
 from pamid.ingest.stated_period import StatedPeriod
+from pamid.recording.recording import MIN_SAMPLES
 
-FEWEST, MOST_ROWS = 50, 0.9  # values, and share of the rows, of a channel that has its turn
+MOST_ROWS = 0.9  # share of the rows that a channel which has its turn is in, at most
 ANY = "*"  # stands in a name for the part of a log that a channel is in
 
 
@@ -59,7 +60,7 @@ def rows_in_turns(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
     members: dict[bytes, list[str]] = {}
     for channel in channels:
         there = np.isfinite(channel.values)
-        if channel.stamps is None and FEWEST <= there.sum() < MOST_ROWS * there.size:
+        if channel.stamps is None and MIN_SAMPLES <= there.sum() < MOST_ROWS * there.size:
             masks.setdefault(there.tobytes(), there)
             members.setdefault(there.tobytes(), []).append(channel.name)
     return {

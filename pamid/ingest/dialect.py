@@ -39,8 +39,8 @@ _BEHIND_NAME = re.compile(
     r"(?P<name>.*?[^\s,/])(?:\s*,\s+|\s+/\s*|\s+in\s+)(?P<unit>[^\s,()\[\]]+)(?:\s*\([^()]*\))?"
 )
 #: the first cell of rows above the numbers that name the columns or their units
-_NAMES = frozenset(("name", "names", "tracename", "channel", "signal", "kanal", "title"))
-_UNITS = frozenset(("unit", "units", "vunit", "einheit", "einheiten"))
+_NAME_LABELS = frozenset(("name", "names", "tracename", "channel", "signal", "kanal", "title"))
+_UNIT_LABELS = frozenset(("unit", "units", "vunit", "einheit", "einheiten"))
 _BEFORE_UNIT = re.compile(r"^(?:in|en|unit:?|einheit:?)\s+", re.IGNORECASE)
 #: share of the cells of a row that look like units, so that it is one of units
 MOST_UNITS = 0.5
@@ -336,7 +336,7 @@ def _labelled(guess: _Guess) -> tuple[list[str], list[str], list[str]] | None:
     cells: dict[str, list[str]] = {}
     for row in guess.rows[: guess.first]:
         label = row[0].lower() if len(row) > 1 else ""
-        kind = "names" if label in _NAMES else "units" if label in _UNITS else ""
+        kind = "names" if label in _NAME_LABELS else "units" if label in _UNIT_LABELS else ""
         if kind and _fits(row, guess.width):
             cells[kind] = ["" if cell.lower() == label else cell for cell in row]
     if "names" not in cells:

@@ -24,7 +24,7 @@ from pamid.ingest.guessed_clock import (
     guess_clock,
 )
 from pamid.ingest.mapping import UNANSWERED
-from pamid.ingest.matcher import RATIO, SAME_NAME, best_pairs, column_fit, duty_fit
+from pamid.ingest.matcher import SAME_NAME, best_pairs, pair_fit
 from pamid.ingest.own_names import own_columns
 from pamid.ingest.parts import parts_in
 from pamid.ingest.robot_names import (
@@ -237,13 +237,10 @@ def _score(channel: Channel, column: str, sent: bool) -> float:
     """How well a channel fits a column of the rig, by its unit in the log or in its name; sent: an
     input that the rig needs."""
     stem, symbol = split_column(channel.name.rpartition("/")[2])
+    dimension = unit(symbol).dimension if symbol != NONE else None
     if channel.unit and is_readable(channel.unit):
-        ratio = read_unit(channel.unit).dimension == RATIO
-        duty = duty_fit(stem, "percent", column).score if ratio and sent else 0.0
-        return max(duty, column_fit(stem, read_unit(channel.unit).dimension, column).score)
-    if sent and symbol != NONE and (duty := duty_fit(stem, symbol, column).score):
-        return duty
-    return column_fit(stem, unit(symbol).dimension if symbol != NONE else None, column).score
+        dimension = read_unit(channel.unit).dimension
+    return pair_fit(stem, dimension, column, sent, percent=True).score
 
 
 # ---- the text ----------------------------------------------------------------------------------

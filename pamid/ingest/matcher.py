@@ -15,6 +15,7 @@ UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
 RAW = (unit("V").dimension, unit("A").dimension)
 RATIO = unit(NONE).dimension
 DRIVEN = 0.25  # what is sent to a drive, for what the drive then applies
+SET_POINT = 0.45  # a drive's own set-point, for what it then makes
 APPLIED = ("voltage", "current", "power", "force", "torque")
 
 Given = TypeVar("Given", bound=Hashable)
@@ -63,15 +64,49 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     return ColumnFit(score, by, not same)
 
 
-def duty_fit(stem: str, symbol: str, wanted: str) -> ColumnFit:
-    """How well a command without a unit, or a column in percent, fits an input of a rig that is
-    what a drive, a heater or an amplifier then applies: a gain stands between the two."""
+def _duty_fit(stem: str, dimension: Dimension | None, percent: bool, wanted: str) -> ColumnFit:
+    """A command without a unit, or in percent, for what a drive, a heater or an amplifier then
+    applies: a gain stands between the two."""
     wanted_stem, wanted_symbol = split_column(wanted)
-    if unit(symbol).dimension != RATIO or quantity_of(wanted_symbol) not in APPLIED:
+    if dimension != RATIO or quantity_of(wanted_symbol) not in APPLIED:
         return NO_FIT
     if "command" in meanings(stem) or plain_words(stem) & plain_words(wanted_stem):
         return ColumnFit(DRIVEN, "word", True)
-    return ColumnFit(DRIVEN, "unit", True) if symbol != NONE else NO_FIT
+    return ColumnFit(DRIVEN, "unit", True) if percent else NO_FIT
+
+
+def _drive_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit:
+    """The set-point of a drive, or the voltage or current that is sent to it, for the force or
+    torque that it makes."""
+    wanted_stem, wanted_symbol = split_column(wanted)
+    same = wanted_symbol != NONE and dimension == unit(wanted_symbol).dimension
+    if same and "reference" in meanings(stem):
+        return ColumnFit(SET_POINT, "word", False)
+    electric = dimension in RAW and meanings(stem) & {"voltage", "current"}
+    made = electric and meanings(wanted_stem) & {"force", "torque"}
+    return ColumnFit(DRIVEN, "word", True) if made else NO_FIT
+
+
+def pair_fit(
+    stem: str, dimension: Dimension | None, wanted: str, sent: bool = False, percent: bool = False
+) -> ColumnFit:
+    """How well what is called `stem` fits a column of a rig.
+
+    dimension: None where nobody says it; percent: its unit is a ratio; sent: the rig needs the
+    column, and it is what a drive applies.
+    """
+    fit = column_fit(stem, dimension, wanted)
+    if not sent:
+        return fit
+    return max(
+        fit, _duty_fit(stem, dimension, percent, wanted), _drive_fit(stem, dimension, wanted)
+    )
+
+
+def recorded_fit(found: str, wanted: str, sent: bool = False) -> ColumnFit:
+    """How well a recorded column fits one of a rig."""
+    stem, symbol = split_column(found)
+    return pair_fit(stem, unit(symbol).dimension, wanted, sent, symbol != NONE)
 
 
 def best_pairs(scores: Mapping[tuple[str, Given], float]) -> dict[str, Given]:

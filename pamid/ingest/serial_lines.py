@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pamid.ingest.cells import classify
 from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS
 
-_DECIMAL = re.compile(r"\d{1,12}\.\d{1,12}")
+_SECONDS_TEXT = re.compile(r"\d{1,12}\.\d{1,12}")
 ARROW, LONGEST_STAMP = "->", 40
 #: bounded lengths, so that no line takes longer than its length
 _BESIDE_NAME = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
@@ -67,7 +67,9 @@ def _leading_stamp(line: str) -> str:
     first = _LABELLED.search(line)
     words = line[: first.start() if first else 0].split()[:2]
     texts = [text.strip("[](),;") for text in (" ".join(words), *words[:1])]
-    return next((text for text in texts if classify(text) == "d" or _DECIMAL.fullmatch(text)), "")
+    return next(
+        (text for text in texts if classify(text) == "d" or _SECONDS_TEXT.fullmatch(text)), ""
+    )
 
 
 def _is_stamped(line: str) -> bool:

@@ -15,7 +15,7 @@ _PERIOD = (
     r"dt|ts|t_s|delta[ _]?[tx]|(?:time|x)[ _-]?(?:increment|step|interval)"
     r"|(?:sampl(?:e|ing)|abtast|scan|logging)[ _-]?(?:interv\w*|period\w*|time|zeit)"
 )
-_MICRO = str.maketrans("µμ", "uu")
+_MICRO_SIGNS = str.maketrans("µμ", "uu")
 _PER_S = {"": 1.0, "k": 1e3, "m": 1e6}
 _STATED = re.compile(
     rf"(?<![\w.])(?:(?P<rate>{_RATE})|(?P<period>{_PERIOD}))[ \t]*"
@@ -25,7 +25,7 @@ _STATED = re.compile(
     re.IGNORECASE,
 )
 _HERTZ = re.compile(r"(?P<prefix>[km]?)(?:hz|sa?/s|sps|samples?/s(?:ec|econd)?)|1/s", re.IGNORECASE)
-SAME = 0.01  # relative difference of a stated period and that of a clock which agree
+AGREE_TO = 0.01  # relative difference of a stated period and that of a clock which agree
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class StatedPeriod:
 
     def agrees(self, period_s: float) -> bool:
         """Is this period the stated one?"""
-        return abs(period_s / self.period_s - 1.0) < SAME
+        return abs(period_s / self.period_s - 1.0) < AGREE_TO
 
 
 def stated_period(lines: Iterable[str]) -> StatedPeriod | None:
@@ -51,7 +51,7 @@ def stated_period(lines: Iterable[str]) -> StatedPeriod | None:
 def _read(match: re.Match[str]) -> StatedPeriod | None:
     number, symbol = float(match["number"].replace(",", ".")), match["before"] or match["behind"]
     hertz = _HERTZ.fullmatch((symbol or "").strip())
-    lasting = TIME_WORDS.get((symbol or "").strip().lower().translate(_MICRO), "")
+    lasting = TIME_WORDS.get((symbol or "").strip().lower().translate(_MICRO_SIGNS), "")
     end = match.end("behind") if (hertz or lasting) and not match["before"] else match.end("number")
     quote = match.string[match.start() : end]
     if number == 0.0 or not (hertz or lasting or match["rate"]):

@@ -17,9 +17,10 @@ from conformance_rules import run as run_rig
 from pamid_cli import frame
 
 import pamid
-from pamid.authoring.column_match import best_match, examples, pair_score
+from pamid.authoring.column_match import best_match, examples
 from pamid.base.errors import FileError, UsageError
 from pamid.base.units import from_si, split_column
+from pamid.ingest.matcher import recorded_fit
 from pamid.model.assembly import Assembly
 from pamid.model.determined_signals import unobserved_states
 from pamid.model.effect import RIG_SECTIONS
@@ -365,13 +366,13 @@ def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
 
 
 def test_pairs_are_judged_by_name_and_unit() -> None:
-    assert pair_score("angle_rad", "angle_deg") == (1.0, "name", False)
-    assert pair_score("motor_voltage_v", "voltage_v")[1:] == ("word", False)
-    assert pair_score("drive_v", "voltage_v")[1:] == ("unit", False)
-    assert pair_score("level_v", "level_cm")[2]
-    assert pair_score("position_2_mm", "position_1_mm")[0] == 0.0
-    assert pair_score("reference_deg", "angle_deg")[0] == 0.0
-    assert pair_score("force_n", "level_cm")[0] == 0.0
+    assert recorded_fit("angle_rad", "angle_deg") == (1.0, "name", False)
+    assert recorded_fit("motor_voltage_v", "voltage_v")[1:] == ("word", False)
+    assert recorded_fit("drive_v", "voltage_v")[1:] == ("unit", False)
+    assert recorded_fit("level_v", "level_cm")[2]
+    assert recorded_fit("position_2_mm", "position_1_mm")[0] == 0.0
+    assert recorded_fit("reference_deg", "angle_deg")[0] == 0.0
+    assert recorded_fit("force_n", "level_cm")[0] == 0.0
 
 
 def held(seed: int) -> np.ndarray:

@@ -39,8 +39,8 @@ from pamid.ingest.stated_period import stated_period
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
 #: memory that the text of a log takes, in sizes of the file, and each of its cells, bytes
-HEAD_BYTES = 1 << 12  # of a text whose encoding is looked for
-MOST_ZEROS = 0.5  # more of the even or of the odd bytes are zero in UTF-16
+ENCODED_BYTES = 1 << 12  # of a text whose encoding is looked for
+ZERO_BYTES = 0.5  # more of the even or of the odd bytes are zero in UTF-16
 TEXT_COPIES, CELL_BYTES = 5, 16
 COUNTED_BYTES = 1 << 24  # bytes of text in which cells are counted at a time
 #: of a table with one value a row: columns that vary within a signal, and signals, at most
@@ -104,10 +104,10 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
     if not data.strip():
         raise FileError(f"{path} is empty.")
     marked = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    halves = [data[start : 2 * HEAD_BYTES : 2] for start in (0, 1)]
+    halves = [data[start : 2 * ENCODED_BYTES : 2] for start in (0, 1)]
     zeros = [half.count(0) / max(1, len(half)) for half in halves]
     wide = "utf-16" if marked else ""
-    if not marked and not len(data) % 2 and min(zeros) == 0.0 and max(zeros) > MOST_ZEROS:
+    if not marked and not len(data) % 2 and min(zeros) == 0.0 and max(zeros) > ZERO_BYTES:
         wide = "utf-16-be" if zeros[0] else "utf-16-le"
     if b"\0" in data and not wide:
         raise FileError(
