@@ -23,7 +23,8 @@ _DATE = (
 )
 _ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
 _MOMENT = re.compile(
-    rf"^(?:{_DATE}(?:[T\s]\s*{_TIME}{_ZONE})?|{_TIME.replace('?P<', '?P<only_')})$"
+    rf"^(?:{_DATE}(?:[T\s]\s*{_TIME}{_ZONE})?"
+    rf"|(?:(?P<only_days>\d{{1,6}})\sdays?,?\s)?{_TIME.replace('?P<', '?P<only_')})$"
 )
 _THOUSANDS = re.compile(
     r"[+-]?\d{1,3}(?:(?:[ \u00a0\u202f'’]\d{3})+(?:[.,]\d+)?|(?:,\d{3})+\.\d+|(?:\.\d{3})+,\d+"
@@ -213,7 +214,8 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
     digits = parts["fraction"].astype(object).fillna(parts["only_fraction"].astype(object))
     fractions = np.nan_to_num(_floats("0." + digits))
     seconds = (
-        hours * 3600
+        part("only_days") * 86400
+        + hours * 3600
         + part("minute", "only_minute") * 60
         + part("second", "only_second")
         - _zones(parts["zone"].astype(object))

@@ -41,7 +41,7 @@ _BEHIND_NAME = re.compile(
 #: the first cell of rows above the numbers that name the columns or their units
 _NAME_LABELS = frozenset(("name", "names", "tracename", "channel", "signal", "kanal", "title"))
 _UNIT_LABELS = frozenset(("unit", "units", "vunit", "einheit", "einheiten"))
-_BEFORE_UNIT = re.compile(r"^(?:in|en|unit:?|einheit:?)\s+", re.IGNORECASE)
+_BEFORE_UNIT = re.compile(r"^(?:in|en|units?:?|einheit:?)\s+", re.IGNORECASE)
 #: share of the cells of a row that look like units, so that it is one of units
 MOST_UNITS = 0.5
 
@@ -231,7 +231,7 @@ def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[
             raise FileError(
                 f"{path}: every signal stands in a row: {len(rows)} rows of {guess.width} cells.",
                 "Turn rows and columns round: in pandas, read_csv(FILE, sep="
-                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=None, index=None).",
+                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=0, index=0).",
                 code="signals-in-rows",
             )
 
@@ -306,14 +306,27 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
         )
     if not guess.header_fits:
         row = guess.rows[above]
+        if "n" in guess.kinds[above]:
+            raise FileError(
+                f"{path}: line {above + 1} has {len(row)} cells, the numbers from line "
+                f"{guess.first + 1} on have {guess.width}.",
+                "A log with rows of several kinds is read by kind: keep those that begin alike, "
+                "grep '^IMU,' FILE > imu.csv.",
+                code="header",
+            )
         raise FileError(
             f"{path}: line {above + 1} has {len(row)} names ({', '.join(row[:8])}), the numbers "
             f"from line {guess.first + 1} on have {guess.width} columns.",
             "Give every column one name.",
             code="header",
         )
+    lowest, above = above, _line_of_names(guess, above)
     row = _padded(guess.rows[above], guess.width)
     units, notes = none, [f"names: line {above + 1}"]
+    for below in range(above + 1, lowest + 1):
+        if _are_units(guess.rows[below], row):
+            units = [_bare(cell) for cell in _padded(guess.rows[below], guess.width)]
+            notes = [f"names: line {above + 1}; units: line {below + 1}"]
     higher = next((index for index in range(above - 1, -1, -1) if any(guess.rows[index])), None)
     upper = guess.rows[higher] if higher is not None else []
     if higher is not None and _fits(upper, guess.width) and _are_units(row, upper):
@@ -330,14 +343,28 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     return names, [unit or own for unit, (_, own) in zip(units, pairs, strict=True)], notes
 
 
+def _line_of_names(guess: _Guess, lowest: int) -> int:
+    """The lowest line of the head whose cells are all there, all different and no numbers: others
+    below the names say how a logger averaged, or the type of a value."""
+    for line in range(lowest, -1, -1):
+        row = guess.rows[line]
+        if not row or not _fits(row, guess.width):
+            break
+        cells = set(row[: guess.width])
+        if len(cells) == guess.width and all(cell and classify(cell) != "n" for cell in cells):
+            return line
+    return lowest
+
+
 def _labelled(guess: _Guess) -> tuple[list[str], list[str], list[str]] | None:
     """Names and units in rows whose first cell says so: "Name;Torque;Angle", also before every
     second cell (Name;Torque;Name;Angle); None where there is no such row."""
     cells: dict[str, list[str]] = {}
-    for row in guess.rows[: guess.first]:
-        label = row[0].lower() if len(row) > 1 else ""
+    for row in filter(None, guess.rows[: guess.first]):
+        label = row[0].lower()
         kind = "names" if label in _NAME_LABELS else "units" if label in _UNIT_LABELS else ""
-        if kind and _fits(row, guess.width):
+        label_column = guess.kinds[guess.first][0] == "e" or row.count(row[0]) > 1
+        if kind and label_column and _fits(row, guess.width):
             cells[kind] = ["" if cell.lower() == label else cell for cell in row]
     if "names" not in cells:
         return None

@@ -43,6 +43,7 @@ percent = 0.01 = pct
 permille = 0.001
 minute = 60 * second = min
 hour = 3600 * second = h = hr
+day = 86400 * second
 hertz = 1 / second = Hz
 degree = 0.017453292519943295 * radian = deg
 gon = 0.015707963267948967 * radian
@@ -101,6 +102,8 @@ _ADVICE = {
     "f": "Write degF.",
 }
 _SPELLINGS = (
+    ("VDC", "V"),
+    ("VAC", "V"),
     ("°C", "degC"),
     ("℃", "degC"),
     ("°F", "degF"),

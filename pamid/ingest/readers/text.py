@@ -53,7 +53,8 @@ _MESSAGES = (
         re.compile(r"[ \t]{0,40}(?:- )?(?:[A-Za-z_]\w{0,60}:(?: \S.{0,200})?|- \S{1,60}|---)?\s*$"),
         "messages with one value a line (YAML), no rows of numbers",
         "Of ROS record a bag (ros2 bag record TOPIC), or write rows: ros2 topic echo --csv TOPIC. "
-        "Otherwise save a list of records as JSON.",
+        "A device that prints them puts all values of an instant into one line, u:1.2,angle:3.4. "
+        "Of a YAML file save the list of records as JSON.",
     ),
     (
         re.compile(
