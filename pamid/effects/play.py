@@ -33,6 +33,7 @@ class Play(Effect):
 
     family = "flexible-transmission"
     general_kinds = ("command", "reading")
+    excluded_units = ("K", "W", "m/s", "rad/s")  # heat has no gap, and a speed is not a place
     parameters = (
         Parameter(
             "half_gap",

@@ -1,10 +1,10 @@
-"""Opening and closing delays of a pulsed on-off valve.
+"""Opening and closing delays of a pulsed on-off valve, or of a relay.
 
 What it is
     An on-off valve driven by pulses opens t_on after the pulse begins and closes t_off after it
     ends. Pulses shorter than t_on do nothing, longer ones pass as pulse - t_on + t_off, and pauses
-    shorter than t_off never close it. Here averaged over the pulse period; the jumps are spread
-    over 2 % of duty, as a half-lifted armature does.
+    shorter than t_off never close it. A relay that pulses a heater does the same. Here averaged
+    over the pulse period; the jumps are spread over 2 % of duty, as a half-lifted armature does.
 What it looks like
     No flow below a duty of t_on / period (7 % for 2 ms in 30 ms), then a jump; a steady offset of
     the angle of several tenths of a degree under proportional control, with the pressures flat.

@@ -42,7 +42,7 @@ def fits(effect: type[Effect], port: Port) -> bool:
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
     offered |= {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
     needed = [{*effect.signals, *role} for role in effect.roles or ((),)]
-    return home and effect.unit in ("", port.unit) and any(n <= offered for n in needed)
+    return home and effect.suits_unit(port.unit) and any(n <= offered for n in needed)
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
@@ -81,6 +81,7 @@ def needed_port(effect: type[Effect]) -> str:
     ]
     article = "an" if kinds.startswith("a") else "a"
     passed = f" in {effect.unit}" if effect.unit else ""
+    passed += f" not in {' or '.join(effect.excluded_units)}" if effect.excluded_units else ""
     offered = f" offering {'; and one offering '.join(asked)}" if asked[0] else ""
     return f"{article} {kinds} port{passed}{offered}"
 

@@ -102,6 +102,8 @@ class Effect:
     general_kinds: ClassVar[tuple[str, ...]] = ()
     signals: ClassVar[tuple[str, ...]] = ()  # signals it cannot do without
     unit: ClassVar[str] = ""  # only at ports of this SI unit
+    # SI units of quantities for which its physics has no meaning: a temperature has no play
+    excluded_units: ClassVar[tuple[str, ...]] = ()
     # kinds of ports at which its derivatives are those of its mean course, for fits to follow:
     # those of a staircase say nothing of where it leads
     mean_slope_at: ClassVar[tuple[str, ...]] = ()
@@ -141,6 +143,11 @@ class Effect:
     @classmethod
     def family_at(cls, kind: str) -> str:
         return cls.families.get(kind, cls.family)
+
+    @classmethod
+    def suits_unit(cls, unit: str) -> bool:
+        """Has its physics a meaning for a quantity in this SI unit?"""
+        return cls.unit in ("", unit) and unit not in cls.excluded_units
 
     @classmethod
     def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:

@@ -217,7 +217,7 @@ def reachable(
     found: dict[tuple[str, ...], list[str]] = {(): []}
     for effect in effects:
         home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
-        if home and (any_unit or effect.unit in ("", port.unit)):
+        if home and (any_unit or effect.suits_unit(port.unit)):
             stood_in = {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
             every = set()
             for role in effect.roles or ((),):
@@ -386,5 +386,6 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
 def _worded(name: str, kind: str, effects: list[type[Effect]]) -> str:
     effect = next(e for e in effects if e.name == name)
     unit = f" (in {effect.unit})" if effect.unit else ""
+    unit += f" (not in {', '.join(effect.excluded_units)})" if effect.excluded_units else ""
     own = "" if kind in effect.kinds else "*"
     return f"`{name}`{unit}{own}"

@@ -204,7 +204,7 @@ DIGESTS: dict[str, str] = {
     "damper-bench": "abc0ae137c5faac0",
     "dc-motor": "def1601883ba5983",
     "servo-pendulum": "4265e9062f023748",
-    "thermal-block": "fd9ed9d776789879",
+    "thermal-block": "17416d7e32a9a96b",
     "two-masses": "0c50a121cbc64fd6",
 }
 

@@ -11,7 +11,8 @@ import pytest
 import pamid
 from pamid.authoring.column_match import examples
 from pamid.base.errors import FileError
-from pamid.model.attachment import attach, attachments
+from pamid.effects.play import Play
+from pamid.model.attachment import attach, attachments, fits
 from pamid.model.catalogue import rig_story, rig_text
 from pamid.model.no_place import no_places
 from pamid.model.registry import effects, rig_named, rigs
@@ -98,3 +99,17 @@ def test_every_port_is_a_place_for_something(name: str) -> None:
 def test_the_error_names_the_port_that_an_effect_takes() -> None:
     with pytest.raises(FileError, match="takes a transmission port offering stretch"):
         attach(rig_named("dc-motor"), "coupling-play", effects())
+
+
+def test_no_play_is_offered_for_heat_or_for_a_speed() -> None:
+    for name in rigs():
+        rig = rig_named(name)
+        placed = [a for a in attachments(rig, effects().values()) if a.effect.name == "play"]
+        units = {rig.ports[port].unit for a in placed for port in a.ports}
+        assert not units & {"K", "W", "m/s", "rad/s"}, name
+    assert any(fits(Play, port) for port in rig_named("two-masses").ports.values()), "a length has play"
+
+
+def test_play_at_a_heater_is_refused_with_the_reason() -> None:
+    with pytest.raises(FileError, match="not in K or W or m/s or rad/s"):
+        attach(rig_named("thermal-block"), "play@heater", effects())
