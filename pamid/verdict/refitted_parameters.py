@@ -1,7 +1,7 @@
 """The parameters that the answer's own model moved off the data sheet, for terminal, page and card.
 
-Of a long list only those are shown that moved: the 95 % interval excludes the data-sheet value, and
-the shift is no mere rounding of its tolerance.
+Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift is
+more than a rounding of its tolerance. The others are counted.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from pamid.base.units import split_column
 from pamid.schemas.estimates import Estimate
 
-SHORT_LIST = 4  # parameters that are all shown
 LEAST_SHIFT = 0.1  # prior standard deviations: precise data resolve smaller ones, nobody acts on it
 
 
 @dataclass(frozen=True)
 class RefittedParameters:
-    """shown: by name, the largest shift first where some are left out; total: of the model."""
+    """shown: those that moved, by name, the largest shift first; total: parameters of the model."""
 
     shown: Mapping[str, Estimate]
     total: int
@@ -28,8 +27,8 @@ class RefittedParameters:
         rest = self.total - len(self.shown)
         if not rest:
             return ""
-        others = f"{rest} others" if self.shown else f"{rest} parameters"
-        return f"{others if rest > 1 else '1 other'} not moved materially"
+        noun = "other" if self.shown else "parameter"
+        return f"{rest} {noun}{'s' if rest > 1 else ''} not moved materially"
 
     def texts(self) -> list[str]:
         """ "mass 0.5 -> 0.62 kg (0.61 .. 0.63)", and the number of those left out."""
@@ -38,12 +37,10 @@ class RefittedParameters:
 
 
 def refitted_parameters(parameters: Mapping[str, Estimate]) -> RefittedParameters:
-    """All of a short list, else those that moved materially."""
-    shown = dict(parameters)
-    if len(parameters) > SHORT_LIST:
-        moved = {name: one for name, one in parameters.items() if _moved(one)}
-        shown = dict(sorted(moved.items(), key=lambda item: -abs(item[1].strain or 0.0)))
-    return RefittedParameters(shown, len(parameters))
+    """The parameters that moved materially, and the number of all."""
+    moved = [item for item in parameters.items() if _moved(item[1])]
+    moved.sort(key=lambda item: -abs(item[1].strain or 0.0))
+    return RefittedParameters(dict(moved), len(parameters))
 
 
 def _moved(one: Estimate) -> bool:

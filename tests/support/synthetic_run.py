@@ -430,7 +430,7 @@ def _diagnosis_json(verdict: str) -> dict[str, Any]:
                 "value": 0.0016,
                 "low": 0.0015,
                 "high": 0.0017,
-                "prior": 0.0015,
+                "prior": 0.0014,
                 "strain": 0.3,
             },
         },
