@@ -50,6 +50,7 @@ from pamid.report.tables import (
 )
 from pamid.report.traces import traces_of, traces_scripts, traces_style
 from pamid.schemas.fit_file import FitFile
+from pamid.simulation.scored_recording import IN_LOOP
 
 
 def run_document(
@@ -249,12 +250,17 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
     if recordings := held_out_errors(run):
         yield Heading("Errors by recording and model", 3)
         yield recording_errors_table(recordings)
-        yield notes(
-            "Replay: the held-out windows, on the recorded command. Closed loop: the held-out part "
-            "of a run of the refitted model under its own controller, from the recording's "
-            "beginning. With cause: refitted to all that is fitted; the figures above are of what "
-            "either half of the held-out windows chose for the other."
+        texts = ["Replay: the held-out windows, on the recorded command."]
+        if any(row.comparison == IN_LOOP for row in recordings):
+            texts.append(
+                "Closed loop: the held-out part of a run of the refitted model under its own "
+                "controller, from the recording's beginning."
+            )
+        texts.append(
+            "With cause: refitted to all that is fitted; the figures above are of what either half "
+            "of the held-out windows chose for the other."
         )
+        yield notes(" ".join(texts))
 
 
 def _transfer(run: RunData) -> Iterator[Block]:
@@ -269,13 +275,9 @@ def _transfer(run: RunData) -> Iterator[Block]:
 
 
 def _closed_loop(run: RunData) -> Iterator[Block]:
-    yield Heading("In its own control loop", 3)
     if run.fit is None or not run.fit.closed_loop:
-        yield notes(
-            "No closed-loop error: it needs a recording whose controller is known "
-            "(`[controller]` in its TOML file) in `pamid fit`."
-        )
         return
+    yield Heading("In its own control loop", 3)
     yield loop_table(run.fit.closed_loop)
     yield notes(
         "Mean absolute error of the model under its own controller, over the held-out part. The "
