@@ -32,6 +32,7 @@ from pamid.checks.recording_quality import (
     examine,
     signals_of,
 )
+from pamid.checks.row_order import misplaced_readings
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
@@ -175,6 +176,11 @@ def _recording(
         CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
         for one in between
     ]
+    if rig is not None and not any(i.severity == "wrong" for i in issues):
+        found += [
+            CheckOutcome("rows", False, order.text(recording), advice=True)
+            for order in misplaced_readings(recording, rig)
+        ]
     found += [] if rig is None else _noise_findings(recording, rig)
     found += against + [
         CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues

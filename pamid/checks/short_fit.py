@@ -207,7 +207,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         gains, own_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         errors = np.zeros((len(x), channels))
         for k, window in enumerate(trial.windows):
-            rows = self._rows(fresh.copy(), window, x[k], p, slopes)
+            rows = self.weighted_rows(fresh.copy(), window, x[k], p, slopes)
             if rows is None:
                 return FitPoint(s, x, np.inf, H, g, gains, own_steps, np.full_like(errors, np.inf))
             A, B, r = rows
@@ -219,7 +219,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             cost += float(r @ r)
         return FitPoint(s, x, cost, H, g, gains, own_steps, errors)
 
-    def _rows(
+    def weighted_rows(
         self, memory: Memory, window: Window, x: Array, p: Array, slopes: Array
     ) -> tuple[Array, Array, Array] | None:
         """Of one window derivatives by parameters and by its start, and residuals, weighted; None
@@ -243,7 +243,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         H, g = np.eye(len(at.s)), np.tile(at.s[:, None], len(inputs))
         reduced = []
         for window, x in zip(self.trial.windows, at.x, strict=True):
-            rows = self._rows(fresh.copy(), window, x, p, slopes)
+            rows = self.weighted_rows(fresh.copy(), window, x, p, slopes)
             if rows is None:
                 return np.full(len(inputs), np.nan)
             A, B, r = rows

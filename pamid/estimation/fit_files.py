@@ -133,7 +133,7 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
     )
     if not a.rig.between:
         return found
-    ways = {column: between_of(a.rig, column) for column in a.rig.inputs}
+    ways = {**{column: between_of(a.rig, column) for column in a.rig.inputs}, **a.rig.between}
     return found.model_copy(update={"between": ways})
 
 

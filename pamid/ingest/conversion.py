@@ -194,6 +194,8 @@ def _pieces(
     for piece in clock.base.pieces:
         there = np.isfinite(course.values[piece])
         t, y = clock.base.instants[piece][there], course.values[piece][there]
+        if late := course.signal.rows:  # a value that was logged late belongs to an earlier row
+            t, y = (t[:-late], y[late:]) if late > 0 else (t[-late:], y[:late])
         steps = np.diff(t)
         # a slow channel in a fast table is not full of gaps
         usual = 1.5 * float(np.median(steps)) if steps.size else 0.0

@@ -32,7 +32,7 @@ from pamid.recording.recording import TIME, match_column
 
 UNANSWERED = "?"  # what a guessed mapping writes where only the user can answer
 Interpolation = Literal["hold", "smooth"]
-Between = Literal["held", "linear"]
+Between = Literal["held", "linear", "before"]
 Repair = Literal["ask", "late-stamps", "jittered-sampling", "none"]
 _COLUMN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -54,7 +54,7 @@ class TimeMap(_Table):
 
 class SignalMap(_Table):
     """One column: made = sign * (source in the column's unit, or scale * source) + offset (column's
-    unit)."""
+    unit); rows: by which the log is late, -1 where a row holds the value of the next one."""
 
     source: str
     unit: str | None = None
@@ -62,6 +62,7 @@ class SignalMap(_Table):
     pressure: Literal["gauge", "absolute"] | None = None
     sign: Literal[1, -1] = 1
     offset: float = 0.0
+    rows: int = 0
     interpolation: Interpolation | None = None
 
 
@@ -90,6 +91,7 @@ class MappedSignal:
     absolute.
 
     hold           True for what is held until the next value: commands and references
+    rows           by which its values are logged late
     events         True if the mapping itself says so: a hold over any length then is no gap
     """
 
@@ -101,6 +103,7 @@ class MappedSignal:
     absolute: bool
     sign: int
     offset: float
+    rows: int
     hold: bool
     events: bool
 
@@ -288,6 +291,7 @@ def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str
         (one.pressure or said) == "absolute",
         one.sign,
         one.offset,
+        one.rows,
         hold,
         one.interpolation == "hold",
     )

@@ -4,6 +4,10 @@ A zero-order hold is what a converter sends; what is measured, or comes out of a
 between samples. A straight line through its samples follows it to second order, where the hold lags
 by half a sample. The rig says which (`between = {"drive_v": "linear"}`), and a recording's TOML
 may say otherwise for its own ([between]); what nobody states is held.
+
+An output may depend on an input of the same instant, as a current on the voltage. Most logs send
+the command of a row and then read; `between = {"current_a": "before"}` says that a reading of a row
+is taken before: the command of the row before still acts on it.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from collections.abc import Iterable, Mapping
 
 from pamid.base.errors import FileError
 from pamid.model.rig import Rig
+from pamid.recording.file_checks import BEFORE
 from pamid.recording.recording import Recording, match_column
 
 HELD, LINEAR = "held", "linear"
@@ -38,19 +43,26 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
 
 
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
-    """The rig with inputs held or linear as the recordings' TOML files say; FileError where two of
-    them differ: a model is fitted one way."""
+    """The rig with inputs held or linear, and outputs read before the command of their row, as the
+    recordings' TOML files say; FileError where two of them differ: a model is fitted one way."""
     ways: dict[str, str] = {}
     by: dict[str, Recording] = {}
     for recording in recordings:
-        for column in rig.inputs:
+        for column in (*rig.inputs, *rig.outputs):
             found = match_column(recording.columns, column) if recording.between else None
             if (way := recording.between.get(found or "")) is None:
                 continue
+            if (way == BEFORE) != (column in rig.outputs):
+                raise FileError(
+                    f"{recording.path}: [between] {column} is {way!r}.",
+                    f'Inputs of rig {rig.name!r} are "held" or "linear"; only its outputs may be '
+                    '"before".',
+                    code="toml",
+                )
             if ways.setdefault(column, way) != way:
                 raise FileError(
-                    f"{by[column].path} says that {column} is {ways[column]} between samples, "
-                    f"{recording.path} that it is {way}.",
+                    f"{by[column].path} says that {column} is {ways[column]!r} in [between], "
+                    f"{recording.path} that it is {way!r}.",
                     "Fit recordings of one kind together, or state it in the rig alone.",
                 )
             by[column] = recording

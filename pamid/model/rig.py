@@ -53,7 +53,7 @@ from pamid.base.units import (
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.log_names import LogName
 from pamid.model.parameter import Parameter
-from pamid.recording.file_checks import BETWEEN
+from pamid.recording.file_checks import BEFORE, BETWEEN
 from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
@@ -153,7 +153,7 @@ class Rig:
     # inputs that may be missing in a recording, with their value
     optional: ClassVar[dict[str, float]] = {}
     # what an input does between two samples: "held" (the default) or "linear"; a recording's TOML
-    # may say otherwise under [between]
+    # may say otherwise under [between]; an output may be "before": read before its row's command
     between: ClassVar[dict[str, str]] = {}
     # what an input can be, in the unit of its column: (lowest, highest)
     ranges: ClassVar[dict[str, tuple[float, float]]] = {}
@@ -315,15 +315,16 @@ def _check_inputs(rig: Rig, kind: str) -> None:
     for what in ("inputs", "outputs"):
         for column, declared in getattr(rig, what).items():
             _check_column(f"{kind}: {what[:-1]} {column!r}", column, declared)
+    read_before = {c for c, way in rig.between.items() if way == BEFORE and c in rig.outputs}
     for what, stated in (("between", rig.between), ("ranges", rig.ranges)):
         for column in stated:
-            if column not in rig.inputs:
+            if column not in rig.inputs and not (what == "between" and column in read_before):
                 raise FileError(
                     f"{kind}: {what} names {column!r}, which is not among the inputs",
                     nearest(column, list(rig.inputs)) or f"inputs: {', '.join(rig.inputs)}",
                 )
     for column, way in rig.between.items():
-        if way not in BETWEEN:
+        if way not in BETWEEN and column not in read_before:
             raise FileError(
                 f"{kind}: between says {way!r} of {column!r}",
                 f'between = {{"{column}": "linear"}}, or "held"',

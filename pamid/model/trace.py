@@ -13,9 +13,17 @@ from pamid.base.errors import FileError, PamidError, nearest
 from pamid.base.units import size_to_si
 from pamid.model.effect import Effect, Signals
 from pamid.model.rig import Loop, Rig
+from pamid.recording.file_checks import BEFORE
 from pamid.symbolic.expression import substitute, symbol, symbols
 from pamid.symbolic.memory_cells import Cell, tick
-from pamid.symbolic.vocabulary import FUNCTIONS_HINT, EquationError, Expr, clip, expression
+from pamid.symbolic.vocabulary import (
+    FUNCTIONS_HINT,
+    EquationError,
+    Expr,
+    clip,
+    expression,
+    rate_of,
+)
 
 #: (port, place) -> the effects that act there, with the owner of each one's parameters, in order
 EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]
@@ -99,6 +107,7 @@ class _Tracer:
         u = Names(columns, "input")
         rates = self._call("rates", x, u, p, self.rig.rated())
         outputs = self._call("measure", x, u, p, list(self.rig.outputs))
+        outputs = self._as_logged(outputs, columns)
         if self.controller:
             for loop in self.rig.loops:
                 self._close(loop, outputs)
@@ -111,6 +120,17 @@ class _Tracer:
             tuple(self.passages.values()),
             tuple(c for c in self.inputs if self.rig.between.get(c) == "linear"),
         )
+
+    def _as_logged(self, outputs: dict[str, Expr], inputs: dict[str, Expr]) -> dict[str, Expr]:
+        """The outputs, with the inputs of the row before in those that a log reads before it sends
+        the command of the same row."""
+        between = self.rig.between
+        held_inputs = (u for column, u in inputs.items() if between.get(column) != "linear")
+        before = {u: u - tick("period") * rate_of(u) for u in held_inputs}
+        return {
+            column: substitute([value], before)[0] if between.get(column) == BEFORE else value
+            for column, value in outputs.items()
+        }
 
     def _call(
         self, method: str, x: Names, u: Names, p: Names, wanted: list[str]

@@ -48,6 +48,7 @@ _KEYS: dict[str, tuple[str, ...] | None] = {  # None: any key
     "between": None,
 }
 BETWEEN = ("held", "linear")  # what an input may do from one sample to the next
+BEFORE = "before"  # an output is read before the command of its row is sent
 
 
 @dataclass(frozen=True)
@@ -277,7 +278,7 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> S
 
 
 def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[str, str]:
-    """[between]: column -> "held" or "linear"."""
+    """[between]: column -> "held" or "linear" for an input, "before" for an output."""
     for column, way in table.items():
         if column not in names:
             raise FileError(
@@ -285,11 +286,12 @@ def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[st
                 nearest(column, names) or f"Its columns: {listed(names[1:])}.",
                 code="toml",
             )
-        if way not in BETWEEN:
+        if way not in (*BETWEEN, BEFORE):
             raise FileError(
                 f"{path}: [between] {column} is {way!r:.60}.",
                 'Write "held" (each value stays until the next sample) or "linear" (a straight '
-                "line to the next one).",
+                'line to the next one) for an input, "before" for a reading that is taken before '
+                "the command of its row is sent.",
                 code="toml",
             )
     return dict(table)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.share_words import minutes_text
+from pamid.checks.row_order import OF_THE_LOG
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_leaders
 from pamid.report.captions import SPELLING, added_line, closest, regime_label, set_figures
@@ -23,7 +24,6 @@ from pamid.report.rig_texts import first_parameter
 from pamid.schemas.added_variables_file import AddedVariable
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
 from pamid.verdict import verdict_words
-from pamid.verdict.notes import OF_THE_LOG
 from pamid.verdict.verdict_words import chance_figure
 
 _MOST_PORTS, _MOST_CAUSES, _NOTHING = 3, 3, 0.005
@@ -48,7 +48,10 @@ def todo_of(run: RunData) -> str:
     if diagnosis.remark:
         return "Check the recordings and their units first; no verdict means anything before."
     if any(OF_THE_LOG in note for note in diagnosis.notes):
-        return "Shift the column that is one row late, and diagnose again before you measure more."
+        return (
+            "Set the order of the log's rows right, as the notes say, and diagnose again before "
+            "you measure more."
+        )
     experiment = diagnosis.next_experiment
     if experiment is None and diagnosis.withheld:
         return "Hold the rig by a loop and record again: without one each experiment leads too far."

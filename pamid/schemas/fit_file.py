@@ -145,8 +145,8 @@ class FittedModel(Model):
     values: dict[Text, Number] = Field(description="every parameter, SI, by key")
     between: Sometimes[dict[Text, Text]] = Field(
         default=None,
-        description="what inputs do from one sample to the next, held or linear, by column; "
-        "without it all are held",
+        description="what inputs do from one sample to the next, held or linear, by column, and "
+        "which outputs are read before the command of their row; without it all inputs are held",
     )
 
 

@@ -40,6 +40,7 @@ class ChannelMapped(Model):
     pressure: Sometimes[Text] = Field(default=None, description="gauge or absolute")
     sign: Count
     offset: Number
+    rows: Sometimes[Count] = Field(default=None, description="by which its values are logged late")
     interpolation: Sometimes[Text] = Field(default=None, description="hold or smooth")
 
 

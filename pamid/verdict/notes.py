@@ -8,6 +8,7 @@ import numpy as np
 
 from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
+from pamid.checks.row_order import OF_THE_LOG, misplaced_readings
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.intervals import background_pull, estimates
@@ -24,7 +25,6 @@ from pamid.verdict.verdict_words import joined
 FEW_WINDOWS = 12  # with fewer held out a note says so
 # an effect looks like what stands far off if it takes so many tolerances off it; so many are named
 EASED, EASING_MOST = 0.5, 3
-OF_THE_LOG = "this is the log, not the machine"
 ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
 # errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
 UNEXPLAINED_ERROR, ABOVE_NOISE = 0.9, 10.0
@@ -76,7 +76,7 @@ def notes_of(d: Diagnosis) -> list[str]:
         _instead,
         _set_aside,
         _between,
-        _one_sample,
+        _row_order,
         _no_place,
         _windows,
         _split,
@@ -171,17 +171,24 @@ def _between(d: Diagnosis) -> list[str]:
     return found
 
 
-def _one_sample(d: Diagnosis) -> list[str]:
-    """A delay of one sampling period, which a log makes by itself."""
-    if d.answer is None:
+def _row_order(d: Diagnosis) -> list[str]:
+    """Readings in another row than their own, and delays of one sampling period, which a log makes
+    by itself. The log of the first recording stands for the others."""
+    if d.answer is None or d.verdict == "no-structural-gap":
         return []
+    rig, recording = d.evidence.rig, d.evidence.recordings[0]
+    orders = misplaced_readings(recording, rig)
+    readings = {name for name, port in rig.ports.items() if port.kind == "reading"}
     model, period_s = d.answer.model, max(r.sampling_period_s for r in d.evidence.recordings)
-    return [
-        f"{b.owner} comes to {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A "
-        "row holds a command that acts from the next row on, or a reading of the row "
-        "before. Shift that column by one row and diagnose again."
+    ports = {a.label: a.ports[0] for a in model.attached}
+    return [f"{order.text(recording)} Then diagnose again." for order in orders] + [
+        f"{b.owner} comes to {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A row "
+        "holds a command that acts from the next row on, or a reading of the row before. Move that "
+        "column by one row (`rows` in the mapping of `pamid ingest`) and diagnose again."
         for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
-        if b.key.endswith((":delay", ":start")) and abs(abs(late) / period_s - 1.0) < ONE_SAMPLE
+        if b.key.endswith((":delay", ":start"))
+        and abs(abs(late) / period_s - 1.0) < ONE_SAMPLE
+        and not (orders and ports.get(b.owner) in readings)
     ]
 
 

@@ -56,7 +56,7 @@ WRONG_KEYS = {
     ANGLE + "[between]\nangel_deg = 'held'": "between.angel_deg is no column that the mapping "
     "makes. Did you mean 'angle_deg'?",
     ANGLE + "[between]\nangle_deg = 'straight'": 'between.angle_deg is "straight"; allowed: '
-    '"held", "linear".',
+    '"held", "linear", "before".',
     "[signals.angle_deg]\nunit = 'deg'": "signals.angle_deg.source is missing.",
     "signals = 3": "signals is 3; a table is needed.",
     PRESSURE

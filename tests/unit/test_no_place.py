@@ -107,7 +107,9 @@ def test_no_play_is_offered_for_heat_or_for_a_speed() -> None:
         placed = [a for a in attachments(rig, effects().values()) if a.effect.name == "play"]
         units = {rig.ports[port].unit for a in placed for port in a.ports}
         assert not units & {"K", "W", "m/s", "rad/s"}, name
-    assert any(fits(Play, port) for port in rig_named("two-masses").ports.values()), "a length has play"
+    assert any(fits(Play, port) for port in rig_named("two-masses").ports.values()), (
+        "a length has play"
+    )
 
 
 def test_play_at_a_heater_is_refused_with_the_reason() -> None:

@@ -12,13 +12,14 @@ from made_models import comparison, effect, model
 from pamid.diagnosis.settings import DEFAULT
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port
+from pamid.recording.recording import recording_of
 from pamid.schemas.diagnosis_file import Reach, Remainder
 from pamid.verdict.notes import (
     _between,
     _fits,
     _instead,
     _no_place,
-    _one_sample,
+    _row_order,
     _set_aside,
     _windows,
     roughness,
@@ -70,12 +71,14 @@ def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
     model = SimpleNamespace(
         assembly=SimpleNamespace(parameters=[lag, delay]),
         fit=SimpleNamespace(p=[0.002, periods * 0.002]),
+        attached=(),
     )
+    still = recording_of(0.002 * np.arange(60), {"voltage_v": np.zeros(60)})
+    evidence = SimpleNamespace(rig=rig_named("dc-motor"), recordings=[still])
     d: Any = SimpleNamespace(
-        answer=SimpleNamespace(model=model),
-        evidence=SimpleNamespace(recordings=[SimpleNamespace(sampling_period_s=0.002)]),
+        answer=SimpleNamespace(model=model), verdict="explained", evidence=evidence
     )
-    told = _one_sample(d)
+    told = _row_order(d)
     assert ["this is the log, not the machine" in note for note in told] == [True] * noted
     assert not noted or f"{abs(periods):.2f} sampling periods" in told[0]
 

@@ -14,6 +14,7 @@ from synthetic_run import cause, diagnosis_json, fit_json, make_run, network_jso
 
 from pamid import DiagnosisResult, open_run
 from pamid.base.errors import FileError
+from pamid.checks.row_order import OF_THE_LOG
 from pamid.report.captions import ports_title
 from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, ranking_drawing, regimes_drawing
@@ -23,7 +24,6 @@ from pamid.report.style import render
 from pamid.report.writing import drawings_of
 from pamid.schemas.diagnosis_file import CAUSED, WITHHELD, Verdict, Where
 from pamid.schemas.model import read
-from pamid.verdict.notes import OF_THE_LOG
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")
 
@@ -349,4 +349,11 @@ def test_a_log_that_is_a_row_off_comes_before_an_experiment(tmp_path: Path) -> N
     plain = make_run(tmp_path / "A", diagnosis=told)
     noted = make_run(tmp_path / "B", diagnosis=told | {"notes": [note]})
     assert "Run the experiment" in todo_of(load_run(plain))
-    assert todo_of(load_run(noted)).startswith("Shift the column that is one row late")
+    assert todo_of(load_run(noted)).startswith("Set the order of the log's rows right")
+
+
+def test_a_control_loop_is_shown_where_one_was_closed(tmp_path: Path) -> None:
+    heading = "In its own control loop"
+    assert heading in text_of(make_run(tmp_path / "CLOSED"))
+    open_loop = make_run(tmp_path / "OPEN", fit=fit_json() | {"closed_loop": {}})
+    assert heading not in text_of(open_loop)

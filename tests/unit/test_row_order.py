@@ -1,0 +1,141 @@
+"""Readings that a log holds in another row than their own: seen, named with the cure, and cured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pamid
+from pamid.base.errors import FileError
+from pamid.checks.row_order import OF_THE_LOG, RowOrder, direct_outputs, misplaced_readings
+from pamid.ingest.channels import Channel, Log
+from pamid.ingest.conversion import convert
+from pamid.ingest.mapping import mapping_of
+from pamid.model.between_samples import as_recorded, stated
+from pamid.model.registry import rig_named
+from pamid.model.rig import check_rig
+from pamid.recording.recording import Recording, recording_of
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+PERIOD_S = 0.002
+SAMPLES = 3000
+ANGLES = {"dc-motor": ("angle_deg",), "geared-motor": ("motor_angle_deg", "load_angle_deg")}
+
+
+def driven(name: str, *effects: str, before: bool = False) -> dict[str, np.ndarray]:
+    """Columns of a motor under steps of its voltage, with the data sheet's noise."""
+    random = np.random.default_rng(4)
+    voltage = np.repeat(random.uniform(-12.0, 12.0, SAMPLES // 25), 25)
+    t = PERIOD_S * np.arange(SAMPLES)
+    rig = stated(rig_named(name), {"current_a": "before"} if before else {})
+    off = {"resistance_ohm": 1.1, "inertia_kg_m2": 0.025}
+    made = simulate_virtual_rig(
+        rig, recording_of(t, {"voltage_v": voltage}), effects, {}, off, 1.0, 3
+    )
+    return {"time_s": t, **made.columns}
+
+
+def logged(columns: dict[str, np.ndarray], rows: int = 0, **between: str) -> Recording:
+    """The columns as a recording whose current stands so many rows late."""
+    moved = {**columns, "current_a": np.roll(columns["current_a"], rows)}
+    cut = {name: values[2:-2] for name, values in moved.items()}
+    time = cut.pop("time_s")
+    return recording_of(time - time[0], cut, {"between": between} if between else {})
+
+
+def found(recording: Recording, name: str) -> list[RowOrder]:
+    return misplaced_readings(recording, as_recorded(rig_named(name), [recording]))
+
+
+@pytest.mark.parametrize("name", list(ANGLES))
+@pytest.mark.parametrize(
+    ("rows", "order", "cure"),
+    [
+        (1, "late", "rows = 1 below [signals.current_a] in the mapping of `pamid ingest`"),
+        (-1, "early", "rows = -1 below [signals.current_a] in the mapping"),
+    ],
+)
+def test_a_current_in_another_row_is_the_log(name: str, rows: int, order: str, cure: str) -> None:
+    recording = logged(driven(name), rows)
+    (one,) = found(recording, name)
+    assert one.column == "current_a" and order in one.orders
+    assert one.mended < 0.3 * one.as_recorded
+    text = one.text(recording)
+    assert OF_THE_LOG in text and cure in text
+
+
+@pytest.mark.parametrize("name", list(ANGLES))
+def test_a_current_read_before_its_command_is_cured_by_one_line(name: str) -> None:
+    columns = driven(name, before=True)
+    (one,) = found(logged(columns), name)
+    assert "before" in one.orders
+    assert '[between] current_a = "before"' in one.text(logged(columns))
+    assert found(logged(columns, current_a="before"), name) == []
+
+
+@pytest.mark.parametrize(
+    "effect", ["", "dead-time@ammeter:delay_s=0.006", "first-order-lag@ammeter"]
+)
+def test_neither_right_rows_nor_a_slow_sensor_are_the_log(effect: str) -> None:
+    recording = logged(driven("dc-motor", *[effect] * bool(effect)))
+    assert found(recording, "dc-motor") == []
+
+
+def test_a_reading_before_its_command_is_exact() -> None:
+    """A current before the command of its row: the same speed, the voltage of the row before."""
+    plain, before = (driven_exactly(way) for way in (False, True))
+    step = np.diff(plain["voltage_v"])
+    np.testing.assert_array_equal(before["angle_deg"], plain["angle_deg"])
+    np.testing.assert_allclose(
+        before["current_a"][1:], plain["current_a"][1:] - step, rtol=0.0, atol=1e-9
+    )
+
+
+def driven_exactly(before: bool) -> dict[str, np.ndarray]:
+    rig = stated(rig_named("dc-motor"), {"current_a": "before"} if before else {})
+    voltage = np.repeat(np.random.default_rng(1).uniform(-9.0, 9.0, 20), 10)
+    t = PERIOD_S * np.arange(voltage.size)
+    made = simulate_virtual_rig(rig, recording_of(t, {"voltage_v": voltage}), (), {}, {}, 0.0, 0)
+    return made.columns
+
+
+def test_only_outputs_that_depend_on_an_input_are_tried() -> None:
+    assert direct_outputs(rig_named("geared-motor")) == {"current_a"}
+    assert direct_outputs(rig_named("static-map")) == {"force_n"}
+    assert direct_outputs(rig_named("thermal-block")) == set()
+
+
+def test_before_is_stated_of_outputs_alone() -> None:
+    recording = logged(driven("dc-motor"), voltage_v="before")
+    with pytest.raises(FileError, match='only its outputs may be "before"'):
+        as_recorded(rig_named("dc-motor"), [recording])
+
+    class Wrong(pamid.Rig):
+        inputs = {"force_n": "N"}
+        outputs = {"position_m": "m"}
+        between = {"position_m": "held"}
+
+    with pytest.raises(FileError, match="not among the inputs"):
+        check_rig(Wrong(), "wrong.py")
+
+
+@pytest.mark.parametrize("rows", [1, -1, 2])
+def test_a_mapping_moves_a_channel_by_rows(rows: int) -> None:
+    t = 0.01 * np.arange(200)
+    sent, read = np.sin(3.0 * t), np.cos(5.0 * t)
+    values = {"t": t, "u": sent, "i": np.roll(read, rows)}
+    log = Log(Path("log.csv"), "csv", tuple(Channel(n, v, None, "") for n, v in values.items()))
+    signals = {
+        "voltage_v": {"source": "u", "unit": "V"},
+        "current_a": {"source": "i", "unit": "A", "rows": rows},
+    }
+    tables: dict[str, Any] = {"time": {"source": "t", "unit": "s"}, "signals": signals}
+    (made,) = convert(log, mapping_of(tables, "map"), None, "map").recordings
+    first = round(made.begins_s / 0.01)
+    count = made.time.size
+    assert 200 - 2 * abs(rows) <= count < 200
+    np.testing.assert_allclose(made.columns["current_a"], read[first : first + count], atol=1e-9)
+    np.testing.assert_allclose(made.columns["voltage_v"], sent[first : first + count], atol=1e-9)
