@@ -395,7 +395,8 @@ def _tail(
     lines += [
         "# [atmosphere]                # taken off absolute pressures",
         "# pressure_kpa = 101.325",
-        '# [between]                   # inputs: "held" until the next sample, or "linear" to it',
+        '# [between]                   # inputs: "held" until the next sample, or "linear" to it;',
+        '#                             # outputs: "before", if read before the command of a row',
         f"{'' if known else '# '}[known]  # parameters of the rig known for these recordings",
         *(f"{key} = {value!r}" for key, value in known.items()),
     ]

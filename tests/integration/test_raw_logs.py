@@ -684,6 +684,12 @@ def test_filled_cells_stand_in_the_output(
     assert f"u_v: 1 empty cells of {N} were filled with the value before them" in said
 
 
+def test_values_within_one_are_no_reason_for_a_unit(tmp_path: Path) -> None:
+    table(tmp_path / "small.csv", (TIME, 0.3 * DRIVE, 0.2 * ANGLE), "t,a,b\n")
+    guessed = pamid.guess_mapping(tmp_path / "small.csv")
+    assert set(guessed.open) == {"signals.a.unit", "signals.b.unit"}
+
+
 def test_a_part_without_a_channel_is_named(tmp_path: Path) -> None:
     matlab(tmp_path / "runs.mat", run1={"t": TIME, "x": ANGLE}, run2={"t": TIME[:900]})
     mapping = tmp_path / "map.toml"

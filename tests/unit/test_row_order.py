@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from pamid.model.registry import rig_named
 from pamid.model.rig import check_rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict.notes import _row_order
 
 PERIOD_S = 0.002
 SAMPLES = 3000
@@ -139,3 +141,20 @@ def test_a_mapping_moves_a_channel_by_rows(rows: int) -> None:
     assert 200 - 2 * abs(rows) <= count < 200
     np.testing.assert_allclose(made.columns["current_a"], read[first : first + count], atol=1e-9)
     np.testing.assert_allclose(made.columns["voltage_v"], sent[first : first + count], atol=1e-9)
+
+
+def test_answer_and_check_state_the_order_with_its_cure() -> None:
+    recording = logged(driven("dc-motor"), -1)
+    rows = [f for f in pamid.check(recording, "dc-motor").findings if f.check == "rows"]
+    assert len(rows) == 1 and rows[0].advice and "rows = -1" in rows[0].detail
+    model = SimpleNamespace(
+        assembly=SimpleNamespace(parameters=()), fit=SimpleNamespace(p=()), attached=()
+    )
+    evidence = SimpleNamespace(rig=rig_named("dc-motor"), recordings=[recording])
+    d: Any = SimpleNamespace(
+        answer=SimpleNamespace(model=model), verdict="explained", evidence=evidence
+    )
+    (note,) = _row_order(d)
+    assert OF_THE_LOG in note and note.endswith("Then diagnose again.")
+    d.verdict = "no-structural-gap"
+    assert _row_order(d) == []

@@ -106,6 +106,47 @@ def test_a_slip_of_an_oven_is_found(case: str, oven: Recording) -> None:
     assert words in issue.message
 
 
+@pytest.fixture(scope="module")
+def carriage() -> Recording:
+    newtons = 30.0 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 20), 150)
+    return record("linear-axis", "force_n", newtons, 0.002, {})
+
+
+@pytest.fixture(scope="module")
+def shaft() -> Recording:
+    torque = 0.5 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 20), 150)
+    return record("servo-axis", "torque_nm", torque, 0.002, {})
+
+
+#: unit -> rig, column, factor from the column's unit
+FACTORS = {
+    "km/h": ("linear-axis", "velocity_mm_per_s", 3.6e-3),
+    "mm/min": ("linear-axis", "velocity_mm_per_s", 60.0),
+    "um": ("linear-axis", "position_mm", 1e3),
+    "kN": ("linear-axis", "force_n", 1e-3),
+    "rad/s": ("servo-axis", "velocity_deg_per_s", np.pi / 180.0),
+    "rpm": ("servo-axis", "velocity_deg_per_s", 1.0 / 6.0),
+    "rev/s": ("servo-axis", "velocity_deg_per_s", 1.0 / 360.0),
+}
+
+
+@pytest.mark.parametrize("other", FACTORS)
+def test_any_usual_factor_is_found(other: str, carriage: Recording, shaft: Recording) -> None:
+    rig, column, factor = FACTORS[other]
+    recording = carriage if rig == "linear-axis" else shaft
+    assert not slips_of(recording, rig)
+    (issue,) = slips_of(changed(recording, lambda c: {column: factor * c[column]}), rig)
+    assert (issue.kind, issue.columns, issue.severity) == ("unit", (column,), "wrong")
+    assert f"look like {other}, not" in issue.message
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0])
+def test_what_a_data_sheet_may_be_off_by_is_not_refused(factor: float, motor: Recording) -> None:
+    recording = changed(motor, lambda c: {CURRENT: factor * c[CURRENT]})
+    assert all(issue.severity == "advice" for issue in slips_of(recording, "dc-motor"))
+    assert not blocking(recording, rig_named("dc-motor"))
+
+
 def test_right_recordings_have_no_slip(motor: Recording, oven: Recording) -> None:
     assert not slips_of(motor, "dc-motor") and not slips_of(oven, "thermal-block")
     assert not blocking(motor, rig_named("dc-motor"))
