@@ -23,14 +23,19 @@ END = "<!-- end -->\n"
 RIGS = {
     "one-dof": 30,
     "dc-motor": 30,
+    "geared-motor": 10,
     "linear-axis": 30,
     "servo-axis": 30,
     "servo-pendulum": 30,
+    "servo": 30,
+    "static-map": 30,
     "cylinder-bench": 30,
     "damper-bench": 30,
     "two-masses": 30,
     "cascaded-tanks": 2000,
+    "pump-tank": 2000,
     "thermal-block": 20000,
+    "thermal-two-mass": 20000,
 }
 
 
@@ -103,10 +108,11 @@ def main() -> None:
         for rig in given.rigs or RIGS:
             said = found(rig, Path(temporary))
             rows[rig], parts[rig] = row(rig, said), section(rig, said)
+    there = [rig for rig in RIGS if rig in parts]
     lines = ["| rig | effects that fit | shown by a sensor alone | by all together |"]
-    lines += ["|---|---:|---|---:|", *(rows[rig] for rig in RIGS)]
+    lines += ["|---|---:|---|---:|", *(rows[rig] for rig in there)]
     when = f"Measured on {date.today():%-d %B %Y}."
-    made = "\n\n".join([when, "\n".join(lines), *(parts[rig] for rig in RIGS)])
+    made = "\n\n".join([when, "\n".join(lines), *(parts[rig] for rig in there)])
     PAGE.write_text(f"{before}{BEGIN}\n{made}\n\n{END}{after}", encoding="utf-8")
 
 
