@@ -154,7 +154,7 @@ def test_a_recording_says_it_for_its_rig() -> None:
     rig = rig_named(CART)
     assert as_recorded(rig, [recorded("")]) is rig and as_recorded(rig, [recorded("held")]) is rig
     assert cart("linear")[0].program.linear == (0,) and cart("held")[0].program.linear == ()
-    with pytest.raises(FileError, match="force_n is linear between samples"):
+    with pytest.raises(FileError, match="force_n is 'linear' in"):
         as_recorded(rig, [recorded("linear"), recorded("held")])
     with pytest.raises(FileError, match="stepwise"):
         recorded("stepwise")
