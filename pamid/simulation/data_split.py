@@ -21,6 +21,7 @@ from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
 from pamid.simulation.correlation_time import timescale_of
+from pamid.simulation.error_growth import growth_time_s
 from pamid.simulation.free_runs import (
     free_run,
     input_table,
@@ -77,8 +78,9 @@ class DataSplit:
     """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
     and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
     states may depart from what a window before has led to (SI); timescale_s: how long the
-    recordings remember, as far as they are long enough for it, of which every horizon is a
-    multiple; correlation_s: the same whatever their length, of which times of effects are."""
+    recordings remember, as far as they are long enough for it and errors of the state do not grow
+    too fast, of which every horizon is a multiple; correlation_s: the same whatever their length,
+    of which times of effects are."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -251,6 +253,9 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
     tables = [(t.y, noise, t.period_s) for t in whole]
     timescale_s = rig.timescale_s or _timescale_s(tables, (fit, held))
+    growth_s = growth_time_s(
+        Assembly(rig, outputs=channels), whole, noise, FIT_WINDOW * timescale_s
+    )
     rig, left_out = without_idle_terms(rig, [s.recording.slice(s.start, s.stop) for s in fit])
     return DataSplit(
         rig,
@@ -259,7 +264,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         channels,
         noise,
         jump,
-        timescale_s,
+        min(timescale_s, growth_s / FIT_WINDOW),
         rig.timescale_s or max(timescale_s, timescale_of(tables, most_ringing_s=0.0)),
         left_out=left_out,
     )

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 TURNED = 9.0
 FLAT = 0.05  # of the slopes without effects: a limit may let a part through
 MISSED = 3.0  # residual over noise at which a flat reading is followed by other slopes than its own
+READING_STEPS = 3  # Gauss-Newton steps over each of the growing beginnings of a window
 CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
 
 
@@ -113,17 +114,16 @@ def estimate_initial_state(
     slopes of the rig without the effects at its readings. Returns the state, and whether it is
     usable.
     """
-    own = Runner(
-        runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
-    ).keeping()
-    y, seen = runner.track.y[window.start : window.stop], runner.track.seen
-    if not seen.all():
-        weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-    known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
-    problem = _InitialState(own, own.widened(memory), window, p, y, weight, carried, known)
+    problem = _problem(runner, memory, window, p, weight, carried, jump)
     begun = problem.at(carried.copy())
-    if not np.isfinite(begun.cost) or not own.start_states:
+    if not runner.start_states:
         return begun.x, bool(np.isfinite(begun.cost))
+    # an error of the carried state grows with the window, so that no derivative may lead back
+    if not begun.cost <= TURNED * problem.y.size:
+        read = problem.at(_read_state(problem))
+        begun = read if not begun.cost <= read.cost else begun
+    if not np.isfinite(begun.cost):
+        return carried.copy(), False
     best = iterate(problem, Iteration(begun, problem.rule.start), steps).point
     for i in runner.assembly.even_states:
         x, from_there = best.x.copy(), carried.copy()
@@ -133,7 +133,7 @@ def estimate_initial_state(
         if np.isfinite(begun.cost):
             other = iterate(turned, Iteration(begun, turned.rule.start), steps).point
             best = other if other.cost < best.cost - TURNED else best
-    followed = _Followed.of(problem) if best.cost > TURNED * y.size else None
+    followed = _Followed.of(problem) if best.cost > TURNED * problem.y.size else None
     if followed is not None:
         for x in (carried, _plain_start(followed)):
             begun = followed.at(x)
@@ -142,6 +142,53 @@ def estimate_initial_state(
                 other = iterate(problem, Iteration(problem.at(x), problem.rule.start), steps).point
                 best = other if other.cost < best.cost - TURNED else best
     return best.x, True
+
+
+def state_from_readings(
+    runner: Runner, memory: Memory, window: Window, p: Array, weight: Array, carried: Array
+) -> Array:
+    """Rig state at the start of a window as its readings show it; arguments as of
+    `estimate_initial_state`."""
+    return _read_state(_problem(runner, memory, window, p, weight, carried, None))
+
+
+def _read_state(problem: _InitialState) -> Array:
+    """The state that fits the first reading, then ever longer beginnings of the window.
+
+    One reading shows the states that the output map holds, whatever the model does from there; few
+    of them show the slopes, too, before its errors have grown. A state that they do not show stays
+    where it was carried to.
+    """
+    x, first = problem.carried, problem.window.start
+    length = 1
+    while length < len(problem.y):
+        part = replace(problem, window=Window(first, first + length), y=problem.y[:length])
+        begun = part.at(x)
+        if not np.isfinite(begun.cost):
+            break
+        x = iterate(part, Iteration(begun, part.rule.start), READING_STEPS).point.x
+        length *= 2
+    return x
+
+
+def _problem(
+    runner: Runner,
+    memory: Memory,
+    window: Window,
+    p: Array,
+    weight: Array,
+    carried: Array,
+    jump: Array | None,
+) -> _InitialState:
+    """The least squares of a window; arguments as of `estimate_initial_state`."""
+    own = Runner(
+        runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
+    ).keeping()
+    y, seen = runner.track.y[window.start : window.stop], runner.track.seen
+    if not seen.all():
+        weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
+    known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
+    return _InitialState(own, own.widened(memory), window, p, y, weight, carried, known)
 
 
 @dataclass(frozen=True, eq=False)
