@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.errors import ConvergenceError
 from pamid.base.progress import Progress, Settled, silent
+from pamid.base.units import NONE, column_size, split_column
 from pamid.estimation.baseline_repair import (
     Refit,
     mended,
@@ -31,7 +33,7 @@ from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, noise_floor, replay_track
+from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay_track
 from pamid.simulation.tracks import Track
 
 Array = NDArray[np.float64]
@@ -131,6 +133,7 @@ def fit_model(
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     progress("noise floor")
     floor = _floor(assembly, fitted, replays, evidence.noise, seed)
+    require_predictable(evidence, floor, (*tracks, *held))
     if draws:
         progress(Settled(f"fitted, intervals follow: {_values_text(fitted)}"))
     return GreyBox(
@@ -155,6 +158,41 @@ def _floor(
     return tuple(
         noise_floor(assembly, fitted.p, r, fitted.stepping, noise, seed + i)
         for i, r in enumerate(replays)
+    )
+
+
+def require_predictable(
+    evidence: DataSplit, floor: Sequence[Replay], tracks: Sequence[Track]
+) -> None:
+    """Raise ConvergenceError where the noise floor of a channel exceeds all that it moves by.
+
+    Parameters
+    ----------
+    evidence
+        Recordings, with the channels that are compared.
+    floor
+        Replays of the model as its own truth.
+    tracks
+        Recordings by which the channels' ranges are measured.
+    """
+    ranges = np.max([np.nan_to_num(np.ptp(t.y, axis=0)) for t in tracks], axis=0)
+    errors = channel_mae(list(floor))
+    beyond = [k for k in range(len(errors)) if errors[k] > ranges[k] > 0.0]
+    if not beyond:
+        return
+    worst = max(beyond, key=lambda k: errors[k] / ranges[k])
+    name = evidence.channels[worst]
+    unit = split_column(name)[1]
+    symbol = "" if unit == NONE else f" {unit}"
+    window = floor[0].windows[0]
+    raise ConvergenceError(
+        f"Errors of an estimated state grow to {column_size(name, errors[worst]):.3g}{symbol} in "
+        f"{name} within {(window.stop - window.start) * floor[0].track.period_s:.3g} s, but it "
+        f"moves by {column_size(name, ranges[worst]):.3g}{symbol} only: even the true model would "
+        "predict nothing",
+        "Check units and signs of the inputs, and the rig's masses, stiffness and damping. If the "
+        "machine is that unstable, sample it faster.",
+        code="unpredictable",
     )
 
 

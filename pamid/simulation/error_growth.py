@@ -58,9 +58,8 @@ def growth_time_s(
     chosen = np.unique(np.linspace(0, len(windows) - 1, PLACES).round().astype(int))
     looked_at = [windows[k] for k in chosen]
     runners = {place: _runner(assembly, tracks[place]) for place, _ in looked_at}
-    return min(
-        (_time_in(runners[place], window, noise) for place, window in looked_at), default=most_s
-    )
+    times = [_time_in(runners[place], window, noise) for place, window in looked_at]
+    return min([most_s, *times])
 
 
 def _runner(assembly: Assembly, track: Track) -> Runner:

@@ -44,7 +44,8 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
     """The least squares of one window over its initial state, with the carried state as prior (the
     arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2)).
 
-    memory: at the start of the window, with room for the runner's sensitivities.
+    memory: at the start of the window, with room for the runner's sensitivities; resting: where a
+    state stays that this window does not show.
     """
 
     runner: Runner
@@ -55,6 +56,7 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
     weight: Array
     carried: Array
     known: Array  # information of the carried state
+    resting: Array
     # begins at 1e-3, lowered once as by a step that was taken
     rule = DampingRule(1e-4, falls=0.1, least=1e-9, rises=30.0, most=1e8)
 
@@ -69,10 +71,10 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
         cost = float(r @ r) + float((away**2 * self.known).sum())
         A = self.slopes(x, A, r)
         H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
-        # a state that this window does not show stays where it was carried to, by a pull too weak
-        # to count in the cost
-        holds = np.maximum(CARRIED_INFORMATION * H.diagonal(), self.known)
-        return _StatePoint(x, cost, H + np.diag(holds), g + holds * away)
+        # a pull too weak to count in the cost
+        rests = np.maximum(CARRIED_INFORMATION * H.diagonal() - self.known, 0.0)
+        H = H + np.diag(self.known + rests)
+        return _StatePoint(x, cost, H, g + self.known * away + rests * (x - self.resting))
 
     def slopes(self, x: Array, A: Array, r: Array) -> Array:
         """Slopes that the steps follow, A being those of the outputs at x (rows x columns, the
@@ -120,15 +122,17 @@ def estimate_initial_state(
         return begun.x, bool(np.isfinite(begun.cost))
     # an error of the carried state grows with the window, so that no derivative may lead back
     if not begun.cost <= TURNED * problem.y.size:
-        read = problem.at(_read_state(problem))
-        begun = read if not begun.cost <= read.cost else begun
+        x = _read_state(problem)
+        read = replace(problem, resting=x)
+        if not begun.cost <= (point := read.at(x)).cost:
+            problem, begun = read, point
     if not np.isfinite(begun.cost):
         return carried.copy(), False
     best = iterate(problem, Iteration(begun, problem.rule.start), steps).point
     for i in runner.assembly.even_states:
         x, from_there = best.x.copy(), carried.copy()
         x[i], from_there[i] = -x[i], -from_there[i]
-        turned = replace(problem, carried=from_there)
+        turned = replace(problem, carried=from_there, resting=from_there)
         begun = turned.at(x)
         if np.isfinite(begun.cost):
             other = iterate(turned, Iteration(begun, turned.rule.start), steps).point
@@ -162,7 +166,8 @@ def _read_state(problem: _InitialState) -> Array:
     x, first = problem.carried, problem.window.start
     length = 1
     while length < len(problem.y):
-        part = replace(problem, window=Window(first, first + length), y=problem.y[:length])
+        window = Window(first, first + length)
+        part = replace(problem, window=window, y=problem.y[:length], resting=x)
         begun = part.at(x)
         if not np.isfinite(begun.cost):
             break
@@ -188,7 +193,7 @@ def _problem(
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
     known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
-    return _InitialState(own, own.widened(memory), window, p, y, weight, carried, known)
+    return _InitialState(own, own.widened(memory), window, p, y, weight, carried, known, carried)
 
 
 @dataclass(frozen=True, eq=False)

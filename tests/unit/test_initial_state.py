@@ -1,0 +1,177 @@
+"""Windows begin in the state that their readings show, and are as short as growing errors allow."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.base.errors import ConvergenceError
+from pamid.engine.program import Stepping
+from pamid.estimation.grey_box import fit_model
+from pamid.model.assembly import Assembly
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
+from pamid.recording.recording import Recording, recording_of
+from pamid.simulation.data_split import FIT_WINDOW, split_recordings
+from pamid.simulation.error_growth import GROWTH, growth_time_s
+from pamid.simulation.free_runs import free_run
+from pamid.simulation.initial_state import estimate_initial_state
+from pamid.simulation.tracks import track_of
+from pamid.simulation.windows import Runner, Window
+from pamid.symbolic.vocabulary import Number, cos, sin
+
+Array = NDArray[np.float64]
+
+PERIOD_S, SAMPLES, NOISE, RATE = 0.01, 400, 1e-4, 6.0
+FAR = np.array([2.0, 0.5, 14.0, -18.0])  # a state far from the rig's start
+SWING = 4.0  # rad/s2 of the torque
+
+
+class LinkedPendulums(Rig):
+    """Two inverted pendulums, read through a linkage: neither output is a state."""
+
+    inputs = {"torque": ""}
+    outputs = {"sum": "", "slider": ""}
+    ports = {"hinge": Port("motion", "", ("velocity",))}
+    states = (State("a"), State("b"), State("a_rate"), State("b_rate"))
+    parameters = (Parameter("steepness", RATE**2, 1.0, 100.0, spread=0.1, source="length"),)
+    period_s = PERIOD_S
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        torque = port("hinge", u.torque, velocity=x.a_rate)
+        pull = 9.0 * sin(x.a - x.b)
+        return {
+            "a": x.a_rate,
+            "b": x.b_rate,
+            "a_rate": p.steepness * sin(x.a) + torque - pull,
+            "b_rate": p.steepness * sin(x.b) + pull,
+        }
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"sum": x.a + x.b, "slider": x.a + 0.3 * cos(x.b)}
+
+
+class Unstable(Rig):
+    """A state that grows by itself at a rate; what is sent holds it back."""
+
+    inputs = {"push": ""}
+    outputs = {"read": ""}
+    ports = {"drive": Port("command", "", ())}
+    states = (State("place"),)
+    parameters = (Parameter("rate", 3.0, -50.0, 100.0, spread=0.1, source="bench"),)
+    period_s = PERIOD_S
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"place": p.rate * x.place + port("drive", u.push)}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"read": x.place}
+
+
+@cache
+def swung() -> tuple[Recording, Assembly, Array]:
+    """A recording of the pendulums from `FAR` on, their model, and its noiseless outputs."""
+    model = Assembly(LinkedPendulums())
+    random = np.random.default_rng(1)
+    torque = SWING * np.repeat(random.uniform(-1.0, 1.0, SAMPLES // 20), 20)
+    true = free_run(
+        model, torque[:, None], model.values(), PERIOD_S, start=FAR, stepping=Stepping(2)
+    ).outputs
+    read = true + NOISE * random.standard_normal(true.shape)
+    columns = {"torque": torque, "sum": read[:, 0], "slider": read[:, 1]}
+    return recording_of(PERIOD_S * np.arange(SAMPLES), columns, name="swung"), model, true
+
+
+def test_start_is_found_far_from_the_rest_through_a_known_map() -> None:
+    """From the rig's start no derivative over the whole window leads to the state that was read."""
+    recording, model, true = swung()
+    track = track_of(model, recording, ("sum", "slider"))
+    runner = Runner(model, track, Stepping(2))
+    memory = runner.memory(track.p)
+    window = Window(0, 120)
+    x, usable = estimate_initial_state(
+        runner, memory, window, track.p, np.full(2, 1.0 / NOISE), memory.x.copy(), None
+    )
+    assert usable
+    assert x == pytest.approx(FAR, abs=0.01)
+    runner.enter(memory, x)
+    Y, _, _ = runner.run(memory, window, track.p, False)
+    assert np.abs(Y - true[:120]).max() < 5.0 * NOISE
+
+
+def test_what_readings_do_not_show_stays_where_it_was_carried() -> None:
+    """Nothing leads from the outputs to the second state; the first is read."""
+
+    class Beside(Unstable):
+        states = (State("place"), State("beside"))
+
+        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+            return {**super().rates(x, u, p, port), "beside": -x.beside}
+
+    model = Assembly(Beside())
+    time = PERIOD_S * np.arange(200)
+    columns = {"push": np.sin(7.0 * time), "read": 5.0 + 0.0 * time}
+    track = track_of(model, recording_of(time, columns, name="still"), ("read",))
+    runner = Runner(model, track, Stepping(1))
+    memory = runner.memory(track.p)
+    carried = np.array([-40.0, 3.0])
+    x, _ = estimate_initial_state(
+        runner, memory, Window(0, 40), track.p, np.array([1e3]), carried, None
+    )
+    assert x[1] == pytest.approx(3.0)
+    assert abs(x[0]) < 5.0
+
+
+def held_back(rate: float, period_s: float = PERIOD_S, noise: float = NOISE) -> Recording:
+    """A recording of a state of this rate, held by a controller while it is disturbed."""
+    random, samples = np.random.default_rng(2), 600
+    a = np.exp(rate * period_s)
+    b = (a - 1.0) / rate
+    place, read, push = 0.0, np.zeros(samples), np.zeros(samples)
+    for k in range(samples):
+        read[k] = place + noise * random.standard_normal()
+        push[k] = -(a - 0.7) / b * place + rate * np.sign(np.sin(0.05 * k))
+        place = a * place + b * push[k]
+    return recording_of(period_s * np.arange(samples), {"push": push, "read": read}, name="held")
+
+
+@pytest.mark.parametrize("rate", [-20.0, -1.0, 15.0, 30.0])
+def test_growth_time_is_that_of_the_exponential(rate: float) -> None:
+    """exp(rate t)/exp(rate t/2) reaches the limit at 2 ln(limit)/rate; what decays, never."""
+    model = Assembly(Unstable())
+    track = track_of(model, held_back(rate), ("read",))
+    track.p[model.index_of("rate")] = rate
+    expected = 2.0 * np.log(GROWTH) / rate if rate > 0.0 else np.inf
+    found = growth_time_s(model, [track], np.array([NOISE]), 1.0)
+    assert found == pytest.approx(min(expected, 1.0), abs=2.0 * PERIOD_S)
+
+
+def test_windows_of_a_model_whose_errors_grow_are_shorter() -> None:
+    """The same recording, as a model that decays and as one that grows would explain it."""
+    recording = held_back(30.0)
+    splits = []
+    for rate in (-1.0, 30.0):
+        rig = Unstable()
+        rig.parameters = (Parameter("rate", rate, -50.0, 100.0, spread=0.1, source="bench"),)
+        splits.append(split_recordings(rig, [recording], []))
+    decaying, growing = splits
+    assert growing.correlation_s == decaying.correlation_s == decaying.timescale_s
+    limit = 2.0 * np.log(GROWTH) / 30.0
+    assert FIT_WINDOW * growing.timescale_s == pytest.approx(limit, abs=2.0 * PERIOD_S)
+    assert FIT_WINDOW * decaying.timescale_s > 1.5 * limit
+
+
+def test_a_floor_beyond_all_that_moved_is_refused() -> None:
+    """Errors grow 1e9-fold within the shortest window, and every fit would be of no use."""
+    rig = Unstable()
+    rig.parameters = (Parameter("rate", 50.0, 1.0, 100.0, spread=0.1, source="bench"),)
+    evidence = split_recordings(rig, [held_back(50.0, 0.01, 0.05)], [])
+    with pytest.raises(ConvergenceError, match="read within .* s, but it moves by") as raised:
+        fit_model(evidence)
+    assert raised.value.exit_code == 5
+    assert "sample it faster" in raised.value.hint
