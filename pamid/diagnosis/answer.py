@@ -94,7 +94,7 @@ def answer(
     share_left = comparison.removed(best).rest.share
     rest = share_left >= settings.material_rest and not comparison.at_floor(best)
     leader = next((c for c in ranking if c.label not in set_aside), None)
-    single = selection.instead.get(best.attached[0].label, ()) if len(best.attached) == 1 else ()
+    single = selection.instead.get(best.attached[0].label, ()) if len(best.additions) == 1 else ()
     others = [c for c in single if not _same_effect(c, best)]
     if others:
         tied = [best, *others]
@@ -103,7 +103,9 @@ def answer(
         else:
             verdict = "ambiguous"
             causes = tuple(
-                _cause(comparison, selection, c.attached[0], ranking, set_aside, c) for c in tied
+                _cause(comparison, selection, a, ranking, set_aside, c)
+                for c in tied
+                for a in c.attached
             )
     elif causes:
         verdict = "partly-explained" if rest else "explained"
@@ -147,11 +149,12 @@ def _cause(
     model: CandidateModel | None = None,
 ) -> NamedCause:
     """The effect with its figures next to the others of the model (default: the selected one)."""
-    model = model or selection.best
-    below = selection.without.get(a.label, comparison.budget.baseline)
+    model, base = model or selection.best, comparison.budget.baseline
+    added = next(k for k in model.additions if a in k.members)
+    below = selection.without.get(a.label, base)
     rig, own = model.assembly.rig, a.group(model.assembly.rig)
     rivals = list(selection.instead.get(a.label, ()))
-    if len(model.attached) == 1:
+    if len(model.additions) == 1:
         others = (c for c in ranking if c is not model and c.label not in set_aside)
         rivals = [c for c in others if comparison.is_tied(c, model)]
     placed = [
@@ -172,7 +175,8 @@ def _cause(
         a,
         model,
         comparison.removed(model, below),
-        features(comparison, model, below, ranking),
+        # the same effect at several ports is one finding
+        features(comparison, model, selection.without.get(added.label, base), ranking),
         tuple(g for g in dict.fromkeys(placed) if g != own),
         tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
     )

@@ -18,7 +18,7 @@ from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment
+from pamid.model.attachment import Addition, Attachment, additions_of
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track, run_windows
 from pamid.simulation.tracks import Track
@@ -80,14 +80,19 @@ class CandidateModel:
             and not bool(np.isinf(self.absolutes).any())
         )
 
+    @cached_property
+    def additions(self) -> tuple[Addition, ...]:
+        """Its effects; the same at several ports of a kind is one."""
+        return tuple(additions_of(self.assembly.rig, self.attached))
+
     @property
     def family(self) -> str:
         return self.attached[-1].family(self.assembly.rig)
 
     @property
     def group(self) -> str:
-        """The port (group) under which the last effect is reported."""
-        return self.attached[-1].group(self.assembly.rig)
+        """The ports (groups) under which the last effect is reported."""
+        return self.additions[-1].group(self.assembly.rig)
 
     @property
     def samples(self) -> int:

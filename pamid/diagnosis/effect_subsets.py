@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pamid.diagnosis.screening import Screened, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
-from pamid.model.attachment import Attachment
+from pamid.model.attachment import Addition
 from pamid.model.step_rig import StepRig
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -62,8 +62,8 @@ class Responding(ObjectWork[Screened, Response]):
         assert item.stepping is not None
         problem = self.reference.problem(self.evidence, assembly)
         base = self.reference.baseline.fit
-        label, bounds = item.attachment.label, assembly.parameters
-        own = np.array([bounds[i].owner == label for i in problem.free], bool)
+        labels, bounds = item.added.labels, assembly.parameters
+        own = np.array([bounds[i].owner in labels for i in problem.free], bool)
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
         point = problem, p, item.starts, base.weights, base.continuity, item.stepping, SUBSET_ROWS
@@ -91,7 +91,7 @@ class Responding(ObjectWork[Screened, Response]):
         return Response(found["columns"], found["room"])
 
     def name(self, item: Screened) -> str:
-        return item.attachment.label
+        return item.added.label
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +168,15 @@ class Subset:
 
     @property
     def labels(self) -> frozenset[str]:
-        return frozenset(s.attachment.label for s in self.members)
+        return frozenset(label for s in self.members for label in s.added.labels)
 
 
 def best_subsets(
     found: ScreenedResponses,
-    family: Callable[[Attachment], str],
+    family: Callable[[Addition], str],
     size: int,
     settings: Settings = DEFAULT,
-    apart: Callable[[Attachment, Attachment], bool] = lambda a, b: False,
+    apart: Callable[[Addition, Addition], bool] = lambda a, b: False,
 ) -> list[Subset]:
     """The best `size` (two or more) candidates of every combination of as many families, the
     `subsets` best of these, as far as they gain something beyond fewer candidates and not next to
@@ -186,11 +186,11 @@ def best_subsets(
     Every pair is looked at; of larger sets those that add a candidate to one of the best that are
     smaller by one.
     """
-    families = [family(s.attachment) for s in found.screened]
+    families = [family(s.added) for s in found.screened]
     everyone = range(len(families))
 
     def at_once(i: int, j: int) -> bool:
-        one, rest = found.screened[i].attachment, found.screened[j].attachment
+        one, rest = found.screened[i].added, found.screened[j].added
         return families[i] != families[j] or apart(one, rest)
 
     leading: list[tuple[float, tuple[int, ...]]] = [(found.gain((i,)), (i,)) for i in everyone]

@@ -26,6 +26,7 @@ from pamid.diagnosis.ranges import at_bounds, at_limits, vanished
 from pamid.diagnosis.search import Search
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.intervals import estimates
+from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Passage, trace
@@ -51,7 +52,7 @@ class Guards:
     def _found(self, model: CandidateModel) -> list[str]:
         found = []
         settings, base = self.search.settings, self.search.budget.baseline
-        for a in model.attached:
+        for a in _that_act(model):
             if ended := at_bounds(model, settings, a.label):
                 found.append(f"{', '.join(ended)} of {a.label} ended at a bound")
             if gone := vanished(model, a.label):
@@ -76,6 +77,16 @@ class Guards:
         if ignores:
             self._objections[model] = (*self.objections(model), reason)
         return ignores
+
+
+def _that_act(model: CandidateModel) -> list[Attachment]:
+    """The model's effects, of the same one at several ports those whose amounts did not end at
+    nothing: the others are no part of the model that is named."""
+    found: list[Attachment] = []
+    for added in model.additions:
+        acting = [a for a in added.members if not vanished(model, a.label)]
+        found += acting or added.members
+    return found
 
 
 # ---- terms of the rig ----------------------------------------------------------------------------

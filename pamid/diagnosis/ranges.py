@@ -12,7 +12,10 @@ sign: a bench that moves a part and reads the force sees friction that way round
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+
+import numpy as np
 
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -119,14 +122,31 @@ def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
     return tuple(bound.name for bound in gone)
 
 
+def amount_z(model: CandidateModel, label: str) -> float:
+    """The largest amount of one of the model's effects, in its standard deviations from nothing;
+    inf of an effect without one that is fitted."""
+    f = model.fit
+    free = list(f.problem.free)
+    scale, deviation = f.problem.scale, np.sqrt(np.maximum(f.covariance.diagonal(), 1e-30))
+    nothing = f.p.copy()
+    own = []
+    for k, i in enumerate(free):
+        b = model.assembly.parameters[i]
+        if b.owner == label and b.null is not None:
+            nothing[i] = b.null
+            own.append(k)
+    away = np.abs(scale.inside(f.p[free]) - scale.inside(nothing[free])) / deviation
+    return float(away[own].max()) if own else math.inf
+
+
 def mirrored(model: CandidateModel) -> dict[str, Range]:
-    """Ranges in which the amount of the model's last effect has the opposite sign; empty where it
-    may have either, or where the fit has not ended at nothing."""
-    own = model.attached[-1].label
+    """Ranges in which the amounts of the model's last effect have the opposite sign; empty where
+    they may have either, or where the fit has not ended at nothing."""
+    own = model.additions[-1].labels
     amounts = [
         e
         for e in estimates(model.fit)
-        if e.bound.owner == own and e.bound.sized and e.bound.null == e.bound.low == 0.0
+        if e.bound.owner in own and e.bound.sized and e.bound.null == e.bound.low == 0.0
     ]
     if not amounts or any(e.at_bound != "low" for e in amounts):
         return {}

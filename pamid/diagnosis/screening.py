@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +38,8 @@ from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parameters
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment
+from pamid.model.attachment import Addition
 from pamid.model.bound_parameter import Sizes
-from pamid.model.effect import Hints
 from pamid.model.step_rig import StepRig
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.tracks import Track
@@ -64,7 +64,7 @@ class Screened:
     windows screened per track); rival: the candidate from a start that promises more, and promised:
     the gain that it expects."""
 
-    attachment: Attachment
+    added: Addition
     assembly: Assembly | None = field(compare=False)
     first: dict[str, float]
     gain: float
@@ -93,23 +93,34 @@ class Screened:
 
 
 def starting_points(
-    assembly: Assembly, attachment: Attachment, hints: Hints
+    assembly: Assembly, added: Addition, hints: GapHints
 ) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
     """Starting values: typical ones, a trace of them, and one variation per parameter that declares
-    `tries`; then those that the effect makes of the hints.
+    `tries`; then those that the effect makes of the hints. At several ports all begin alike.
 
     A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
     wherever the effect helps.
     """
-    own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
+    own = {b.key: b for b in assembly.parameters if b.owner in added.labels}
     slight = {
         key: b.null + TRACE * (b.value - b.null) for key, b in own.items() if b.null is not None
     }
     points = [{}, slight]
-    points += [{key: value} for key, b in own.items() for value in b.tries]
+    varied: dict[tuple[str, int], dict[str, float]] = {}
+    for key, b in own.items():
+        for k, value in enumerate(b.tries):
+            varied.setdefault((key.removeprefix(f"{b.owner}:"), k), {})[key] = value
+    points += varied.values()
+    started = [
+        [
+            {f"{a.label}:{name}": value for name, value in start.items()}
+            for start in a.effect.starts(hints.at(a.ports[0]))
+        ]
+        for a in added.members
+    ]
     hinted = []
-    for start in attachment.effect.starts(hints):
-        first = {f"{attachment.label}:{name}": value for name, value in start.items()}
+    for starts in zip_longest(*started, fillvalue={}):
+        first = {key: value for start in starts for key, value in start.items()}
         hinted += [first, slight | first]
     # of an effect without a null its trace is itself
     return _distinct(points), _distinct(hinted)
@@ -212,9 +223,9 @@ class ScreeningBaseline:
             self.stepping,
         )
 
-    def model_beside(self, evidence: DataSplit, attachment: Attachment, sizes: Sizes) -> Assembly:
+    def model_beside(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
         """The baseline and a candidate; what was widened for the baseline stays wide."""
-        made = model_with(evidence, (*self.baseline.attached, attachment), sizes)
+        made = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
         return as_wide(made, self.baseline.assembly)
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
@@ -263,22 +274,22 @@ def _worst_run(
 def screen(
     evidence: DataSplit,
     reference: ScreeningBaseline,
-    attachment: Attachment,
+    added: Addition,
     sizes: Sizes,
     hints: GapHints,
 ) -> Screened:
     """Gain of one candidate after the first steps from the best of its starting points."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
-        assembly = reference.model_beside(evidence, attachment, sizes)
+        assembly = reference.model_beside(evidence, added, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
-        return Screened(attachment, None, {}, -np.inf, str(error))
+        return Screened(added, None, {}, -np.inf, str(error))
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
     by_chords = _Probing(reference, problem, reference.frozen)
     exact = replace(by_chords, frozen=None)
-    points, hinted = starting_points(assembly, attachment, hints.at(attachment.ports[0]))
-    points += _scanned_at_null(reference, evidence, problem, starts, attachment)
+    points, hinted = starting_points(assembly, added, hints)
+    points += _scanned_at_null(reference, evidence, problem, starts, added)
     # what acts beyond a limit only has many minima, which few steps or outdated derivatives miss
     more = steps + reference.settings.screen_steps
     probes = [(first, by_chords, steps) for first in points]
@@ -291,10 +302,10 @@ def screen(
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(probed.fit.cost):
             probed = probing(p, starts, count, None)
-        ends.append(_screened(reference, attachment, first, *probed))
+        ends.append(_screened(reference, added, first, *probed))
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):
-        return Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
+        return Screened(added, assembly, {}, -np.inf, "unstable at every starting value")
     # an outdated Jacobian may lead away from the better starting point, of which it promises most
     rival = max(ends, key=lambda s: s.promised)
     better = rival is not best and np.isfinite(rival.gain) and rival.promised > best.gain
@@ -303,34 +314,34 @@ def screen(
 
 def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screened) -> Screened:
     """A candidate after further steps with exact derivatives, where they lower its cost."""
-    attachment, (assembly, _) = screened.attachment, screened.ended
+    added, (assembly, _) = screened.added, screened.ended
     exact = _Probing(reference, reference.problem(evidence, assembly), None)
     steps, best = reference.settings.screen_steps, replace(screened, rival=None)
     fits: list[Fit] = []
     for start in (screened, *filter(None, [screened.rival])):
         assert start.p is not None
         found = exact(start.p, start.starts, steps, start.stepping)
-        further = _screened(reference, attachment, start.first, *found)
+        further = _screened(reference, added, start.first, *found)
         best = further if further.gain > best.gain else best
         fits.append(found.fit)
     fitted = min(fits, key=lambda f: f.cost)
-    scanned = _scanned_beside(reference, attachment, fitted, exact)
+    scanned = _scanned_beside(reference, added, fitted, exact)
     if scanned is fitted:
         return best
-    keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner == attachment.label}
+    keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner in added.labels}
     first = {key: float(scanned.p[i]) for key, i in keys.items()}
-    return _screened(reference, attachment, first, scanned, scanned.cost)
+    return _screened(reference, added, first, scanned, scanned.cost)
 
 
 def _screened(
     reference: ScreeningBaseline,
-    attachment: Attachment,
+    added: Addition,
     first: dict[str, float],
     fitted: Fit,
     predicted_cost: float,
 ) -> Screened:
     return Screened(
-        attachment,
+        added,
         fitted.problem.assembly,
         first,
         reference.cost - fitted.cost,
@@ -346,13 +357,13 @@ def _scanned_at_null(
     evidence: DataSplit,
     problem: Problem,
     starts: tuple[Array, ...] | None,
-    attachment: Attachment,
+    added: Addition,
 ) -> list[dict[str, float]]:
     """Starting points at the best values of parameters that are scanned where all else of the
     effect is amounts, which are projected out as they are at their null."""
     assembly, base = problem.assembly, reference.baseline.fit
-    wanted = _wanted(assembly, attachment)
-    if not wanted or starts is None or _shaping(problem, attachment):
+    wanted = _wanted(assembly, added)
+    if not wanted or starts is None or _shaping(problem, added):
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
@@ -367,32 +378,32 @@ def _scanned_at_null(
     ]
 
 
-def _wanted(assembly: Assembly, attachment: Attachment) -> list[int]:
+def _wanted(assembly: Assembly, added: Addition) -> list[int]:
     """Places of the candidate's parameters that are scanned."""
     return [
         i
         for i, b in enumerate(assembly.parameters)
-        if b.owner == attachment.label and b.scan[1] and b.fitted
+        if b.owner in added.labels and b.scan[1] and b.fitted
     ]
 
 
-def _shaping(problem: Problem, attachment: Attachment) -> bool:
+def _shaping(problem: Problem, added: Addition) -> bool:
     """Has the candidate further parameters that are no amounts, which nothing shows at the null of
     these?"""
     free = [problem.assembly.parameters[i] for i in problem.free]
-    return any(b.owner == attachment.label and b.null is None and not b.scan[1] for b in free)
+    return any(b.owner in added.labels and b.null is None and not b.scan[1] for b in free)
 
 
 def _scanned_beside(
-    reference: ScreeningBaseline, attachment: Attachment, found: Fit, probe: _Probing
+    reference: ScreeningBaseline, added: Addition, found: Fit, probe: _Probing
 ) -> Fit:
     """The fit, or a better one from another value of a scanned parameter that shows beside the
     effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
     take something off."""
     problem, settings = found.problem, reference.settings
     helps = found.cost < (1.0 - SCAN_GAIN) * reference.cost
-    wanted = _wanted(problem.assembly, attachment)
-    if not helps or not _shaping(problem, attachment):
+    wanted = _wanted(problem.assembly, added)
+    if not helps or not _shaping(problem, added):
         return found
     best = found
     for i in wanted:
@@ -471,7 +482,7 @@ class _Probing:
 
 def by_gain(screened: Iterable[Screened]) -> list[Screened]:
     """The largest gain, or the prospect of it, first; among equal ones by name."""
-    return sorted(screened, key=lambda s: (-s.prospect, s.attachment.label))
+    return sorted(screened, key=lambda s: (-s.prospect, s.added.label))
 
 
 def advancing(
@@ -507,9 +518,9 @@ def _leaders(
     usable = by_gain(s for s in screened if s.usable)
     count = times * (settings.refits if first_round else settings.refits_further)
     chosen = usable[:count]
-    families = {family_of[s.attachment.label] for s in chosen}
+    families = {family_of[s.added.label] for s in chosen}
     for s in usable[count:] if first_round else []:
-        family = family_of[s.attachment.label]
+        family = family_of[s.added.label]
         if family not in families and s.prospect > least:
             chosen.append(s)
             families.add(family)

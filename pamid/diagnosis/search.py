@@ -39,7 +39,7 @@ from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment
+from pamid.model.attachment import Addition, Attachment
 from pamid.model.bound_parameter import Range, Sizes
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -59,7 +59,7 @@ class Search:
 
     evidence: DataSplit
     budget: Budget
-    candidates: list[Attachment]
+    candidates: list[Addition]
     hints: GapHints
     seed: int
     pool: WorkerPool
@@ -70,12 +70,12 @@ class Search:
     def settings(self) -> Settings:
         return self.budget.settings
 
-    def family(self, a: Attachment) -> str:
+    def family(self, a: Addition | Attachment) -> str:
         return a.family(self.evidence.rig)
 
 
 @dataclass(frozen=True, eq=False)
-class _Screening(ObjectWork[Attachment, Screened]):
+class _Screening(ObjectWork[Addition, Screened]):
     """A candidate on top of a model."""
 
     what = "screening"
@@ -84,19 +84,19 @@ class _Screening(ObjectWork[Attachment, Screened]):
     sizes: Sizes
     hints: GapHints
 
-    def result(self, item: Attachment) -> Screened:
+    def result(self, item: Addition) -> Screened:
         return screen(self.evidence, self.reference, item, self.sizes, self.hints)
 
-    def plain_form(self, item: Attachment, found: Screened) -> Plain:
+    def plain_form(self, item: Addition, found: Screened) -> Plain:
         return _screened_plain(found)
 
-    def restored(self, item: Attachment, found: Plain) -> Screened:
+    def restored(self, item: Addition, found: Plain) -> Screened:
         fits, made = found["fits"], self.reference.model_beside
         return _screened_restored(
             item, made(self.evidence, item, self.sizes) if fits else None, found
         )
 
-    def name(self, item: Attachment) -> str:
+    def name(self, item: Addition) -> str:
         return item.label
 
 
@@ -115,10 +115,10 @@ class _Advancing(ObjectWork[Screened, Screened]):
         return _screened_plain(found)
 
     def restored(self, item: Screened, found: Plain) -> Screened:
-        return _screened_restored(item.attachment, item.assembly, found)
+        return _screened_restored(item.added, item.assembly, found)
 
     def name(self, item: Screened) -> str:
-        return item.attachment.label
+        return item.added.label
 
 
 def _screened_plain(found: Screened) -> Plain:
@@ -135,7 +135,7 @@ def _screened_plain(found: Screened) -> Plain:
     }
 
 
-def _screened_restored(a: Attachment, assembly: Assembly | None, found: Plain) -> Screened:
+def _screened_restored(a: Addition, assembly: Assembly | None, found: Plain) -> Screened:
     return Screened(
         a,
         assembly,
@@ -213,18 +213,18 @@ class Round:
     screened: list[Screened]
 
 
-def run_round(search: Search, base: CandidateModel, candidates: list[Attachment]) -> Round:
+def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) -> Round:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
     held out."""
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
     screened, leading = screened_candidates(search, reference, candidates)
     models, failed = refit_screened(search, base, leading)
-    hopeless = [(s.attachment.label, s.why) for s in screened if not s.usable]
+    hopeless = [(s.added.label, s.why) for s in screened if not s.usable]
     return Round(models, hopeless + failed, reference, [s for s in screened if s.usable])
 
 
 def screened_candidates(
-    search: Search, reference: ScreeningBaseline, candidates: list[Attachment]
+    search: Search, reference: ScreeningBaseline, candidates: list[Addition]
 ) -> tuple[list[Screened], list[Screened]]:
     """All candidates screened, and those of them to refit."""
     evidence, run, progress = search.evidence, search.pool.run, search.progress
@@ -237,7 +237,7 @@ def screened_candidates(
     families = {a.label: search.family(a) for a in candidates}
     leading = advancing(families, list(screened.values()), reference)
     further = run(_Advancing(evidence, reference), leading, progress)
-    screened |= {s.attachment.label: s for s in further if not isinstance(s, Failed)}
+    screened |= {s.added.label: s for s in further if not isinstance(s, Failed)}
     # of a candidate that was left behind no gain is known but what it has reached
     ended = [replace(s, rival=None) for s in screened.values()]
     return ended, promising(families, ended, reference)
@@ -251,18 +251,15 @@ def refit_screened(
     starts = [_start(s, base) for s in screened]
     work = Refitting(search.evidence, base.fit, search.budget.sizes)
     refitted = search.pool.run(work, starts, search.progress)
-    models = [c for c in refitted if not isinstance(c, Failed)]
-    failed = [
-        (s.attached[-1].label, c.why)
-        for s, c in zip(starts, refitted, strict=True)
-        if isinstance(c, Failed)
-    ]
-    failed += [
-        (c.attached[-1].label, "became unstable on held-out recordings")
-        for c in models
-        if not c.finite
-    ]
-    return [c for c in models if c.finite], failed
+    models, failed = [], []
+    for s, c in zip(screened, refitted, strict=True):
+        if isinstance(c, Failed):
+            failed.append((s.added.label, c.why))
+        elif not c.finite:
+            failed.append((s.added.label, "became unstable on held-out recordings"))
+        else:
+            models.append(c)
+    return models, failed
 
 
 def opposite_signs(

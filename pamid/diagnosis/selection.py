@@ -8,8 +8,9 @@ is held against the ones that tied with it, in the company of the others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.effect_subsets import ScreenedResponses, Subset, best_subsets, responses_of
 from pamid.diagnosis.guards import Guards
-from pamid.diagnosis.ranges import as_wide
+from pamid.diagnosis.ranges import amount_z, as_wide, vanished
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
@@ -33,7 +34,7 @@ from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.port_evidence import PortEvidence, locate
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment
+from pamid.model.attachment import Addition, Attachment
 from pamid.parallel.jobs import Failed
 
 Array = NDArray[np.float64]
@@ -43,17 +44,20 @@ Array = NDArray[np.float64]
 class SelectionStep:
     """One comparison. reference: the model that the candidates extend; candidates: the material
     ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the
-    best first."""
+    best first; reduced: models at fewer ports in the place of those that act at every port of a
+    kind."""
 
     reference: CandidateModel
     candidates: tuple[CandidateModel, ...]
     tied: tuple[CandidateModel, ...]
+    reduced: Mapping[CandidateModel, CandidateModel] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The model with every effect that was added. without: by effect, the model less this effect;
-    instead: by effect, models with another one in its place that tie; after: the latent evidence at
+    """The model with every effect that was added. without: by effect, the model less this effect,
+    and less all of the same effect at several ports under the label of these together; instead: by
+    effect, models with another one in its place that tie; after: the latent evidence at
     the ports next to the effects if a material part of the gap is left, else before them."""
 
     best: CandidateModel
@@ -76,7 +80,8 @@ def select_effects(
     candidates on top of the baseline.
     """
     settings, best = search.settings, search.budget.baseline
-    steps = [compared(comparison, guards, best, first.models)]
+    reduce = partial(with_needed_ports, search, comparison)
+    steps = [compared(comparison, guards, best, first.models, reduce)]
     after = located
     responses: ScreenedResponses | None = None
     while True:
@@ -93,16 +98,17 @@ def select_effects(
             break
         if best.attached:
             after = _located_after(search, best, located)
-        if len(best.attached) >= settings.effects_most:
+        if len(best.additions) >= settings.effects_most:
             break
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
         search.progress(f"looking for a further effect next to {best.label}")
         larger = _larger(search, best, first.models, located, after, responses)
-        steps.append(compared(comparison, guards, best, larger))
+        steps.append(compared(comparison, guards, best, larger, reduce))
         if not steps[-1].tied:
             break
-    return _with_rivals(search, comparison, guards, Selection(best, tuple(steps), after))
+    chosen = Selection(best, tuple(steps), after)
+    return _with_rivals(search, comparison, guards, located, chosen)
 
 
 def compared(
@@ -110,8 +116,13 @@ def compared(
     guards: Guards,
     reference: CandidateModel,
     models: Sequence[CandidateModel],
+    reduce: Callable[[CandidateModel], CandidateModel] = lambda model: model,
 ) -> SelectionStep:
-    """Compare models that extend a reference, those set aside that physics objects to."""
+    """Compare models that extend a reference, those set aside that physics objects to.
+
+    reduce: takes an effect from the ports that do not need it. It costs refits, so that only models
+    that would be named are reduced.
+    """
     candidates = [
         c
         for c in comparison.ordered(models)
@@ -122,7 +133,13 @@ def compared(
         # costs a few runs, so that only those are tried that would be named
         idle = {families_of(c) for c in tied if guards.ignores_inputs(c)}
         if not idle:
-            return SelectionStep(reference, tuple(candidates), tuple(tied))
+            reduced = {c: reduce(c) for c in tied}
+            return SelectionStep(
+                reference,
+                tuple(reduced.get(c, c) for c in candidates),
+                tuple(reduced.values()),
+                reduced,
+            )
         candidates = [c for c in candidates if families_of(c) not in idle]
 
 
@@ -141,15 +158,16 @@ def _larger(
 ) -> list[CandidateModel]:
     """Refitted models with one effect more than `best`: on top of it, at ports where the smoother
     finds something, and the best subsets of as many effects."""
-    size = len(best.attached) + 1
+    size = len(best.additions) + 1
     models: list[CandidateModel] = []
     if best.attached:
         least = search.settings.port_reach * after.most
         open_ports = {p for k in located.classes for p in k if after.gains[k[0]] >= least}
         others = [
-            a
-            for a in search.candidates
-            if open_ports & set(a.ports) and not _is_taken(search, a, best, located)
+            Addition(left)
+            for added in search.candidates
+            if open_ports & set(added.ports)
+            and (left := tuple(a for a in added.members if not _is_taken(search, a, best, located)))
         ]
         # the lines of the gap's spectrum, and over the position, are those of what is left by now
         hints = gather_hints(search.evidence, best)
@@ -175,7 +193,7 @@ def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: Port
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
 
-def _alike(a: Attachment, located: PortEvidence) -> set[str]:
+def _alike(a: Addition | Attachment, located: PortEvidence) -> set[str]:
     """The ports where it acts, and those that the recordings cannot tell from these."""
     here = [k for k in located.classes if set(a.ports) & set(k)]
     return {*a.ports, *(port for k in here for port in k)}
@@ -190,18 +208,17 @@ def _joint_start(
     alone = {c.label: (c.assembly, c.fit.p) for c in singles}
     before = [a.label for a in best.attached]
     strongest = by_gain(subset.members)
-    members = sorted(
-        strongest,
-        key=lambda s: (
-            before.index(s.attachment.label) if s.attachment.label in before else len(before)
-        ),
+    attached = tuple(
+        sorted(
+            (a for s in strongest for a in s.added.members),
+            key=lambda a: before.index(a.label) if a.label in before else len(before),
+        )
     )
-    attached = tuple(s.attachment for s in members)
     try:
         assembly = model_with(search.evidence, attached, search.budget.sizes)
     except PamidError:
         return None
-    sources = [alone.get(s.attachment.label, s.ended) for s in strongest[::-1]]
+    sources = [alone.get(s.added.label, s.ended) for s in strongest[::-1]]
     return _start_from(attached, assembly, sources)
 
 
@@ -231,42 +248,105 @@ def refitted_with(
 def _needed_effects(search: Search, comparison: Comparison, best: CandidateModel) -> CandidateModel:
     """The model less every effect whose removal costs nothing material. The newest is tried, too:
     where the model below it had ended in a local minimum, its gain was the way out."""
-    for a in best.attached if len(best.attached) > 1 else ():
-        smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
+    for added in best.additions if len(best.additions) > 1 else ():
+        smaller = refitted_with(search, _less(best, added), best)
         if smaller.finite and not comparison.is_material(best, smaller):
             return _needed_effects(search, comparison, smaller)
     return best
 
 
+def _less(model: CandidateModel, added: Addition) -> tuple[Attachment, ...]:
+    """The model's effects without these."""
+    return tuple(a for a in model.attached if a not in added.members)
+
+
+def with_needed_ports(
+    search: Search, comparison: Comparison, whole: CandidateModel
+) -> CandidateModel:
+    """The model less the ports at which an effect is not needed: it ties with the whole without.
+
+    The weakest is tried first, until one is needed. All are compared with the whole, because many
+    losses that are no matter each add up.
+    """
+    best = whole
+    while weakest := _weakest(best):
+        left = tuple(a for a in best.attached if a not in weakest)
+        smaller = refitted_with(search, left, best)
+        if not smaller.finite or not comparison.is_tied(smaller, whole):
+            break
+        best = smaller
+    return best
+
+
+def _weakest(model: CandidateModel) -> list[Attachment]:
+    """Of effects at several ports those that ended at nothing, else the least certain one; one of
+    them is left."""
+    shared = [added.members for added in model.additions if len(added.members) > 1]
+    gone = [
+        a
+        for members in shared
+        for a in sorted(members, key=lambda a: amount_z(model, a.label))[:-1]
+        if vanished(model, a.label)
+    ]
+    rest = [a for members in shared for a in members]
+    return gone or sorted(rest, key=lambda a: amount_z(model, a.label))[:1]
+
+
 def _with_rivals(
-    search: Search, comparison: Comparison, guards: Guards, selection: Selection
+    search: Search,
+    comparison: Comparison,
+    guards: Guards,
+    located: PortEvidence,
+    selection: Selection,
 ) -> Selection:
     """The selection with, for every effect, the model without it and those that do as well with
-    another one in its place."""
+    another one in its place, or with the same one at a port that the recordings do not separate."""
     best, steps = selection.best, selection.steps
-    without, instead = {}, {}
-    for a in best.attached:
-        others = tuple(k for k in best.attached if k is not a)
-        below = refitted_with(search, others, best)
-        without[a.label] = below if below.finite else search.budget.baseline
-        taken = set(map(search.family, best.attached))
+    without: dict[str, CandidateModel] = {}
+    instead: dict[str, tuple[CandidateModel, ...]] = {}
+    taken = set(map(search.family, best.attached))
+    for added in best.additions:
+        others = _less(best, added)
+        for one in (added, *(Addition((a,)) for a in added.members)):
+            if one.label not in without:
+                below = refitted_with(search, _less(best, one), best)
+                without[one.label] = below if below.finite else search.budget.baseline
         rivals = {
-            k: c
+            k.label: (k, c)
             for step in steps
             for c in step.tied
-            for k in c.attached
+            for k in c.additions
             if search.family(k) not in taken
-            and any(search.family(a) in families_of(m) for m in step.tied)
+            and any(search.family(added) in families_of(m) for m in step.tied)
         }
         models = [
             c
-            if {m.label for m in c.attached} == {m.label for m in (*others, k)}
-            else refitted_with(search, (*others, k), best, c)
-            for k, c in rivals.items()
+            if {m.label for m in c.attached} == {m.label for m in (*others, *k.members)}
+            else refitted_with(search, (*others, *k.members), best, c)
+            for k, c in rivals.values()
         ]
-        instead[a.label] = tuple(
+        models += [
+            refitted_with(search, (*others, a), best) for a in _moved(search, added, located)
+        ]
+        tied = tuple(
             c
             for c in comparison.ordered([c for c in models if c.finite])
             if comparison.is_tied(c, best) and not guards.objections(c)
         )
+        instead |= dict.fromkeys(added.labels, tied)
     return replace(selection, without=without, instead=instead)
+
+
+def _moved(search: Search, added: Addition, located: PortEvidence) -> list[Attachment]:
+    """The same effect at other ports of the kind that the recordings do not separate from its
+    one."""
+    if len(added.members) > 1:
+        return []
+    alike = _alike(added, located)
+    return [
+        a
+        for candidate in search.candidates
+        if added.label in candidate.labels
+        for a in candidate.members
+        if a.label != added.label and set(a.ports) <= alike
+    ]

@@ -24,7 +24,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
 from pamid.estimation.port_evidence import PortEvidence, locate
-from pamid.model.attachment import Attachment, attachments
+from pamid.model.attachment import Addition, additions_of, attachments
 from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
 from pamid.model.rig import Port
@@ -102,8 +102,8 @@ class Diagnosis:
         if model is not self.cause or len(self.rivals) < 2:
             return model.absolutes
         errors = model.absolutes.copy()
-        size = len(model.attached)
-        rivals = [c for c in self.rivals if len(c.attached) == size]
+        size = len(model.additions)
+        rivals = [c for c in self.rivals if len(c.additions) == size]
         for part in (self.half, ~self.half):
             if part.any() and not part.all():
                 losses = [self.comparison.loss(c)[~part].sum() for c in rivals]
@@ -158,12 +158,13 @@ def diagnose(
     hopeless = response is not None and (response.absent.all() or explained.any())
     if comparison.at_floor(base) or (silent and hopeless):
         return Diagnosis(evidence, budget, seed, silent, response)
-    candidates, left_out = determined(
+    attached, left_out = determined(
         evidence.rig,
         evidence.channels,
         evidence.still_inputs,
         attachments(evidence.rig, catalogue.values()),
     )
+    candidates = additions_of(evidence.rig, attached)
     search = Search(
         evidence,
         budget,
@@ -180,7 +181,8 @@ def diagnose(
     first = run_round(search, base, screened)
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first)
-    ranking = comparison.ordered(first.models)
+    reduced = selection.steps[0].reduced
+    ranking = comparison.ordered([reduced.get(c, c) for c in first.models])
     opposite = [] if selection.best.attached else opposite_signs(search, ranking)
     progress("looking for the family of what remains")
     rest = comparison.removed(selection.best).rest.share
@@ -212,11 +214,11 @@ def diagnose(
 
 
 def candidates_to_screen(
-    candidates: list[Attachment],
+    candidates: list[Addition],
     ports: Mapping[str, Port],
     located: PortEvidence,
     settings: Settings = DEFAULT,
-) -> list[Attachment]:
+) -> list[Addition]:
     """All candidates, up to `held_background_from` of them. Of more, those at the ports with most
     latent evidence among the ports of a kind.
 

@@ -36,6 +36,58 @@ class Attachment:
         return port in self.ports and self.place in ("", place)
 
 
+@dataclass(frozen=True)
+class Addition:
+    """What a candidate adds to a model: one effect, or the same effect at every port of a kind.
+
+    Each port has parameters of its own: the joints of a robot all rub, but not alike.
+    """
+
+    members: tuple[Attachment, ...]
+
+    @property
+    def effect(self) -> Effect:
+        return self.members[0].effect
+
+    @property
+    def label(self) -> str:
+        return " + ".join(self.labels)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of its members, which own its parameters."""
+        return tuple(a.label for a in self.members)
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        return tuple(port for a in self.members for port in a.ports)
+
+    def group(self, rig: Rig) -> str:
+        """The names of its ports as they are reported: "shoulder + elbow"."""
+        return " + ".join(dict.fromkeys(a.group(rig) for a in self.members))
+
+    def family(self, rig: Rig) -> str:
+        return self.members[0].family(rig)
+
+
+# each by itself: behind a transmission stands another machine, and rigs derive what stands there
+# for one of them (`behind`)
+SEPARATE_KINDS = ("transmission",)
+
+
+def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
+    """Attachments as candidates add them: the same effect at ports of one kind and unit is one
+    addition. Ports that are kin are tried by themselves and, with one set of parameters, together.
+    """
+    found: dict[tuple[str, ...], list[Attachment]] = {}
+    for a in attached:
+        port = rig.ports[a.ports[0]]
+        alone = len(a.ports) > 1 or port.kin or port.kind in SEPARATE_KINDS
+        key = (a.label,) if alone else (a.effect.name, port.kind, port.unit)
+        found.setdefault(key, []).append(a)
+    return [Addition(tuple(members)) for members in found.values()]
+
+
 def fits(effect: type[Effect], port: Port) -> bool:
     """Can the effect act at this port?"""
     home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
