@@ -22,7 +22,7 @@ from pamid.diagnosis.screening import ScreeningBaseline, by_gain
 from pamid.diagnosis.search import Search, screened_candidates
 from pamid.diagnosis.settings import DEFAULT, settings_from
 from pamid.diagnosis.starting_hints import gather_hints
-from pamid.model.attachment import attachments
+from pamid.model.attachment import additions_of, attachments
 from pamid.parallel.jobs import WorkerPool
 from pamid.trial.case_machine import RecordedCase, study_case
 
@@ -49,15 +49,15 @@ def tabulate(case: RecordedCase, variants: list[str]) -> None:
     data = case.data.excerpt(DEFAULT.fitted_most, DEFAULT.held_out_most)
     budget = gap_budget(data, seed=0, pool=WorkerPool(), progress=silent, settings=DEFAULT)
     base, hints = budget.baseline, gather_hints(budget.evidence, budget.baseline)
-    candidates = attachments(case.rig, case.catalogue.values())
+    candidates = additions_of(case.rig, attachments(case.rig, case.catalogue.values()))
     search = Search(budget.evidence, budget, candidates, hints, 0, WorkerPool(), silent)
     for text in variants:
         settings, begun = settings_from(parse_known((text,) if text else ())), time.process_time()
         reference = ScreeningBaseline.of(base, len(candidates), settings)
         screened, leading = screened_candidates(search, reference, candidates)
         seconds = time.process_time() - begun
-        found = [search.family(s.attachment) for s in by_gain(s for s in screened if s.usable)]
-        refitted = [search.family(s.attachment) for s in leading]
+        found = [search.family(s.added) for s in by_gain(s for s in screened if s.usable)]
+        refitted = [search.family(s.added) for s in leading]
         right = case.acting[0].family
         rank = found.index(right) + 1 if right in found else "-"
         print(

@@ -149,9 +149,12 @@ def _cause(
     model: CandidateModel | None = None,
 ) -> NamedCause:
     """The effect with its figures next to the others of the model (default: the selected one)."""
-    model, base = model or selection.best, comparison.budget.baseline
+    base, alternative = comparison.budget.baseline, model is not None
+    model = model or selection.best
     added = next(k for k in model.additions if a in k.members)
-    below = selection.without.get(a.label, base)
+    whole = selection.without.get(added.label, base)
+    # an alternative counts as a whole, a cause next to the others
+    below = whole if alternative else selection.without.get(a.label, base)
     rig, own = model.assembly.rig, a.group(model.assembly.rig)
     rivals = list(selection.instead.get(a.label, ()))
     if len(model.additions) == 1:
@@ -160,10 +163,11 @@ def _cause(
     placed = [
         k.group(rig)
         for c in rivals
-        for k in c.attached
+        for other in c.additions
+        for k in other.members
         if k not in model.attached
         and (k.effect.name == a.effect.name or k.family(rig) == a.family(rig))
-        and not set(k.ports) & set(a.ports)
+        and not set(other.ports) & set(added.ports)
     ]
     families = [
         k.family(rig)
@@ -176,7 +180,7 @@ def _cause(
         model,
         comparison.removed(model, below),
         # the same effect at several ports is one finding
-        features(comparison, model, selection.without.get(added.label, base), ranking),
+        features(comparison, model, whole, ranking),
         tuple(g for g in dict.fromkeys(placed) if g != own),
         tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
     )

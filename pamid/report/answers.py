@@ -12,6 +12,7 @@ from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
     causes_label,
+    finding_label,
     reason_text,
     regime_label,
     sensor_label,
@@ -33,7 +34,6 @@ from pamid.report.formatting import (
 from pamid.report.load import RunData
 from pamid.report.missing_term import formula_texts, missing_term, nature_texts
 from pamid.schemas.diagnosis_file import (
-    Cause,
     DiagnosisFile,
     NextExperiment,
     Regime,
@@ -203,13 +203,14 @@ def _confidence(diagnosis: DiagnosisFile) -> str:
 
 
 def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    lead = sentence(formatting.join(_with_chance(cause) for cause in diagnosis.causes))
+    findings = verdict_words.findings_of(diagnosis)
+    lead = sentence(formatting.join(_with_chance(diagnosis, one) for one in findings))
     return lead, _removed(diagnosis) + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
-def _with_chance(cause: Cause) -> str:
-    port = formatting.port_label(cause.port)
-    text = effect_label(cause.effect)
+def _with_chance(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> str:
+    cause, text = finding[0], finding_label(diagnosis, finding)
+    port = formatting.port_label(cause.port) if len(finding) == 1 else ""
     text += f" at the {port} port" if port and "@" not in cause.effect else ""
     chance = cause.probability
     return text if chance is None else f"{text}, with probability {formatting.chance(chance)}"

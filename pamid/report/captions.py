@@ -31,7 +31,14 @@ from pamid.schemas.diagnosis_file import (
     Where,
 )
 from pamid.schemas.network_file import NetworkFile
-from pamid.verdict.verdict_words import Spelling, free_families, sentence
+from pamid.verdict.verdict_words import (
+    Finding,
+    Spelling,
+    finding_text,
+    findings_of,
+    free_families,
+    sentence,
+)
 
 #: where the reason for an experiment goes on with its settings, or with what it was weighed by
 _WEIGHED = re.compile(r"; (?:with \w+ =|simulated on )")
@@ -41,10 +48,18 @@ SPELLING = Spelling(effect_label, formatting.port_label)
 
 
 def causes_label(diagnosis: DiagnosisFile) -> str:
-    """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by
-    "or"."""
+    """ "Coulomb friction", "Coulomb friction in the joints and dead time"; for an ambiguous verdict
+    joined by "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
-    return formatting.join((effect_label(cause.effect) for cause in diagnosis.causes), last)
+    findings = findings_of(diagnosis)
+    return formatting.join((finding_label(diagnosis, one) for one in findings), last)
+
+
+def finding_label(diagnosis: DiagnosisFile, finding: Finding) -> str:
+    """ "Coulomb friction at joint 2", "Coulomb friction in the joints"."""
+    if len(finding) == 1:
+        return effect_label(finding[0].effect)
+    return finding_text(diagnosis, finding, SPELLING)
 
 
 def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:

@@ -38,8 +38,14 @@ def clean(text: str) -> str:
 
 
 def effect_label(name: str) -> str:
-    """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2"."""
-    stem, _, port = clean(name).partition("@")
+    """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2"; "play@a + play@b" -> "play at a
+    and b"."""
+    several = [one.partition("@") for one in clean(name).split(" + ")]
+    if len(several) > 1 and len({stem for stem, _, _ in several}) == 1:
+        return effect_label(f"{several[0][0]}@{join(port for _, _, port in several)}")
+    if len(several) > 1:
+        return " + ".join(effect_label("".join(one)) for one in several)
+    stem, _, port = several[0]
     words = stem.replace("-", " ").replace("_", " ")
     for plain, proper in _PROPER.items():
         words = re.sub(rf"\b{plain}\b", proper, words)

@@ -78,14 +78,12 @@ def _comparison(d: Diagnosis) -> tuple[result.ComparisonStep, ...]:
     """The confidence set of every step that added an effect, and of the last one."""
     if d.selection is None:
         return ()
-    rig = d.evidence.rig
 
     def member(c: CandidateModel, reference: CandidateModel) -> result.SetMember:
-        a = c.attached[-1]
         return result.SetMember(
             effect=c.label,
-            family=a.family(rig),
-            port=a.group(rig),
+            family=c.family,
+            port=c.group,
             removes=gap_share(d.comparison.removed(c, reference)),
             losses=tuple(map(float, d.comparison.loss(c))),
         )
@@ -295,8 +293,14 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
     first = d.ranking[0]
     # an effect that is named has one probability: that of the answer
     named = {k.effect.label: k.figures for k in d.answer.causes} if d.answer and d.cause else {}
-    label, parameters = c.attached[-1].label, _parameters(c, c.attached[-1].label)
-    figures = named.get(label) or features(d.comparison, c, d.budget.baseline, d.ranking)
+    label, labels = c.label, [a.label for a in c.attached]
+    parameters = {
+        f"{one}:{name}" if len(labels) > 1 else name: value
+        for one in labels
+        for name, value in _parameters(c, one).items()
+    }
+    alike = named.get(labels[0]) if set(labels) <= set(named) else None
+    figures = alike or features(d.comparison, c, d.budget.baseline, d.ranking)
     return result.Candidate(
         effect=label,
         family=c.family,

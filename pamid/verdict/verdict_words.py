@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
@@ -43,7 +44,7 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
         return f"{_set_text(found, spelling)}{_rest_text(found, spelling)}"
     if len(found.causes) > 1:
         return f"{_together(found, spelling)}{_rest_text(found, spelling)}"
-    removing = _with_share(found.causes[0], spelling)
+    removing = _with_share(found, findings_of(found)[0], spelling)
     return f"{removing}.{_next_family(found, spelling)}{_rest_text(found, spelling)}"
 
 
@@ -74,18 +75,50 @@ def _curve_text(found: DiagnosisFile, spelling: Spelling) -> str:
     )
 
 
-def _with_share(c: Cause, spelling: Spelling) -> str:
+#: causes with one effect, which acts at several ports
+Finding: TypeAlias = tuple[Cause, ...]
+
+
+def findings_of(found: DiagnosisFile) -> list[Finding]:
+    """The causes, those together that are the same effect at several ports."""
+    effects: dict[str, list[Cause]] = {}
+    for c in found.causes:
+        effects.setdefault(_stem(c), []).append(c)
+    return [tuple(causes) for causes in effects.values()]
+
+
+def _stem(c: Cause) -> str:
+    return c.effect.partition("@")[0]
+
+
+def _with_share(found: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
     """ "play at the camera port removes 80 % of the gap (P 0.93)"."""
-    share = percent_text(c.removes.share) if c.removes else "a part"
-    return f"{_named(c, spelling)} removes {share} of the gap{_chance_of(c)}"
+    first = finding[0]
+    share = percent_text(first.removes.share) if first.removes else "a part"
+    return f"{finding_text(found, finding, spelling)} removes {share} of the gap{_chance_of(first)}"
 
 
-def _named(c: Cause, spelling: Spelling) -> str:
-    """ "play at the camera port", with the ports at which it does as well."""
-    place = f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
-    ports = joined((spelling.port(port) for port in c.or_at), "or")
+def finding_text(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE) -> str:
+    """ "play at the camera port", with the ports at which it does as well; "coulomb-friction in the
+    joints", "coulomb-friction at shoulder and wrist"."""
+    first = finding[0]
+    if len(finding) > 1:
+        return f"{spelling.effect(_stem(first))} {_places_text(found, finding, spelling)}"
+    unplaced = first.port and "@" not in first.effect
+    place = f" at the {spelling.port(first.port)} port" if unplaced else ""
+    ports = joined((spelling.port(port) for port in first.or_at), "or")
     elsewhere = f", or equally at the {ports} port," if ports else ""
-    return f"{spelling.effect(c.effect)}{place}{elsewhere}"
+    return f"{spelling.effect(first.effect)}{place}{elsewhere}"
+
+
+def _places_text(found: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
+    """The ports of an effect: "in the joints" where they are all on which a torque acts."""
+    ports = {c.port for c in finding}
+    mapped = found.rig.ports if found.rig is not None else ()
+    joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
+    if ports == joints:
+        return "in the joints"
+    return f"at {joined((spelling.port(c.port) for c in finding), 'and')}"
 
 
 def _chance_of(c: Cause) -> str:
@@ -113,12 +146,17 @@ def _together(found: DiagnosisFile, spelling: Spelling) -> str:
 
     Shares of single causes do not add up: what two remove, each of them may remove alone.
     """
-    names = joined((f"{_named(c, spelling)}{_chance_of(c)}" for c in found.causes), "and")
+    findings = findings_of(found)
+    names = joined(
+        (f"{finding_text(found, k, spelling)}{_chance_of(k[0])}" for k in findings), "and"
+    )
+    together = " together" if len(findings) > 1 else ""
     rest = found.remainder
     if rest is None or rest.share is None:
-        return f"{names} act together."
+        return f"{names} act{together or 's'}."
     total = 1.0 - rest.share
-    text = f"{names} together remove {percent_text(total)} of the gap"
+    verb = "remove" if together else "removes"
+    text = f"{names}{together} {verb} {percent_text(total)} of the gap"
     without = {c.effect: total - c.removes.share for c in found.causes if c.removes}
     if max(without.values(), default=0.0) <= 0.0:
         return f"{text}. None of them removes any of it without the others."
@@ -132,14 +170,15 @@ def _together(found: DiagnosisFile, spelling: Spelling) -> str:
 
 def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
     """The members of a set: two with their shares, more as the group that they are."""
-    if len(found.causes) == 2:
-        first, other = found.causes
-        share = f", {percent_text(other.removes.share)}" if other.removes else ""
+    findings = findings_of(found)
+    if len(findings) == 2:
+        first, other = findings
+        share = f", {percent_text(other[0].removes.share)}" if other[0].removes else ""
         return (
-            f"{_with_share(first, spelling)}. These recordings cannot separate it from "
-            f"{_named(other, spelling)}{share}{_chance_of(other)}."
+            f"{_with_share(found, first, spelling)}. These recordings cannot separate it from "
+            f"{finding_text(found, other, spelling)}{share}{_chance_of(other[0])}."
         )
-    names = joined((spelling.effect(c.effect) for c in found.causes), "and")
+    names = joined((finding_text(found, k, spelling) for k in findings), "and")
     removes = found.causes[0].removes
     size = f" Each removes about {percent_text(removes.share)} of the gap." if removes else ""
     return f"On these recordings {names} predict the same and cannot be separated.{size}"

@@ -20,7 +20,7 @@ from pamid.diagnosis.search import WIDENINGS
 from pamid.diagnosis.starting_hints import gather_hints, spatial_periods
 from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import attach, attachments
+from pamid.model.attachment import Addition, attach, attachments
 from pamid.model.bound_parameter import parameters_of
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
@@ -180,7 +180,7 @@ def test_a_planted_effect_comes_back(label: str) -> None:
     tried = screen(
         evidence,
         reference,
-        attach(rig, label, effects()),
+        Addition((attach(rig, label, effects()),)),
         base.assembly.sizes,
         gather_hints(evidence, candidate),
     )

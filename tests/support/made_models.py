@@ -16,10 +16,19 @@ from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.model.attachment import Attachment
+from pamid.model.attachment import Addition, Attachment, additions_of
 
 Array = NDArray[np.float64]
-RIG = SimpleNamespace(name="made-up", ports={}, group_of=lambda port: port)
+
+
+class _AnyPorts(dict[str, Any]):
+    """A port of every name; numbered ones ("joint_1") are like each other."""
+
+    def __missing__(self, name: str) -> Any:
+        return SimpleNamespace(kind=name.rpartition("_")[0] or name, unit="", kin="")
+
+
+RIG = SimpleNamespace(name="made-up", ports=_AnyPorts(), group_of=lambda port: port)
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,10 @@ class MadeModel:
     @property
     def label(self) -> str:
         return " + ".join(a.label for a in self.attached) or "baseline"
+
+    @property
+    def additions(self) -> tuple[Addition, ...]:
+        return tuple(additions_of(cast(Any, RIG), self.attached))
 
     @property
     def assembly(self) -> Any:

@@ -24,7 +24,7 @@ EVERY = Settings(subsets=99, pair_share=0.0)
 def responses(left: np.ndarray, columns: dict[str, np.ndarray]) -> ScreenedResponses:
     """Of candidates with these columns, the first of each its change; own parameters may move up
     alone."""
-    screened: Any = [SimpleNamespace(attachment=SimpleNamespace(label=k)) for k in columns]
+    screened: Any = [SimpleNamespace(added=SimpleNamespace(label=k, labels=(k,))) for k in columns]
     edges = np.cumsum([0, *(c.shape[1] for c in columns.values())]).tolist()
     everything = np.column_stack(list(columns.values()))
     return ScreenedResponses(
@@ -130,9 +130,7 @@ def test_two_of_one_family_act_together_only_where_they_stand_apart() -> None:
         return at[a.label] != at[b.label]
 
     alone = best_subsets(found, kind, 2, EVERY)
-    assert alone and all(
-        {kind(s.attachment) for s in p.members} == {"gap", "timing"} for p in alone
-    )
+    assert alone and all({kind(s.added) for s in p.members} == {"gap", "timing"} for p in alone)
     beside = best_subsets(found, kind, 2, EVERY, apart)
     assert "gap@knee" in beside[0].labels and len({at[k] for k in beside[0].labels}) == 2
     # one of every combination still, and those of two families are who they were

@@ -17,7 +17,7 @@ from pamid.diagnosis.screening import ScreeningBaseline, advance, screen
 from pamid.diagnosis.starting_hints import GapHints, gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.estimation.problem import Problem, free_parameters
-from pamid.model.attachment import Attachment, attach
+from pamid.model.attachment import Addition, Attachment, attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -67,7 +67,7 @@ def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateMo
     nearest = grid[np.argmin(np.abs(1.0 / grid - 1.0 / PERIOD_M))]
     assert found[0] == pytest.approx(nearest)
     reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    told = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, NO_HINTS)
     told = advance(evidence, reference, told)
     assert told.p is not None
     assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
@@ -132,7 +132,7 @@ def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
     whole, place = scanned(evidence, base, effect)
     assert scanned_values(whole, whole, place)[0] == pytest.approx(step_v, rel=0.02)
     reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    told = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, NO_HINTS)
     told = advance(evidence, reference, told)
     assert told.p is not None
     assert told.p[place] == pytest.approx(step_v, rel=0.01)
@@ -173,7 +173,9 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     evidence, base = pulsed
     effect = attach(evidence.rig, "pwm-quantisation", effects())
     reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, effect, base.assembly.sizes, gather_hints(evidence, base))
+    told = screen(
+        evidence, reference, Addition((effect,)), base.assembly.sizes, gather_hints(evidence, base)
+    )
     told = advance(evidence, reference, told)
     assembly, p = told.ended
     found = {
@@ -234,7 +236,7 @@ def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path: Path) -> None:
     grid = scan_grid(bound)
     assert grid.max() == bound.high and grid.min() < 10.0
     reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, effect, base.assembly.sizes, NO_HINTS)
+    told = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, NO_HINTS)
     told = advance(evidence, reference, told)
     assert told.p is not None
     # a part of the recording shows, of which the first 800 s were not led in

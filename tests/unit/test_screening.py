@@ -34,13 +34,13 @@ def reference(attached: tuple[str, ...] = ()) -> Any:
 
 
 def names(screened: list[Screened]) -> list[str]:
-    return [s.attachment.label for s in screened]
+    return [s.added.label for s in screened]
 
 
 def test_twice_as_many_leaders_and_every_family_go_on() -> None:
     leading = [candidate(f"a{i:02d}", 100.0 - i) for i in range(2 * DEFAULT.refits)]
     others = [candidate("b0", -10.0), candidate("b1", -11.0)]
-    family_of = {s.attachment.label: s.attachment.label[0] for s in (*leading, *others)}
+    family_of = {s.added.label: s.added.label[0] for s in (*leading, *others)}
     further = advancing(family_of, [*leading, *others], reference())
     assert names(further) == [*names(leading), "b0"]
     assert len(advancing(family_of, leading, reference(("a",)))) == 2 * DEFAULT.refits_further
@@ -51,7 +51,7 @@ def test_a_family_that_helps_at_all_is_refitted() -> None:
     """Friction of a free pendulum: windows restart from an estimated state before it shows."""
     leading = [candidate(f"a{i}", 80.0 - i) for i in range(DEFAULT.refits)]
     slight, none = candidate("b", 0.5), candidate("c", -0.5)
-    family_of = {s.attachment.label: s.attachment.label[0] for s in (*leading, slight, none)}
+    family_of = {s.added.label: s.added.label[0] for s in (*leading, slight, none)}
     assert names(promising(family_of, [*leading, slight, none], reference())) == [
         *names(leading),
         "b",

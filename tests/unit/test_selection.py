@@ -15,6 +15,7 @@ import pamid.diagnosis.selection as selection_module
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.selection import Selection, compared, select_effects
 from pamid.estimation.port_evidence import PortEvidence
+from pamid.model.attachment import Addition
 
 WINDOWS = 24
 BEFORE = np.random.default_rng(0).uniform(9.0, 30.0, WINDOWS)
@@ -55,6 +56,7 @@ class Bench:
     shares: dict[tuple[str, ...], float]
     guards: Objecting = field(default_factory=Objecting)
     refitted: list[str] = field(default_factory=list)
+    candidates: list[Addition] = field(default_factory=list)
 
     def made(self, names: Sequence[str]) -> CandidateModel:
         shares = {frozenset(key): share for key, share in self.shares.items()}
@@ -88,6 +90,7 @@ class Bench:
             pool=None,
             progress=lambda text: None,
             family=lambda a: a.family(RIG),
+            candidates=self.candidates,
         )
         first: Any = SimpleNamespace(
             models=[self.made(key) for key in self.shares if len(key) == 1],

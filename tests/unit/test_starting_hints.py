@@ -13,9 +13,9 @@ from virtual_joint import record
 
 from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.screening import ScreeningBaseline, screen, starting_points
-from pamid.diagnosis.starting_hints import _scale, gather_hints, spectrum_peaks
+from pamid.diagnosis.starting_hints import GapHints, _scale, gather_hints, spectrum_peaks
 from pamid.estimation.grey_box import fit_model, model_with
-from pamid.model.attachment import attach
+from pamid.model.attachment import Addition, attach
 from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
@@ -54,9 +54,12 @@ def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:
     evidence, base, sizes = stopped
     hints, ground = gather_hints(evidence, base), ScreeningBaseline.of(base)
     stop = attach(evidence.rig, "end-stop", effects())
-    found = screen(evidence, ground, stop, sizes, hints)
+    made = sizes, hints
+    found = screen(evidence, ground, Addition((stop,)), *made)
     rivals = [
-        screen(evidence, ground, attach(evidence.rig, name, effects()), sizes, hints).gain
+        screen(
+            evidence, ground, Addition((attach(evidence.rig, name, effects()),)), sizes, hints
+        ).gain
         for name in ("coulomb-friction", "gravity", "leak")
     ]
     assert found.gain > 2.0 * max(rivals)
@@ -66,7 +69,9 @@ def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:
 def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: ignore[no-untyped-def]
     evidence, _, sizes = stopped
     leak = attach(evidence.rig, "leak", effects())
-    points, hinted = starting_points(model_with(evidence, (leak,), sizes), leak, Hints())
+    points, hinted = starting_points(
+        model_with(evidence, (leak,), sizes), Addition((leak,)), GapHints((), {})
+    )
     assert hinted == []
     assert {} in points
     assert any(
