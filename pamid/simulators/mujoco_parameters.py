@@ -1,16 +1,17 @@
 """Which numbers of a MuJoCo file may be fitted, and how well they are known.
 
 What the file states is taken for right within 20 %, one standard deviation of the logarithm. A zero
-says that the model lacks the term: it is held, and a diagnosis that misses the term names it as an
-effect; where a fit frees it, its prior is an absolute one, a share of what the joint's inertia at
-the reference makes typical.
+says that nobody has measured the term: a URDF has no armature at all. Armature and damping are
+fitted all the same, with an absolute prior of the size of the joint's actuator, because nothing
+else can take their place. Dry friction and springs are held at zero: they are effects of the
+catalogue, which a diagnosis tries at all joints together, and names where they are.
 """
 
 from __future__ import annotations
 
 import math
 
-from pamid.base.units import quotient
+from pamid.base.units import named_with, quotient
 from pamid.model.parameter import Parameter
 from pamid.simulators.mechanism import (
     Actuator,
@@ -27,6 +28,7 @@ BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
 ABSENT_SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
 TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia
 TYPICAL_ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
+RELEASED = ("armature", "damping")  # of a joint, fitted although the file says zero
 
 
 def parameters_of(
@@ -40,7 +42,7 @@ def parameters_of(
     found = [_mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)]
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide"):
-            found += _of_joint(i, joint)
+            found += _of_joint(i, joint, _strength(i, actuators))
     for i, tendon in enumerate(tendons):
         found += _of_tendon(i, tendon, joints)
     for i, actuator in enumerate(actuators):
@@ -80,9 +82,10 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
     )
 
 
-def _absent(name: str, size: float, unit: str) -> Parameter:
+def _absent(name: str, size: float, unit: str, fitted: bool) -> Parameter:
     """A number that the file states as zero."""
     spread = ABSENT_SHARE * size
+    hold = f"; to hold it: [known] {named_with(name, unit)} = 0" if fitted else ""
     return Parameter(
         name,
         0.0,
@@ -90,8 +93,8 @@ def _absent(name: str, size: float, unit: str) -> Parameter:
         5.0 * BOUND_FACTOR * spread,
         unit,
         spread=spread,
-        fitted=False,
-        source=f"0 in the model file, so held; freed, it is within {spread:.3g} of it",
+        fitted=fitted,
+        source=f"0 in the model file, prior of the actuator's size, {spread:.3g}{hold}",
     )
 
 
@@ -106,7 +109,8 @@ def _number(
     *writes: Write,
 ) -> ModelParameter:
     name = f"{of}_{attribute}" if element != "tendon" else f"{of}_tendon_{attribute}"
-    parameter = stated(name, value, unit) if value else _absent(name, typical, unit)
+    released = attribute in RELEASED
+    parameter = stated(name, value, unit) if value else _absent(name, typical, unit, released)
     return ModelParameter(parameter, element, of, number, attribute, writes, assumed=not value)
 
 
@@ -119,8 +123,21 @@ def _mass(i: int, body: Body) -> ModelParameter:
     )  # fmt: skip
 
 
-def _of_joint(i: int, joint: MechanismJoint) -> list[ModelParameter]:
-    inertia = max(joint.typical_inertia, 1e-9)
+def _strength(joint: int, actuators: tuple[Actuator, ...]) -> float:
+    """The largest force or torque that a joint's actuators may exert; 0 without limits."""
+    return sum(abs(a.gear) * max(map(abs, _limits(a))) for a in actuators if a.joint == joint)
+
+
+def _limits(a: Actuator) -> tuple[float, ...]:
+    if a.force_range is not None:
+        return a.force_range
+    commanded = a.command_range if a.kind == "motor" and a.command_range else (0.0, 0.0)
+    return tuple(a.gain[0] * command for command in commanded)
+
+
+def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParameter]:
+    # of the actuator, that of the largest load which it is made for
+    inertia = max(joint.typical_inertia, strength / TYPICAL_ACCELERATION, 1e-9)
     force, velocity = joint.force_unit, f"{joint.unit}/s"
 
     def of(attribute: str, value: float, typical: float, unit: str, array: str, row: int):  # type: ignore[no-untyped-def]
