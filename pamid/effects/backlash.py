@@ -70,11 +70,15 @@ class Backlash(OutboardEffect):
     absorbed_by = ("damping",)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:
-        w = (2.0 * math.pi) * p.frequency
-        beyond = z.twist - maximum(-p.half_gap, minimum(z.twist, p.half_gap))
-        loaded = smooth_step(absolute(beyond) / (TAKE_UP * p.half_gap))
-        spring = w * w * beyond + 2.0 * p.damping * w * loaded * z.twisting
-        pull = where(beyond > 0.0, maximum(spring, 0.0), minimum(spring, 0.0))
-        pull = where(absolute(beyond) > 0.0, pull, 0.0)
-        torque, twisting = self.outboard(value, at, p.share, z).moved(pull)
+        torque, twisting = self.outboard(value, at, p.share, z).moved(contact_pull(p, z))
         return torque, {"twist": z.twisting, "twisting": twisting}
+
+
+def contact_pull(p: Any, z: Any) -> Expr:
+    """Acceleration with which the two sides of a gap pull at each other by their twist (rad/s2)."""
+    w = (2.0 * math.pi) * p.frequency
+    beyond = z.twist - maximum(-p.half_gap, minimum(z.twist, p.half_gap))
+    loaded = smooth_step(absolute(beyond) / (TAKE_UP * p.half_gap))
+    spring = w * w * beyond + 2.0 * p.damping * w * loaded * z.twisting
+    pull = where(beyond > 0.0, maximum(spring, 0.0), minimum(spring, 0.0))
+    return where(absolute(beyond) > 0.0, pull, 0.0)

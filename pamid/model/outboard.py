@@ -78,10 +78,15 @@ class OutboardEffect(Effect):
             return own
         return tuple(CARRIED_SHARE if p is LOAD_SHARE else p for p in own)
 
-    def outboard(self, torque: Expr, at: Any, share: Expr, z: Any) -> Outboard:
-        """The two sides of a port under this torque, with the twist in the states z."""
+    def outboard(self, torque: Expr, at: Any, share: Expr, z: Any, turned: bool = True) -> Outboard:
+        """The two sides of a port under this torque, with the twist in the states z.
+
+        turned: whether the load stands turned against the port's position, which is the near
+        side's then.
+        """
         if at.offers("behind"):
-            there = at.behind(torque, share * z.twist, share * z.twisting)
+            angle = (share * z.twist, share * z.twisting) if turned else (ZERO, ZERO)
+            there = at.behind(torque, *angle)
             return Outboard(
                 there.torque,
                 there.inertia,

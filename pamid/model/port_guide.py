@@ -76,6 +76,7 @@ SIGNALS = {
     "inertia": "mass or moment of inertia of what the port drives",
     "free_fall": "acceleration of what the port drives, let go: by its weight, say",
     "behind": "what the port drives in a pose turned against it, as a function of an angle",
+    "driven": "what the drive exerts more where it stands behind, as a function of an angle",
     "stored": "what is in the store, counted from where nothing leaves it: gauge pressure, level "
     "above the outlet, temperature above the surroundings",
     "upstream": "what is in the store that runs over into this one; the other port offers "

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 from pamid.model.effect import State
@@ -226,15 +227,23 @@ class MechanismEquations:
         force = force - self.rig.value(self.p, "tendon", i, "damping", t.damping) * rate
         return force
 
+    def joint_drive(self, j: int) -> Expr:
+        """What the actuators of one joint exert at it, those that pull at tendons left out."""
+        found = ZERO
+        for i, a in enumerate(self.m.actuators):
+            if a.tendon < 0 and a.joint == j:
+                gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+                found = found + gear * self.actuator_force(i)
+        return found
+
     def drive(self) -> list[Expr]:
         """What the actuators exert at every joint."""
-        found = [ZERO] * len(self.m.joints)
+        found = [self.joint_drive(j) for j in range(len(self.m.joints))]
         for i, a in enumerate(self.m.actuators):
+            if a.tendon < 0:
+                continue
             gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
             force = gear * self.actuator_force(i)
-            if a.tendon < 0:
-                found[a.joint] = found[a.joint] + force
-                continue
             t = self.m.tendons[a.tendon]
             for j, c in zip(t.joints, t.coefficients, strict=True):
                 found[j] = found[j] + c * force
@@ -331,6 +340,7 @@ class MechanismEquations:
         turned: dict[int, Turn] = {}
         tree = rigid = self.tree()
         twisting: dict[int, Expr] = {}
+        pushed: dict[int, Expr] = {}  # where the joint itself is what the motor moves
         moving = self.moving(rigid, applied)
         for j in range(tree.n):
             met = [self.load(rigid, applied, j, moving)]
@@ -338,6 +348,8 @@ class MechanismEquations:
             def behind(
                 torque: Expr, angle: Expr, rate: Expr, j: int = j, met: list[Load] = met
             ) -> Load:
+                if angle is ZERO:  # it stands as the joint does
+                    return met[-1].under(torque - met[-1].torque)
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate
                 beyond = self.tree(turned)
@@ -353,12 +365,17 @@ class MechanismEquations:
                 inertia=met[0].inertia,
                 free_fall=met[0].free_fall,
                 behind=behind,
+                driven=partial(self.driven, j),
             )
-            if reaching is not met[0].torque:
+            if reaching is not met[0].torque and j in turned:
                 twisting[j] = (met[-1].torque - reaching) / met[-1].carried
+            elif reaching is not met[0].torque:
+                pushed[j] = reaching - met[0].torque
         if turned:
             tree = self.tree(turned)
         passed: list[Expr | None] = [None] * tree.n
+        for j, more in pushed.items():
+            passed[j] = applied[j] - tree.holding[j] + more
         for j, one in twisting.items():
             for i in range(tree.n):
                 link = tree.link_inertia(i, j)
@@ -367,6 +384,16 @@ class MechanismEquations:
                     before = applied[i] - tree.holding[i] if before is None else before
                     passed[i] = before - link * one
         return tree, passed
+
+    def driven(self, j: int, angle: Expr, rate: Expr) -> Expr:
+        """What the actuators of joint j exert more where their side stands behind it by an
+        angle."""
+        before = self.joint_drive(j)
+        q, qd = self.q[j], self.qd[j]
+        self.q[j], self.qd[j] = q - angle, qd - rate
+        more = self.joint_drive(j) - before
+        self.q[j], self.qd[j] = q, qd
+        return more
 
     @staticmethod
     def moving(tree: Tree, applied: list[Expr]) -> list[Expr]:
