@@ -218,6 +218,7 @@ def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, byte
     meta |= {"known": recording.known} if recording.known else {}
     meta |= {"controller": recording.controller} if recording.controller else {}
     meta |= {"between": recording.between} if recording.between else {}
+    meta |= {"free": recording.free} if recording.free else {}
     name = f"{number + 1}-{Path(recording.path).stem}"
     path = Path(RECORDINGS_FOLDER, f"{name}.csv")
     files = recording_files(path, recording.time, recording.columns, meta, digits=EXACT_DIGITS)

@@ -3,7 +3,8 @@
 A zero-order hold is what a converter sends; what is measured, or comes out of a filter, moves
 between samples. A straight line through its samples follows it to second order, where the hold lags
 by half a sample. The rig says which (`between = {"drive_v": "linear"}`), and a recording's TOML
-may say otherwise for its own ([between]); what nobody states is held.
+may say otherwise for its own ([between]); what nobody states is held. Its [free] releases
+parameters that the rig holds.
 
 An output may depend on an input of the same instant, as a current on the voltage. Most logs send
 the command of a row and then read; `between = {"current_a": "before"}` says that a reading of a row
@@ -14,8 +15,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
-from pamid.base.errors import FileError
+from pamid.base.errors import FileError, nearest
 from pamid.model.rig import Rig
 from pamid.recording.file_checks import BEFORE
 from pamid.recording.recording import Recording, match_column
@@ -42,9 +44,36 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
     return changed
 
 
+def released(rig: Rig, free: Mapping[str, float]) -> Rig:
+    """The rig with these parameters fitted, which it holds, and known within these standard
+    deviations (in the unit of the name). FileError for a name that it does not have."""
+    if not free:
+        return rig
+    names = {p.outside_name: p for p in rig.parameters}
+    for name, deviation in free.items():
+        if name not in names or not deviation > 0.0:
+            raise FileError(
+                f"[free] {name} = {deviation:g}: "
+                + ("give a standard deviation above 0" if name in names else "no such parameter"),
+                nearest(name, names) or f"parameters of rig {rig.name!r}: {', '.join(names)}",
+                code="free",
+            )
+    changed = copy.copy(rig)
+    vars(changed)["parameters"] = tuple(
+        replace(p, fitted=True, log=False, spread=free[p.outside_name])
+        if p.outside_name in free
+        else p
+        for p in rig.parameters
+    )
+    return changed
+
+
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
-    """The rig with inputs held or linear, and outputs read before the command of their row, as the
-    recordings' TOML files say; FileError where two of them differ: a model is fitted one way."""
+    """The rig with inputs held or linear, outputs read before the command of their row, and
+    parameters released, as the recordings' TOML files say; FileError where two of them differ: a
+    model is fitted one way."""
+    recordings = list(recordings)
+    rig = released(rig, {name: sd for r in recordings for name, sd in r.free.items()})
     ways: dict[str, str] = {}
     by: dict[str, Recording] = {}
     for recording in recordings:

@@ -25,6 +25,13 @@ SIGN = (
     "the force, the reading is the opposite of what passes. `pamid check RIG.py` says it for "
     "every port."
 )
+HOLD_OR_RELEASE = (
+    "a parameter that is not marked as held is fitted. In the TOML file next to a recording, "
+    "`NAME = VALUE` under [known] holds it at this value, and `NAME = DEVIATION` under [free] "
+    "fits one that is held, within this standard deviation. A held zero may be missing in the "
+    "machine all the same: a diagnosis tries friction and stiffness as effects, at all joints "
+    "together."
+)
 MANY_TERMS = 6  # of a background: more are told by the first and the last
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
@@ -346,6 +353,7 @@ def rig_text(said: result.RigStory) -> str:
         lines += _wrapped(f"{effects}: {', '.join(none.rigs)}, with {none.needs}", 4)
     lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
     lines += ["", "Parameters", *_parameter_lines(said.parameters)]
+    lines += ["", *_wrapped(f"Hold or release: {HOLD_OR_RELEASE}", 0)]
     if said.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
         lines += [

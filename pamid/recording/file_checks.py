@@ -44,6 +44,7 @@ _READABLE = "Check that you may read it (ls -l)."
 _KEYS: dict[str, tuple[str, ...] | None] = {  # None: any key
     "recording": ("rig", "loop", "sampling_period_s"),
     "known": None,
+    "free": None,
     "controller": ("kp_per_deg", "kd_s_per_deg", "derivative_filter_s", "command_limit"),
     "between": None,
 }
@@ -61,6 +62,7 @@ class Sidecar:
     known: dict[str, float]
     controller: dict[str, float]
     between: dict[str, str]
+    free: dict[str, float]
     warnings: tuple[str, ...]
 
 
@@ -272,9 +274,9 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> S
     known = _numbers(source, "known", tables.get("known", {}))
     controller = _numbers(source, "controller", tables.get("controller", {}))
     between = _between(source, tables.get("between", {}), names)
-    return Sidecar(
-        period, loop, _text(source, about, "rig"), known, controller, between, tuple(warnings)
-    )
+    free = _numbers(source, "free", tables.get("free", {}))
+    rig = _text(source, about, "rig")
+    return Sidecar(period, loop, rig, known, controller, between, free, tuple(warnings))
 
 
 def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[str, str]:

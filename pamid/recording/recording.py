@@ -108,6 +108,8 @@ class Recording:
                       output?
     known             parameters of the rig known for this recording, by full name, in the unit of
                       the name
+    free              parameters of the rig that are fitted although it holds them, by full name,
+                      with the standard deviation within which they are known, in its unit
     controller        the controller's settings, by full name
     between           "held" or "linear": what an input does from one sample to the next, by column,
                       where the recording says so; else it is as the rig says
@@ -129,6 +131,7 @@ class Recording:
     warnings: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
     between: dict[str, str] = field(default_factory=dict)
+    free: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def from_pandas(
@@ -141,6 +144,7 @@ class Recording:
         known: Mapping[str, float] | None = None,
         controller: Mapping[str, float] | None = None,
         between: Mapping[str, str] | None = None,
+        free: Mapping[str, float] | None = None,
     ) -> Recording:
         """A recording out of a table with the column time_s and one column per signal, its unit at
         the end of its name (angle_deg); the rest is what a recording's TOML says.
@@ -163,6 +167,7 @@ class Recording:
             "known": dict(known or {}),
             "controller": dict(controller or {}),
             "between": dict(between or {}),
+            "free": dict(free or {}),
         }
         return recording_of(arrays.pop(TIME), arrays, tables, name=name, digits=EXACT_DIGITS)
 
@@ -281,6 +286,7 @@ def read_recording(path: str | Path | DataFrame) -> Recording:
         side.controller,
         side.warnings,
         between=side.between,
+        free=side.free,
     )
 
 

@@ -101,7 +101,8 @@ class Actuator:
     """force = gain . (1, length, velocity) * a + bias . (1, length, velocity), length = gear times
     the position of its joint or the length of its tendon; on these acts gear times the force.
 
-    kind      motor, position, velocity or general, by what its numbers make of it
+    kind      motor, position, velocity or general, by what its numbers make of it; dcmotor, whose
+              first gain is the resistance of its winding (Ohm)
     dynamics  of a: none (a is the command), integrator (a' = command) or filter (a' = (command -
               a) / time_constant_s)
     joint, tendon  the one it drives; -1: not that

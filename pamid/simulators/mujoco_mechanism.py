@@ -214,11 +214,12 @@ def _actuators(
         drives = file.word("mjtTrn", m.actuator_trntype[i])
         at_joint = target if drives in ("joint", "jointinparent") else -1
         at_tendon = target if drives == "tendon" else -1
-        affine = file.word("mjtGain", m.actuator_gaintype[i]) == "affine"
+        law = file.word("mjtGain", m.actuator_gaintype[i])
+        affine = law == "affine"
         gain = _vector(m.actuator_gainprm[i, :3]) if affine else (m.actuator_gainprm[i, 0], 0, 0)
         biased = file.word("mjtBias", m.actuator_biastype[i]) == "affine"
         bias = _vector(m.actuator_biasprm[i, :3]) if biased else (0.0, 0.0, 0.0)
-        kind = _kind(_vector(gain), bias)
+        kind = law if law == "dcmotor" else _kind(_vector(gain), bias)
         units = _units_of(joints, tendons, at_joint, at_tendon)
         unit = {"position": units[0], "velocity": units[1]}.get(kind, "")
         how = DYNAMICS.get(file.word("mjtDyn", m.actuator_dyntype[i]), "none")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from pamid.base.units import named_with, quotient
+from pamid.base.units import quotient
 from pamid.model.parameter import Parameter
 from pamid.simulators.mechanism import (
     Actuator,
@@ -85,7 +85,6 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
 def _absent(name: str, size: float, unit: str, fitted: bool) -> Parameter:
     """A number that the file states as zero."""
     spread = ABSENT_SHARE * size
-    hold = f"; to hold it: [known] {named_with(name, unit)} = 0" if fitted else ""
     return Parameter(
         name,
         0.0,
@@ -94,7 +93,7 @@ def _absent(name: str, size: float, unit: str, fitted: bool) -> Parameter:
         unit,
         spread=spread,
         fitted=fitted,
-        source=f"0 in the model file, prior of the actuator's size, {spread:.3g}{hold}",
+        source=f"0 in the model file; prior of the actuator's size, {spread:.3g}",
     )
 
 
@@ -206,6 +205,9 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
                     Write("actuator_biasprm", i, 2, -1.0),
                 )
             )
+    elif actuator.kind == "dcmotor":
+        held = stated(f"{name}_resistance", gain[0], "Ohm", fitted=False)
+        found.append(of("resistance", held, Write("actuator_gainprm", i, 0, 1.0)))
     elif gain[0]:
         held = stated(f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general")
         found.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
