@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from . import frame, names
 from .options import parse_known
 from .terminal import aside, told_progress
+
+if TYPE_CHECKING:
+    from pamid.export.plain_check import PlainCheck
+    from pamid.schemas.command_files import PlainMujoco
 
 PLACE = 120
 FORMS = names.export_forms()
@@ -54,6 +59,18 @@ pamid export run --to fmu --output joint.fmu
     multiple=True,
     help="An effect file that the run was made with (it is run).",
 )
+@click.option(
+    "--choose",
+    default="",
+    metavar="EFFECT",
+    help="Of several causes that the run could not tell apart the one to write. [default: the most "
+    "probable]",
+)
+@click.option(
+    "--anyway",
+    is_flag=True,
+    help="Write a model file (mjcf, urdf) that is worse in MuJoCo than the one it is made of.",
+)
 @frame.overwrite_option("Replace what exists.", formerly_force=True)
 def command(
     run: Path,
@@ -63,15 +80,17 @@ def command(
     known: tuple[str, ...],
     rig: str | None,
     effects: tuple[str, ...],
+    choose: str,
+    anyway: bool,
     overwrite: bool,
 ) -> frame.Result:
     """Write the model that RUN found (rig, effects and a network, if there is one) for use in
     another tool.
 
-    Every form but mjcf gives, sample by sample, what `pamid simulate --model RUN --noise none`
-    gives. Inputs and outputs are the columns of a recording, in their units; an input holds over
-    the sample. mjcf is the model file of the rig with the values of the run; what it cannot hold is
-    told.
+    Every form but mjcf and urdf gives, sample by sample, what `pamid simulate --model RUN --noise
+    none` gives. Inputs and outputs are the columns of a recording, in their units; an input holds
+    over the sample. mjcf and urdf are the model file of the rig with the finding in it. That file
+    is run in MuJoCo, and its errors on held-out data are printed next to those of the old one.
     """
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
@@ -79,14 +98,13 @@ def command(
 
     with told_progress("export") as progress:
         progress.say("reading")
-        found = load_identified(run, which=which, rig=rig, effects=effects)
+        found = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
         model = found.knowing(parse_known(known))
-        made = export_model(model, form, output, overwrite=overwrite)
-    step, network = made.step, model.network
+        made = export_model(model, form, output, overwrite=overwrite, anyway=anyway)
+    network = model.network
     for note in made.notes:
         aside(f"Warning: {made.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
-    inputs, outputs = (tuple(v.name for v in vs) for vs in (step.inputs, step.outputs))
     written = WrittenExport(
         to=form,
         files=tuple(map(str, made.files)),
@@ -94,16 +112,54 @@ def command(
         rig=model.name,
         effects=effects,
         network="" if network is None else network.trained.network.kind,
-        period_s=step.period_s,
-        inputs=inputs,
-        outputs=outputs,
+        period_s=model.period_s,
+        inputs=model.inputs,
+        outputs=model.outputs,
         notes=made.notes,
+        **({} if made.check is None else {"plain_mujoco": _plain(made.check)}),
     )
     built = f", with a binary for {made.binary}" if made.binary else ""
     text = (
         f"{', '.join(map(str, made.files))}: {model.name} with "
         f"{', '.join(effects) or 'no effect'}"
         f"{'' if network is None else f' and a network ({written.network})'}{built}.\n"
-        f"Every {step.period_s:g} s: {', '.join(inputs)} -> {', '.join(outputs)}"
+        f"Every {model.period_s:g} s: {', '.join(model.inputs)} -> {', '.join(model.outputs)}"
     )
+    if made.check is not None:
+        text += f"\n{_plain_text(made.check)}"
     return frame.Result(written, text)
+
+
+def _plain(check: PlainCheck) -> PlainMujoco:
+    from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
+
+    own, reaching = check.settings, check.reaching
+    return PlainMujoco(
+        timestep_s=own.timestep_s,
+        integrator=own.integrator,
+        channels={
+            name: PlainChannel(before=c.before, now=c.now, stated=c.stated)
+            for name, c in check.channels.items()
+        },
+        reaching=None
+        if reaching is None
+        else PlainSettings(timestep_s=reaching.timestep_s, integrator=reaching.integrator),
+    )
+
+
+def _plain_text(check: PlainCheck) -> str:
+    """Errors before and now by channel, then the step that reaches the stated ones."""
+    lines = [f"Mean absolute error on held-out data, in plain MuJoCo ({check.settings}):"]
+    for name, c in check.channels.items():
+        stated = "" if c.stated is None else f"; the run states {c.stated:.4g}"
+        lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
+    if all(c.stated is None for c in check.channels.values()):
+        return "\n".join(lines)
+    if check.reaching is None:
+        lines.append("No step or integrator that was tried reaches the stated error.")
+    elif check.reaching != check.settings:
+        lines.append(
+            f"{check.reaching.integrator} with {1e3 * check.reaching.timestep_s:g} ms reaches the "
+            f"stated error: {check.reaching.option}"
+        )
+    return "\n".join(lines)

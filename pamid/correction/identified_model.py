@@ -12,7 +12,7 @@ one under names that begin with "uncorrected."; its value is held over a sample.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError, FileError, UsageError
+from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
 from pamid.base.result_file import need_result
@@ -109,7 +109,11 @@ class Identified:
     controller   [controller] of the first recording made in a closed loop, {} where none was
     source       the rig as the run names it: with its variant, or the path of its file
     sha256       of the run's fit.json
+    folder       of the run
     notes        on what the run holds and the model lacks
+    rivals       effects that the run's recordings cannot tell apart, the one of the model among
+                 them, with their probabilities
+    chosen       the one of them that was asked for, "" for none
     """
 
     name: str
@@ -122,7 +126,10 @@ class Identified:
     controller: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
+    folder: Path | None = None
     notes: tuple[str, ...] = ()
+    rivals: Mapping[str, float] = field(default_factory=dict)
+    chosen: str = ""
 
     @property
     def effects(self) -> tuple[Attachment, ...]:
@@ -311,9 +318,10 @@ def load_identified(
     which: str = "best",
     rig: str | Rig | None = None,
     effects: tuple[str | type[Effect], ...] = (),
+    choose: str = "",
 ) -> Identified:
     """The model of a run; FileError where the folder is damaged or its rig or effect files are not
-    named here.
+    named here, UsageError for an effect to choose that is none of the run's rivals.
 
     which          "cause" (of a diagnosis), "network" (the model that the run's network was trained
                    on, with it: the refitted one, or the one with the causes), "refitted", or
@@ -321,6 +329,8 @@ def load_identified(
                    the causes, else the first of these that the run has
     rig, effects   paths of the rig file and the effect files that the run was made with, which are
     run; or the rig and the effects themselves
+    choose         of the effects that the run could not tell apart the one to take, by its label;
+    default: the most probable
     """
     if which not in WHICH:
         raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
@@ -356,13 +366,36 @@ def load_identified(
         saved = fit.cause if on_causes else fit.model
         if saved is None:
             refuse(run_folder / NETWORK_FILE, f"its network corrects a cause that {path} lacks")
+        rivals = {k: r.probability for k, r in (fit.rivals or {}).items()}
+        rivals = rivals if chosen == "cause" else {}
+        if choose:
+            require_rival(choose, rivals or saved.effects)
+        if rivals and fit.rivals:
+            saved = fit.rivals[choose or max(rivals, key=lambda k: rivals[k])].model
         model = _model(made, saved, fit.recordings, catalogue, path)
-        model = replace(model, source=name_of(rig or source), sha256=sha256_of(path))
+        model = replace(
+            model,
+            source=name_of(rig or source),
+            sha256=sha256_of(path),
+            folder=run_folder,
+            rivals=rivals,
+            chosen=saved.effects[0] if rivals else "",
+        )
     if chosen != "network":
         left_out = trained_on == REFIT and which == "best"
         return replace(model, notes=(NETWORK_LEFT_OUT,)) if left_out and fit.cause else model
     with _sound(run_folder / NETWORK_FILE):
         return _with_network(model, run_folder, fit.channels)
+
+
+def require_rival(effect: str, known: Collection[str]) -> None:
+    """UsageError for an effect that is none of these."""
+    if effect not in known:
+        raise UsageError(
+            f"--choose {effect!r}: the run does not offer it.",
+            nearest(effect, known)
+            or (f"It offers {', '.join(known)}." if known else "It names no cause."),
+        )
 
 
 def _model(

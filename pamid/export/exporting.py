@@ -5,44 +5,60 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.base.errors import UsageError, nearest
+from pamid.base.errors import FileError, UsageError, nearest
 from pamid.base.files import make_folder, require_new, write_together
 from pamid.base.progress import tell
 from pamid.correction.identified_model import Identified
-from pamid.export.c_source import model_name
 from pamid.export.form import known_forms
-from pamid.export.step import SampleStep, step_of
+from pamid.export.plain_check import PlainCheck
+from pamid.export.statements import identifier
+from pamid.export.step import step_of
 
 
 @dataclass(frozen=True)
 class Exported:
     """What was written; binary: the platform that an FMU was built for, "" for none; notes: what
-    the user has to know.
-    """
+    the user has to know; check: of a model file, its errors in the simulator that reads it."""
 
-    step: SampleStep
     files: tuple[Path, ...]
     binary: str = ""
     notes: tuple[str, ...] = ()
+    check: PlainCheck | None = None
 
 
 def export_model(
-    model: Identified, form: str, path: Path | None = None, *, overwrite: bool = False
+    model: Identified,
+    form: str,
+    path: Path | None = None,
+    *,
+    overwrite: bool = False,
+    anyway: bool = False,
 ) -> Exported:
     """Write `model` to `path` (default: the model's name with the ending of the form, here).
 
-    FileError where a file exists and `overwrite` is not given, UsageError for an unknown form, and
-    what the form refuses.
+    anyway: write a model file, too, that is worse than the one it was made of.
+
+    FileError where a file exists and `overwrite` is not given, and for a model file that got worse;
+    UsageError for an unknown form; and what the form refuses.
     """
     forms = known_forms()
     if form not in forms:
         raise UsageError(f"{form!r} is no form of export.", nearest(form, forms))
     tell("translating")
-    chosen, step = forms[form], step_of(model)
-    files = chosen.files(step, path or Path(f"{model_name(step)}{chosen.ending}"))
+    chosen = forms[form]
+    step = step_of(model) if chosen.sampled else None
+    default = Path(f"{identifier(f'pamid_{model.name}')}{chosen.ending}")
+    files = chosen.files(step, path or default)
     require_new(files, overwrite)
     made = chosen.write(model, step, files)
+    if made.check is not None and made.check.is_worse and not anyway:
+        raise FileError(
+            f"{files[0]} was not written: {made.check.worst_words}.",
+            "Its notes (--anyway prints them and writes it) say which part of the finding the "
+            "file cannot hold.",
+            code="worse",
+        )
     for folder in {file.parent for file in files}:
         make_folder(folder)
     write_together(made.files)
-    return Exported(step, files, made.binary, (*model.notes, *made.notes))
+    return Exported(files, made.binary, (*model.notes, *made.notes), made.check)

@@ -138,6 +138,31 @@ class WrittenAnimation(Model):
     )
 
 
+class PlainChannel(Model):
+    """Mean absolute errors of a channel on held-out data, in its unit."""
+
+    before: Number = Field(description="of the file that was written into")
+    now: Number = Field(description="of the new file")
+    stated: Number | None = Field(None, description="as the run states it; null where it does not")
+
+
+class PlainSettings(Model):
+    """How a simulator steps."""
+
+    timestep_s: Number = Field(description="s")
+    integrator: Text = Field(description="as a model file names it")
+
+
+class PlainMujoco(PlainSettings):
+    """A written model file run in plain MuJoCo, with its own step and integrator."""
+
+    channels: MapOf[PlainChannel] = Field(description="errors by channel")
+    reaching: PlainSettings | None = Field(
+        description="step and integrator with which the file reaches the errors that the run "
+        "states; null where none that was tried does"
+    )
+
+
 class WrittenExport(Model):
     """The files of an exported model."""
 
@@ -154,3 +179,6 @@ class WrittenExport(Model):
     inputs: ListOf[Text] = Field(description="columns that go in")
     outputs: ListOf[Text] = Field(description="columns that come out")
     notes: ListOf[Text] = Field(description="what the user has to know, a sentence each")
+    plain_mujoco: Sometimes[PlainMujoco] = Field(
+        default=None, description="of a model file: its errors in plain MuJoCo"
+    )

@@ -150,6 +150,13 @@ class FittedModel(Model):
     )
 
 
+class Rival(Model):
+    """One of several causes that the recordings cannot tell apart."""
+
+    probability: Number = Field(description="calibrated frequency with which such a cause acts")
+    model: FittedModel = Field(description="the model with it")
+
+
 class StartedFrom(Model):
     """The earlier fit whose posterior was this one's prior."""
 
@@ -173,6 +180,7 @@ class FitFile(Model):
         "model",
         "from",
         "cause",
+        "rivals",
     )
 
     schema_: Literal["pamid.fit/1"] = Field(default="pamid.fit/1", alias="schema")
@@ -219,5 +227,9 @@ class FitFile(Model):
     )
     cause: Sometimes[FittedModel] = Field(
         default=None, description="of a diagnosis: the model with the cause"
+    )
+    rivals: Sometimes[MapOf[Rival]] = Field(
+        default=None,
+        description="of an ambiguous diagnosis: the causes that cannot be told apart, by label",
     )
     failed_jobs: Sometimes[ListOf[FailedJob]] = Field(default=None, description="and why")

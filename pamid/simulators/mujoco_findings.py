@@ -137,6 +137,9 @@ def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
 def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nactuator):
+        if not m.actuator_ctrlnum[i]:
+            yield _finding(file, "actuator", i, "a motor without a command, for passive forces")
+            continue
         drives = file.word("mjtTrn", m.actuator_trntype[i])
         if drives not in ("joint", "jointinparent", "tendon"):
             yield _finding(file, "actuator", i, f"it acts on a {drives}, not a joint or tendon")

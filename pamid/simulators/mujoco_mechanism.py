@@ -210,6 +210,8 @@ def _actuators(
 ) -> tuple[Actuator, ...]:
     m, found = file.model, []
     for i in range(m.nactuator):
+        if not m.actuator_ctrlnum[i]:  # a passive force at its joint
+            continue
         name, target = names.of("actuator", i), int(m.actuator_trnid[i, 0])
         drives = file.word("mjtTrn", m.actuator_trntype[i])
         at_joint = target if drives in ("joint", "jointinparent") else -1
@@ -249,7 +251,7 @@ def _actuators(
                 int(m.actuator_ctrladr[i]),
             )
         )
-    return tuple(found) if m.nactuator else tuple(_bare(joints))
+    return tuple(found) or tuple(_bare(joints))
 
 
 def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:

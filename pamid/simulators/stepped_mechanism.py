@@ -65,11 +65,12 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     @cached_property
     def _further(self) -> tuple[State, ...]:
         """Activations that the description has no place for: of muscles and the like."""
-        model = self._stepper.model
+        actuators, names = self.mechanism.actuators, self._stepper.actuator_names
+        described = {i for i, a in enumerate(actuators) if a.state}
         return tuple(
-            State(f"{a.name}_activation")
-            for i, a in enumerate(self.mechanism.actuators)
-            if a.adr >= 0 and model.actuator_actadr[i] >= 0 and not a.state
+            State(f"{actuators[i].name if i < len(actuators) else names[i]}_activation")
+            for i, at in enumerate(self._stepper.model.actuator_actadr)
+            if at >= 0 and i not in described
         )
 
     @cached_property
@@ -175,7 +176,7 @@ class _Stepper:
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_SENSOR)
         if model.ntree == 1:  # one island: looking for others takes a tenth of a step
             model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_ISLAND)
-        self.actuator_names = [file.name("actuator", i) for i in range(model.nu)]
+        self.actuator_names = [file.name("actuator", i) for i in range(model.nactuator)]
         self.rollout = rollout.Rollout(nthread=0)
         self.data = self.mujoco.MjData(model)
         kinds = self.mujoco.mjtState
@@ -183,7 +184,9 @@ class _Stepper:
         self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
         self.known: dict[bytes, Any] = {}
         acts = [i for i, a in enumerate(mechanism.actuators) if a.state]
-        acts += [i for i in range(model.nu) if model.actuator_actadr[i] >= 0 and i not in acts]
+        acts += [
+            i for i in range(model.nactuator) if model.actuator_actadr[i] >= 0 and i not in acts
+        ]
         qpos, dof = [j.qpos for j in mechanism.joints], [j.dof for j in mechanism.joints]
         # time comes first
         self.places = np.array(

@@ -1,8 +1,9 @@
-"""Identified values put into a model file's own text, MJCF or URDF.
+"""A finding put into a model file's own text, MJCF or URDF: values of parameters, and effects in
+the terms that MuJoCo has for them (`pamid.simulators.mujoco_forms`).
 
-Elements are found by their name or by the line at which MuJoCo has read them; only attributes are
-changed, and of a body without <inertial> one is added. What was written is read by MuJoCo again,
-and every value that it does not find as it should be is told instead.
+Elements are identified by their name or by the line at which MuJoCo has read them. Attributes are
+changed; elements are added for a body without <inertial>, a load behind its motor, and friction
+with bristles. MuJoCo reads the new text again, and every value that it does not return is reported.
 """
 
 from __future__ import annotations
@@ -10,76 +11,105 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.simulators.mechanism import Mechanism, ModelParameter
+from pamid.simulators.mechanism import Mechanism, MechanismJoint, ModelParameter
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
+from pamid.simulators.mujoco_forms import (
+    TINY_SPRING,
+    Behind,
+    CommandTerms,
+    FoundEffect,
+    Forms,
+    JointTerms,
+    ReadingTerms,
+    forms_of,
+)
 from pamid.simulators.mujoco_mechanism import mechanism_of
+from pamid.simulators.mujoco_schema import reads
 from pamid.simulators.xml_text import Edits, Tag, tags_of
 
 Array = NDArray[np.float64]
 
 UNCHANGED = 1e-9  # share by which a value may differ and stay as it is written
 SAME = 1e-6  # share to which the written file has to give a value back
+FINER_STEPS = 8  # a delay and dry friction hold down to this part of the file's step
+SOFT = 0.02  # impedance of a limit that acts as a spring: the share by which it also holds still
+LEAST_ARMATURE = 1e-3  # of the load behind a motor, where the file has no inertia of the motor
+MOSTLY_BEHIND = 0.97  # share of a load from which all of it is behind
 
 _JOINT_PARENTS = ("body", "frame", "replicate")
 _PLURAL = {"actuator": "actuators", "body": "bodies", "joint": "joints", "tendon": "tendons"}
+_URDF_WORDS = {"damping": "damping", "frictionloss": "friction"}
 
 
 @dataclass(frozen=True)
 class WrittenModel:
     """text: of the file; changed: parameter -> (value in the file, value now), SI; left: what could
-    not be written, in sentences."""
+    not be written, in sentences; notes: what is written in another form; file, mechanism: the text
+    as MuJoCo reads it."""
 
     text: bytes
     changed: dict[str, tuple[float, float]]
     left: tuple[str, ...]
+    notes: tuple[str, ...]
+    file: MujocoFile = field(repr=False)
+    mechanism: Mechanism = field(repr=False)
 
 
-def write_back(mechanism: Mechanism, values: Mapping[str, float]) -> WrittenModel:
-    """The mechanism's file with these values (SI) by parameter in the place of its own.
+def write_back(
+    mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[FoundEffect] = ()
+) -> WrittenModel:
+    """The mechanism's file with these values (SI) by parameter in the place of its own, and with
+    effects.
 
     FileError where the file cannot be read any more.
     """
     path = Path(mechanism.path)
-    text = path.read_bytes()
-    file = open_mujoco(path)
-    writer = _Writer(file, mechanism, text)
-    changed: dict[str, tuple[float, float]] = {}
-    left: list[str] = []
-    for one in mechanism.parameters:
-        name = one.parameter.name
-        was, now = one.parameter.value * one.parameter.factor, values[name]
-        if abs(now - was) <= UNCHANGED * max(abs(was), abs(now)):
-            continue
-        if why := writer.put(one, now):
-            left.append(f"{name} = {now:.6g}: {why}")
-        else:
-            changed[name] = (was, now)
-    made = writer.edits.made(writer.tags)
-    for name, why in _not_found_again(path, made, {n: now for n, (_, now) in changed.items()}):
+    text, file = path.read_bytes(), open_mujoco(path)
+    forms = forms_of(mechanism, effects)
+    weights: dict[str, float] = {}
+    # limits and soft friction are in units of the inverse inertia, which the other changes decide
+    for _ in range(2 if any(_is_weighted(t) for t in forms.joints.values()) else 1):
+        writer = _Writer(file, mechanism, text, forms, dict(values), weights)
+        made = writer.write()
+        file_again = read_text(path, made)
+        m = file_again.model
+        weights = {
+            file_again.name("joint", j): float(m.dof_invweight0[m.jnt_dofadr[j]])
+            for j in range(m.njnt)
+        }
+    again = mechanism_of(file_again)
+    left, changed = list(writer.left), dict(writer.changed)
+    for name, why in _lost(again, {n: now for n, (_, now) in changed.items()}):
         del changed[name]
         left.append(f"{name}: {why}")
-    return WrittenModel(made, changed, tuple(left))
+    return WrittenModel(
+        made, changed, tuple(left), (*forms.notes, *writer.notes), file_again, again
+    )
 
 
-def _not_found_again(path: Path, text: bytes, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
-    """The values that MuJoCo reads otherwise from the text than they were to be. The text stands
-    beside the file for a moment, where it finds the meshes that it names; elsewhere where that
-    folder cannot be written."""
+def read_text(path: Path, text: bytes) -> MujocoFile:
+    """A changed text of a model file as MuJoCo reads it. It is stored next to the file for a
+    moment, where its meshes are; elsewhere where that folder cannot be written."""
     folder = path.parent if os.access(path.parent, os.W_OK) else None
-    with tempfile.NamedTemporaryFile(dir=folder, suffix=path.suffix) as beside:
-        beside.write(text)
-        beside.flush()
+    with tempfile.NamedTemporaryFile(dir=folder, suffix=path.suffix) as copy:
+        copy.write(text)
+        copy.flush()
         try:
-            again = mechanism_of(open_mujoco(beside.name))
+            return open_mujoco(copy.name)
         except FileError as error:
             raise FileError(f"{path}: the changed model cannot be read: {error}") from error
+
+
+def _lost(again: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
+    """The values that MuJoCo reads otherwise than they were to be."""
     read = {p.parameter.name: p.parameter for p in again.parameters}
     found = []
     for name, value in wanted.items():
@@ -96,37 +126,100 @@ def number(value: float) -> str:
     return f"{value:.10g}"
 
 
-def numbers(values: Sequence[float]) -> str:
+def numbers(values: Sequence[float] | Array) -> str:
     return " ".join(map(number, values))
 
 
+def _trimmed(values: Array) -> str:
+    """Numbers without the zeros at the end; the first one stays."""
+    last = int(np.max(np.flatnonzero(values), initial=0))
+    return numbers(values[: last + 1])
+
+
+def _is_weighted(terms: JointTerms) -> bool:
+    gap = terms.behind is not None and terms.behind.half_gap > 0.0
+    return bool(terms.stop or terms.onset or gap)
+
+
 class _Writer:
-    def __init__(self, file: MujocoFile, mechanism: Mechanism, text: bytes) -> None:
+    """One pass over a file's text. weights: inverse inertia at every joint of the changed model by
+    name, empty in the first pass."""
+
+    def __init__(
+        self,
+        file: MujocoFile,
+        mechanism: Mechanism,
+        text: bytes,
+        forms: Forms,
+        values: dict[str, float],
+        weights: Mapping[str, float],
+    ) -> None:
         self.file, self.mechanism, self.text = file, mechanism, text
+        self.forms, self.values, self.weights = forms, values, weights
         self.tags = tags_of(text)
         self.edits = Edits(text)
         self.is_urdf = self.tags[0].name == "robot"
         self.vectors: dict[tuple[int, str], Array] = {}
+        self.changed: dict[str, tuple[float, float]] = {}
+        self.left: list[str] = []
+        self.notes: list[str] = []
+        self.passive: list[str] = []
+        self.dynamics: dict[int, dict[str, float]] = {}
+        angles = [t.attributes.get("angle") for t in self.tags if t.name == "compiler"]
+        self.degrees = not self.is_urdf and "radian" not in angles
+        self.names = {
+            (p.element, p.number, p.attribute): p.parameter.name for p in mechanism.parameters
+        }
+
+    def write(self) -> bytes:
+        """The changed text."""
+        special: set[str] = set()
+        for j, joint_terms in self.forms.joints.items():
+            special |= self._joint(j, joint_terms)
+        reshaped = {
+            self.names[key]
+            for key in self.names
+            if key[0] == "actuator" and self._is_reshaped(key[1])
+        }
+        for i, terms in self.forms.commands.items():
+            self._command(i, terms)
+        for s, reading in self.forms.readings.items():
+            self._reading(s, reading)
+        for one in self.mechanism.parameters:
+            if one.parameter.name not in special | reshaped:
+                self._parameter(one)
+        self._add_passive()
+        self._add_dynamics()
+        return self.edits.made(self.tags)
+
+    def _parameter(self, one: ModelParameter) -> None:
+        name = one.parameter.name
+        was, now = one.parameter.value * one.parameter.factor, self.values[name]
+        if abs(now - was) <= UNCHANGED * max(abs(was), abs(now)):
+            return
+        if why := self.put(one, now):
+            self.left.append(f"{name} = {now:.6g}: {why}")
+        else:
+            self.changed[name] = (was, now)
 
     def put(self, one: ModelParameter, value: float) -> str:
         """Note a change; why it cannot be made, or ""."""
-        tag, why = self._tag_of(one)
+        tag, why = self._tag_of(one.element, one.number, one.of)
         if tag is None:
             return why
         if one.element == "body":
             return self._mass(tag, one, value)
         if self.is_urdf:
-            return self._urdf_joint(tag, one, value)
+            return self._urdf_joint(tag, one.attribute, value)
         if one.element == "actuator":
             return self._actuator(tag, one, value)
         self.edits.set(tag, one.attribute, number(value))
         return ""
 
-    # ---- finding ---------------------------------------------------------------------------------
+    # ---- elements of the text --------------------------------------------------------------------
 
-    def _tag_of(self, one: ModelParameter) -> tuple[Tag | None, str]:
+    def _tag_of(self, kind: str, i: int, of: str) -> tuple[Tag | None, str]:
         """The start tag of an element; else why there is none."""
-        kind, i = one.element, one.number
         name = self.file.mujoco.mj_id2name(
             self.file.model, getattr(self.file.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), i
         )
@@ -137,14 +230,14 @@ class _Writer:
             line = self.file.line(kind, i)
             same = [
                 k
-                for k in range(len(getattr(self.mechanism, _PLURAL[kind])))
+                for k in range(len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s"))))
                 if self.file.line(kind, k) == line
             ]
             found = [tag for tag in own if tag.line == line and "name" not in tag.attributes]
             found = found[same.index(i) : same.index(i) + 1] if len(found) == len(same) else []
         if len(found) == 1:
             return found[0], ""
-        return None, f"the {kind} {one.of!r} does not stand by itself in the text of the file"
+        return None, f"the {kind} {of!r} does not stand by itself in the text of the file"
 
     def _is(self, tag: Tag, kind: str) -> bool:
         parent = self.tags[tag.parent].name if tag.parent >= 0 else ""
@@ -160,7 +253,331 @@ class _Writer:
         number = self.tags.index(tag)
         return next((t for t in self.tags if t.parent == number and t.name == name), None)
 
-    # ---- writing ---------------------------------------------------------------------------------
+    def _number_of(self, element: str, i: int, attribute: str, stated: float) -> float:
+        """A parameter's value, the file's where it has no parameter."""
+        name = self.names.get((element, i, attribute))
+        return stated if name is None else self.values[name]
+
+    # ---- joints ----------------------------------------------------------------------------------
+
+    def _joint(self, j: int, terms: JointTerms) -> set[str]:
+        """Write the terms at a joint; the names of the parameters that are written with them."""
+        joint, m = self.mechanism.joints[j], self.file.model
+        friction = self._number_of("joint", j, "frictionloss", joint.friction_loss)
+        damping = self._number_of("joint", j, "damping", joint.damping)
+        if self.is_urdf:
+            return self._urdf_terms(j, terms, friction, damping)
+        tag, why = self._tag_of("joint", j, joint.name)
+        if tag is None:
+            self.left.append(f"effects at {joint.name}: {why}")
+            return set()
+        written = set()
+        if terms.friction:
+            written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
+            self._soften(tag, joint, friction, terms)
+        if terms.damping.any():
+            poly = np.array([damping, *getattr(m, "dof_dampingpoly", np.zeros((m.nv, 2)))[joint.dof]])
+            total = poly + terms.damping
+            written |= self._set_value(tag, j, "damping", float(total[0]), _trimmed(total))
+        if terms.spring.any():
+            written |= self._spring(tag, j, joint, terms)
+        if terms.stop is not None:
+            self._stop(tag, joint, terms)
+        if terms.behind is not None:
+            written |= self._behind(tag, j, joint, terms.behind)
+        name = self.file.name("joint", j)
+        for b in terms.bristles:
+            values = numbers([b.stiffness, b.damping, b.sliding, b.static, b.velocity])
+            self.passive.append(self._passive(name, "friction", f'lugre="{values}"'))
+        for w in terms.waves:
+            values = numbers([w.amplitude, w.poles, w.phase])
+            self.passive.append(self._passive(name, "cogging", f'cogging="{values}"'))
+        return written
+
+    def _set_value(self, tag: Tag, j: int, attribute: str, value: float, text: str = "") -> set[str]:
+        name = self.names["joint", j, attribute]
+        parameter = next(p.parameter for p in self.mechanism.parameters if p.parameter.name == name)
+        self.edits.set(tag, attribute, text or number(value))
+        self.changed[name] = (parameter.value * parameter.factor, value)
+        return {name}
+
+    def _soften(self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms) -> None:
+        """How the friction sets in. Friction that the file has by itself stays as soft as it is;
+        dry friction is as hard as the step allows; one with an onset has its slope b / R at rest
+        (documentation, Computation, Constraint model, friction loss)."""
+        if friction:
+            return
+        m = self.file.model
+        finest = 2.0 * float(m.opt.timestep) / (FINER_STEPS if self._is_safe() else 1)
+        if not terms.onset:
+            self.edits.set(tag, "solreffriction", numbers([finest, 1.0]))
+            return
+        weight = self.weights.get(joint.name, float(m.dof_invweight0[joint.dof]))
+        # b / R = 2 / (time constant * (1 - impedance) * weight)
+        wanted = 2.0 * terms.onset / (weight * terms.friction)
+        impedance, least = SOFT, 2.0 * float(m.opt.timestep)
+        constant = wanted / (1.0 - impedance)
+        if constant < least:
+            constant, impedance = least, min(max(1.0 - wanted / least, SOFT), 0.9999)
+        self.edits.set(tag, "solreffriction", numbers([constant, 1.0]))
+        self.edits.set(tag, "solimpfriction", numbers([impedance, impedance, 0.001]))
+
+    def _is_safe(self) -> bool:
+        """Does MuJoCo keep time constants of constraints above two steps by itself?"""
+        off = int(self.file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+        return not int(self.file.model.opt.disableflags) & off
+
+    def _angle(self, joint: MechanismJoint, value: float) -> str:
+        turned = self.degrees and joint.kind == "hinge"
+        return number(float(np.degrees(value)) if turned else value)
+
+    def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> set[str]:
+        """The whole polynomial about one of its zeros, which is the spring's reference."""
+        m = self.file.model
+        old = JointTerms()
+        first = self._number_of("joint", j, "stiffness", joint.stiffness)
+        rest = joint.spring_reference
+        old.add_spring(first, 0.0, rest)
+        if hasattr(m, "jnt_stiffnesspoly"):
+            square, cube = map(float, m.jnt_stiffnesspoly[j])
+            old.spring += square * np.array([rest**2, -2.0 * rest, 1.0, 0.0])
+            old.add_spring(0.0, cube, rest)
+        total = np.polynomial.Polynomial(old.spring + terms.spring)
+        if not total.coef[1:].any():  # a constant: a weak spring, relaxed far away
+            total = total + TINY_SPRING * abs(total.coef[0]) * np.polynomial.Polynomial([0.0, 1.0])
+        zeros = [float(z.real) for z in total.trim().roots() if abs(z.imag) < 1e-9 * (1 + abs(z))]
+        if not zeros:
+            self.left.append(f"effects at {joint.name}: their spring has no point of rest")
+            return set()
+        zero = min(zeros, key=lambda z: abs(z - joint.reference))
+        about = [float(total.deriv(k)(zero)) if k else 0.0 for k in (1, 2, 3)]
+        coefficients = np.array([about[0], about[1] / 2.0, about[2] / 6.0])
+        self.edits.set(tag, "springref", self._angle(joint, zero))
+        return self._set_value(
+            tag, j, "stiffness", float(coefficients[0]), _trimmed(coefficients)
+        )
+
+    def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
+        """The range within which both the file's own limits and the buffers leave the joint."""
+        assert terms.stop is not None
+        stop, m = terms.stop, self.file.model
+        low, high = joint.range or (-np.inf, np.inf)
+        if low > stop.low and high < stop.high:
+            return  # never reached
+        if joint.range is not None and (low > stop.low or high < stop.high):
+            self.notes.append(f"{joint.name}: one of its limits stays the file's own, as soft")
+        ends = [max(low, stop.low), min(high, stop.high)]
+        weight = self.weights.get(joint.name, float(m.dof_invweight0[joint.dof]))
+        self.edits.set(tag, "limited", "true")
+        self.edits.set(tag, "range", " ".join(self._angle(joint, end) for end in ends))
+        for attribute, value in _as_limit(stop.stiffness, stop.damping, weight).items():
+            self.edits.set(tag, attribute, value)
+
+    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: Behind) -> set[str]:
+        """A second joint on the same axis, with the motor's inertia on the first."""
+        name = self.file.name("joint", j)
+        load = max(joint.typical_inertia - joint.armature, 1e-12)
+        share = 1.0 if behind.share >= MOSTLY_BEHIND else behind.share
+        if share < 1.0:
+            self.notes.append(
+                f"{name}: all of the load is behind the second joint, not {share:.0%} of it; the "
+                "rest is an armature"
+            )
+        w = 2.0 * np.pi * behind.frequency
+        stiffness = behind.share * load * w * w
+        damping = 2.0 * behind.damping_ratio * w * behind.share * load
+        armature = self._number_of("joint", j, "armature", joint.armature)
+        needed = max(armature + (1.0 - share) * load, LEAST_ARMATURE * load)
+        words = {
+            "name": f"{name}_behind",
+            "type": joint.kind,
+            "pos": numbers(joint.anchor),
+            "axis": numbers(joint.axis),
+            "ref": "0",
+            "springref": "0",
+            "damping": "0",
+            "stiffness": "0",
+            "armature": "0",
+            "frictionloss": "0",
+            "limited": "false",
+            "actuatorfrclimited": "false",
+        }
+        if behind.half_gap > 0.0:
+            weight = self.weights.get(words["name"], 1.0 / load + 1.0 / needed)
+            gap = behind.half_gap
+            words["limited"] = "true"
+            words["range"] = " ".join(self._angle(joint, end) for end in (-gap, gap))
+            words |= _as_limit(stiffness, damping, weight)
+        else:
+            words |= {"stiffness": number(stiffness), "damping": number(damping)}
+        told = " ".join(f'{key}="{value}"' for key, value in words.items())
+        self.edits.add_after(tag, f"<joint {told}/>")
+        for key in (t for t in self.tags if t.name == "key"):
+            for attribute, at in (("qpos", joint.qpos + 1), ("qvel", joint.dof + 1)):
+                if stated := key.attributes.get(attribute):
+                    parts = stated.split()
+                    self.edits.set(key, attribute, " ".join([*parts[:at], "0", *parts[at:]]))
+        if needed > armature:
+            return self._set_value(tag, j, "armature", needed)
+        return set()
+
+    def _passive(self, joint: str, word: str, attribute: str) -> str:
+        """A motor without a command that only has friction or a torque with a period."""
+        return (
+            f'<dcmotor name="{joint}_{word}" joint="{joint}" input="none" gear="1" armature="0" '
+            f'damping="0" motorconst="0" resistance="1" {attribute}/>'
+        )
+
+    def _add_passive(self) -> None:
+        """The motors without a command, behind all others: commands keep their order."""
+        if not self.passive:
+            return
+        sections = [t for t in self.tags if t.name == "actuator" and t.parent == 0]
+        if sections and sections[-1].closing > sections[-1].begin:
+            for text in self.passive:
+                self.edits.add_last(sections[-1], text)
+        else:
+            self.edits.add_last(self.tags[0], f"<actuator>{' '.join(self.passive)}</actuator>")
+
+    # ---- actuators and sensors -------------------------------------------------------------------
+
+    def _is_reshaped(self, i: int) -> bool:
+        """Is an actuator's law written anew, as one of <general>?"""
+        terms = self.forms.commands.get(i, CommandTerms())
+        lagged = terms.lag > 0.0 and self.mechanism.actuators[i].dynamics == "none"
+        return terms.gain != 1.0 or terms.offset != 0.0 or lagged
+
+    def _command(self, i: int, terms: CommandTerms) -> None:
+        actuator, m = self.mechanism.actuators[i], self.file.model
+        tag, why = self._tag_of("actuator", i, actuator.name)
+        if actuator.adr < 0:
+            tag, why = None, "the file has no actuators"
+        if tag is None:
+            self.left.append(f"effects at the command of {actuator.name}: {why}")
+            return
+        if terms.delay:
+            delay = terms.delay + self._number_of("actuator", i, "delay", actuator.delay_s)
+            self._delay(tag, delay)
+        low, high = actuator.command_range or (-np.inf, np.inf)
+        # the file limits what the effects make of the command
+        ends = sorted(((end - terms.offset) / terms.gain for end in (low, high)))
+        ends = [max(ends[0], terms.low), min(ends[1], terms.high)]
+        if np.isfinite(ends).any() and ends != [low, high]:
+            wide = 1e6
+            self.edits.set(tag, "ctrllimited", "true")
+            self.edits.set(tag, "ctrlrange", numbers(np.clip(ends, -wide, wide)))
+            self.edits.set(tag, "inheritrange", None)
+        if not self._is_reshaped(i):
+            return
+        if actuator.dynamics == "integrator":
+            self.left.append(
+                f"effects at the command of {actuator.name}: it is integrated, and has no gain"
+            )
+            return
+        arrays = self._actuator_arrays(i)
+        gain, bias, dynamics = arrays["gainprm"], arrays["biasprm"], arrays["dynprm"]
+        bias[:3] += terms.offset * gain[:3]
+        gain[:3] *= terms.gain
+        lag = {}
+        if terms.lag and actuator.dynamics == "none":
+            dynamics[0] = terms.lag
+            lag = {"dyntype": "filterexact"}
+        elif terms.lag:
+            dynamics[0] += terms.lag
+            self.notes.append(f"{actuator.name}: its lags are written as one")
+        self._as_general(tag, i, arrays, lag)
+
+    def _actuator_arrays(self, i: int) -> dict[str, Array]:
+        """Gain, bias and dynamics of an actuator with the values found."""
+        m = self.file.model
+        arrays = {
+            word: np.array(getattr(m, f"actuator_{word}")[i])
+            for word in ("gainprm", "biasprm", "dynprm")
+        }
+        for p in self.mechanism.parameters:
+            for w in p.writes if (p.element, p.number) == ("actuator", i) else ():
+                if (word := w.array.removeprefix("actuator_")) in arrays:
+                    arrays[word][w.column] = w.factor * self.values[p.parameter.name]
+        return arrays
+
+    def _as_general(
+        self, tag: Tag, i: int, arrays: Mapping[str, Array], words: Mapping[str, str]
+    ) -> None:
+        """Write an actuator's law out: what is special about a shortcut goes."""
+        m, file = self.file.model, self.file
+        types = {
+            "dyntype": file.word("mjtDyn", m.actuator_dyntype[i]),
+            "gaintype": file.word("mjtGain", m.actuator_gaintype[i]),
+            "biastype": "affine",
+            **words,
+        }
+        if tag.name != "general":
+            self.edits.rename(tag, "general")
+            for attribute in ("kp", "kv", "dampratio", "timeconst", "inheritrange"):
+                self.edits.set(tag, attribute, None)
+            if m.actuator_ctrllimited[i] and not {"ctrlrange"} & set(tag.attributes):
+                self.edits.set(tag, "ctrlrange", numbers(m.actuator_ctrlrange[i]))
+        for word, value in types.items():
+            self.edits.set(tag, word, value)
+        for word, values in arrays.items():
+            self.edits.set(tag, word, _trimmed(values))
+
+    def _delay(self, tag: Tag, delay: float) -> None:
+        """A delay, with room for it at a finer step."""
+        step = float(self.file.model.opt.timestep) / FINER_STEPS
+        self.edits.set(tag, "delay", number(delay))
+        self.edits.set(tag, "nsample", str(int(np.ceil(delay / step)) + 2))
+
+    def _reading(self, s: int, terms: ReadingTerms) -> None:
+        sensor = self.mechanism.sensors[s]
+        at = list(map(int, self.file.model.sensor_adr)).index(sensor.adr)
+        name = self.file.mujoco.mj_id2name(
+            self.file.model, self.file.mujoco.mjtObj.mjOBJ_SENSOR, at
+        )
+        found = [t for t in self.tags if self._is(t, "sensor") and t.attributes.get("name") == name]
+        if not name or len(found) != 1:
+            self.left.append(f"effects at the reading of {sensor.name}: the sensor has no name")
+            return
+        if terms.delay:
+            stated = float(self.file.model.sensor_delay[at])
+            self._delay(found[0], terms.delay + stated)
+        if np.isfinite(terms.cutoff):
+            self.edits.set(found[0], "cutoff", number(terms.cutoff))
+
+    def _actuator(self, tag: Tag, one: ModelParameter, value: float) -> str:
+        shortcut = {
+            ("position", "kp"): "kp",
+            ("position", "kv"): "kv",
+            ("intvelocity", "kp"): "kp",
+            ("intvelocity", "kv"): "kv",
+            ("velocity", "kv"): "kv",
+            ("position", "time_constant"): "timeconst",
+        }.get((tag.name, one.attribute))
+        if one.attribute == "delay":
+            self._delay(tag, value)
+            return ""
+        if one.attribute == "gear":
+            rest = list(self.file.model.actuator_gear[one.number])[1:]
+            whole = len(tag.attributes.get("gear", "").split()) > 1
+            self.edits.set(tag, "gear", numbers([value, *rest]) if whole else number(value))
+            return ""
+        if shortcut:
+            self.edits.set(tag, shortcut, number(value))
+            if shortcut == "kv" and "dampratio" in tag.attributes:
+                self.edits.set(tag, "dampratio", None)
+            return ""
+        if tag.name != "general":
+            self._as_general(tag, one.number, self._actuator_arrays(one.number), {})
+            return ""
+        for write in one.writes:
+            word = write.array.removeprefix("actuator_")
+            said = np.array(getattr(self.file.model, write.array)[write.row])
+            said = self.vectors.setdefault((one.number, word), said)
+            said[write.column] = write.factor * value
+            self.edits.set(tag, word, numbers(list(np.trim_zeros(said, "b"))))
+        return ""
+
+    # ---- bodies ----------------------------------------------------------------------------------
 
     def _mass(self, tag: Tag, one: ModelParameter, value: float) -> str:
         body = self.mechanism.bodies[one.number]
@@ -176,7 +593,7 @@ class _Writer:
                 "diaginertia": numbers([ratio * v for v in body.inertia]),
             }
             told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_behind(tag, f"<inertial {told}/>")
+            self.edits.add_inside(tag, f"<inertial {told}/>")
             return ""
         self.edits.set(inertial, "mass", number(value))
         for attribute in ("diaginertia", "fullinertia"):
@@ -186,32 +603,7 @@ class _Writer:
                 )
         return ""
 
-    def _actuator(self, tag: Tag, one: ModelParameter, value: float) -> str:
-        shortcut = {
-            ("position", "kp"): "kp",
-            ("position", "kv"): "kv",
-            ("velocity", "kv"): "kv",
-            ("position", "time_constant"): "timeconst",
-        }.get((tag.name, one.attribute))
-        if one.attribute in ("gear", "delay"):
-            rest = list(self.file.model.actuator_gear[one.number])[1:]
-            whole = one.attribute == "gear" and len(tag.attributes.get("gear", "").split()) > 1
-            self.edits.set(tag, one.attribute, numbers([value, *rest]) if whole else number(value))
-            return ""
-        if shortcut:
-            self.edits.set(tag, shortcut, number(value))
-            if shortcut == "kv" and "dampratio" in tag.attributes:
-                self.edits.set(tag, "dampratio", None)
-            return ""
-        if tag.name != "general":
-            return f"<{tag.name}> has no attribute for it; write the actuator as <general>"
-        for write in one.writes:
-            word = write.array.removeprefix("actuator_")
-            said = np.array(getattr(self.file.model, write.array)[write.row])
-            said = self.vectors.setdefault((one.number, word), said)
-            said[write.column] = write.factor * value
-            self.edits.set(tag, word, numbers(list(np.trim_zeros(said, "b"))))
-        return ""
+    # ---- URDF ------------------------------------------------------------------------------------
 
     def _urdf_mass(self, inertial: Tag | None, value: float, ratio: float) -> str:
         mass = None if inertial is None else self._inside(inertial, "mass")
@@ -223,12 +615,62 @@ class _Writer:
                 self.edits.set(about, name, number(ratio * float(said)))
         return ""
 
-    def _urdf_joint(self, tag: Tag, one: ModelParameter, value: float) -> str:
-        word = {"damping": "damping", "frictionloss": "friction"}.get(one.attribute)
+    def _urdf_joint(self, tag: Tag, attribute: str, value: float) -> str:
+        word = _URDF_WORDS.get(attribute)
         if word is None:
-            return f"URDF has no {one.attribute}"
+            return f"URDF has no {attribute}"
         dynamics = self._inside(tag, "dynamics")
         if dynamics is None:
-            return 'its <joint> has no <dynamics>; add <dynamics damping="0" friction="0"/>'
-        self.edits.set(dynamics, word, number(value))
+            self.dynamics.setdefault(tag.begin, {})[word] = value
+        else:
+            self.edits.set(dynamics, word, number(value))
         return ""
+
+    def _urdf_terms(self, j: int, terms: JointTerms, friction: float, damping: float) -> set[str]:
+        """Friction and linear damping of a joint; URDF has no more."""
+        joint = self.mechanism.joints[j]
+        tag, why = self._tag_of("joint", j, joint.name)
+        others = {
+            "its drag": terms.damping[1:].any(),
+            "its spring or constant force": terms.spring.any(),
+            "its torque with a period": bool(terms.waves),
+            "its end stop": terms.stop is not None,
+            "the load behind its motor": terms.behind is not None,
+        }
+        self.left += [f"{joint.name}: URDF has no attribute for {k}" for k, v in others.items() if v]
+        if tag is None:
+            self.left.append(f"effects at {joint.name}: {why}")
+            return set()
+        sliding = sum(b.sliding for b in terms.bristles)
+        if sliding:
+            self.notes.append(f"{joint.name}: its friction is written at its sliding level")
+        totals = {
+            "frictionloss": (terms.friction + sliding, friction),
+            "damping": (float(terms.damping[0]), damping),
+        }
+        written = set()
+        for attribute, (more, stated) in totals.items():
+            if more:
+                self._urdf_joint(tag, attribute, stated + more)
+                name = self.names["joint", j, attribute]
+                self.changed[name] = (stated, stated + more)
+                written.add(name)
+        return written
+
+    def _add_dynamics(self) -> None:
+        """<dynamics> of the joints that had none."""
+        for tag in self.tags:
+            if found := self.dynamics.get(tag.begin):
+                values = {"damping": 0.0, "friction": 0.0} | found
+                told = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
+                self.edits.add_inside(tag, f"<dynamics {told}/>")
+
+
+def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:
+    """A limit that acts as a spring and a damper (documentation, Computation, Constraint model): of
+    impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d^2 and b = -solref[1]
+    / d, r beyond the limit and a the acceleration without it."""
+    return {
+        "solreflimit": numbers([-stiffness * weight * SOFT, -damping * weight]),
+        "solimplimit": numbers([SOFT, SOFT, 0.001]),
+    }

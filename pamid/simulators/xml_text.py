@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from xml.parsers import expat
 
 from pamid.base.errors import FileError
@@ -14,7 +14,8 @@ from pamid.base.errors import FileError
 @dataclass(frozen=True)
 class Tag:
     """A start tag: name, attributes, line, place of its first byte and behind its last one in the
-    text, and the number of the tag it lies in (-1: none)."""
+    text, and the number of the tag it lies in (-1: none). closing: place of the end tag, that of
+    the start tag where there is none ("<joint/>"); after: behind the whole element."""
 
     name: str
     attributes: Mapping[str, str]
@@ -22,6 +23,8 @@ class Tag:
     begin: int
     end: int
     parent: int
+    closing: int = 0
+    after: int = 0
 
 
 def tags_of(text: bytes) -> list[Tag]:
@@ -41,8 +44,14 @@ def tags_of(text: bytes) -> list[Tag]:
     def refuse(*_: object) -> None:
         raise FileError("The file defines entities of its own.", "Write them out.", code="model")
 
-    parser.StartElementHandler = begin
-    parser.EndElementHandler = lambda _: open_tags.pop()
+    def end(_: str) -> None:
+        number, at = open_tags.pop(), parser.CurrentByteIndex
+        tag = found[number]
+        alone = text[tag.end - 2 : tag.end] == b"/>"
+        closing, after = (tag.begin, tag.end) if alone else (at, _end(text, at))
+        found[number] = replace(tag, closing=closing, after=after)
+
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
     parser.EntityDeclHandler = refuse
     try:
         parser.Parse(text, True)
@@ -64,29 +73,47 @@ class Edits:
     def __init__(self, text: bytes) -> None:
         self.text = text
         self._attributes: dict[int, dict[str, str | None]] = {}
-        self._behind: dict[int, str] = {}
+        self._names: dict[int, str] = {}
+        self._added: dict[int, list[str]] = {}  # place -> lines
 
     def set(self, tag: Tag, attribute: str, value: str | None) -> None:
         """Give a tag's attribute another value; None takes it away."""
         self._attributes.setdefault(tag.begin, {})[attribute] = value
 
-    def add_behind(self, tag: Tag, text: str) -> None:
-        """Write something behind a start tag, on a line of its own."""
-        self._behind[tag.begin] = text
+    def rename(self, tag: Tag, name: str) -> None:
+        """Give an element another name."""
+        self._names[tag.begin] = name
+
+    def add_inside(self, tag: Tag, text: str) -> None:
+        """Write an element as the first one of another, on a line of its own."""
+        self._added.setdefault(tag.end, []).append(f"\n{self._indent(tag)}  {text}")
+
+    def add_after(self, tag: Tag, text: str) -> None:
+        """Write an element behind another one, on a line of its own."""
+        self._added.setdefault(tag.after, []).append(f"\n{self._indent(tag)}{text}")
+
+    def add_last(self, tag: Tag, text: str) -> None:
+        """Write an element as the last one of another, on a line of its own."""
+        indent = self._indent(tag)
+        before = self.text[: tag.closing].rstrip(b" \t\r\n")
+        self._added.setdefault(len(before), []).append(f"\n{indent}  {text}")
 
     def made(self, tags: list[Tag]) -> bytes:
         """The text with all changes."""
-        pieces, at = [], 0
+        changes: list[tuple[int, int, str]] = []
         for tag in tags:
-            if tag.begin not in self._attributes and tag.begin not in self._behind:
-                continue
-            pieces.append(self.text[at : tag.begin])
-            old = self.text[tag.begin : tag.end].decode()
-            new = _changed(old, self._attributes.get(tag.begin, {}))
-            if more := self._behind.get(tag.begin):
-                new += f"\n{self._indent(tag)}  {more}"
-            pieces.append(new.encode())
-            at = tag.end
+            values, name = self._attributes.get(tag.begin, {}), self._names.get(tag.begin, "")
+            if values or name:
+                new = _changed(self.text[tag.begin : tag.end].decode(), values)
+                new = f"<{name}{new[1 + len(tag.name) :]}" if name else new
+                changes.append((tag.begin, tag.end, new))
+            if name and tag.closing > tag.begin:
+                changes.append((tag.closing, tag.after, f"</{name}>"))
+        changes += [(at, at, "".join(lines)) for at, lines in self._added.items()]
+        pieces, at = [], 0
+        for begin, end, new in sorted(changes, key=lambda change: change[:2]):
+            pieces += [self.text[at:begin], new.encode()]
+            at = end
         return b"".join([*pieces, self.text[at:]])
 
     def _indent(self, tag: Tag) -> str:

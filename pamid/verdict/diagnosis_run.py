@@ -16,6 +16,7 @@ from pamid.base.run_folder import (
     RESIDUAL_FILE,
     Run,
 )
+from pamid.diagnosis.answer import probability
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
@@ -115,11 +116,21 @@ def free_runs_of(d: Diagnosis) -> bytes:
 
 
 def models_json(d: Diagnosis) -> dict[str, Any]:
-    """fit.json of the refitted model and, where there is a cause, the model that has it."""
+    """fit.json of the refitted model and, where there is a cause, the model that has it; of causes
+    that cannot be told apart a model each."""
     model, cause = d.budget.model, with_causes(d)
     if cause is None:
         return fit_json(model, d.seed)
-    return fit_json(model, d.seed, cause) | {"cause": model_json(cause.assembly, cause.fit)}
+    found = {"cause": model_json(cause.assembly, cause.fit)}
+    if d.answer is not None and d.verdict == "ambiguous":
+        found["rivals"] = {
+            c.effect.label: {
+                "probability": probability(c.figures),
+                "model": model_json(c.model.assembly, c.model.fit),
+            }
+            for c in d.answer.causes
+        }
+    return fit_json(model, d.seed, cause) | found
 
 
 def with_causes(d: Diagnosis) -> GreyBox | None:

@@ -1,0 +1,67 @@
+"""The model file of a rig, MJCF or URDF, with what a run found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pamid.base.errors import FileError, quoted
+from pamid.base.progress import tell
+from pamid.correction.identified_model import Identified
+from pamid.export.form import Written
+from pamid.export.plain_check import plain_check
+from pamid.simulators.mechanism import Mechanism
+from pamid.simulators.mujoco_forms import FoundEffect
+from pamid.simulators.write_back import write_back
+
+LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
+
+
+def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
+    """The text for the file, with its errors in MuJoCo. FileError for a rig that is not made of a
+    model file, or of one in another language."""
+    mechanism = getattr(model.assembly.rig, "mechanism", None)
+    if not isinstance(mechanism, Mechanism):
+        raise FileError(
+            f"The rig {model.name!r} was not made of a model file, so there is none to write into.",
+            "fmu, c, onnx and matlab write any model.",
+        )
+    own = LANGUAGES.get(Path(mechanism.path).suffix.lower(), "mjcf")
+    if own != language:
+        raise FileError(f"{mechanism.path} is not {language.upper()}.", f"Take --to {own}.")
+    keys, values = model.assembly.keys, model.values
+    found = {
+        p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters
+    }
+    effects = [
+        FoundEffect(
+            a.label,
+            a.effect.name,
+            {p.name: float(values[keys[f"{a.label}:{p.name}"]]) for p in a.effect.parameters},
+            tuple(port for port in mechanism.ports if port.name in a.ports),
+        )
+        for a in model.effects
+    ]
+    made = write_back(mechanism, found, effects)
+    tell("running the file in MuJoCo")
+    check = plain_check(model, mechanism, made.file, made.mechanism)
+    notes = [*made.notes, *made.left]
+    if model.network is not None:
+        notes.append("the network is not in the file: no model file can hold one")
+    if check is None:
+        notes.append("it was not run: the run holds nothing out")
+    if rivals := _rivals_note(model):
+        notes.insert(0, rivals)
+    return Written({files[0]: made.text}, notes=tuple(notes), check=check)
+
+
+def _rivals_note(model: Identified) -> str:
+    """The effects that the recordings cannot tell from the one that is written."""
+    written = model.effects[0].label if model.effects else ""
+    others = {k: v for k, v in model.rivals.items() if k != written}
+    if not others:
+        return ""
+    named = ", ".join(f"{k} (P {v:.2f})" for k, v in others.items())
+    return (
+        f"{written} (P {model.rivals.get(written, 0.0):.2f}) is in the file; these recordings "
+        f"cannot tell it from {named}; --choose {quoted(next(iter(others)))} writes that one"
+    )

@@ -1,0 +1,241 @@
+"""The errors of a written model file in the simulator that reads it, next to those of the file that
+it was made of, on what the run held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError
+from pamid.base.result_file import need_result
+from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
+from pamid.base.units import from_si, split_column, to_si
+from pamid.correction.identified_model import Identified
+from pamid.correction.residual_data import read_columns
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.fit_file import FitFile
+from pamid.simulators.mechanism import Mechanism
+from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
+from pamid.simulators.plain_mujoco import PlainModel, SimulatorSettings, Stretch
+
+Array = NDArray[np.float64]
+
+DIAGNOSIS_FILE = "diagnosis.json"
+#: error over the stated one up to which a file holds what pamid states
+REACHED = 1.2
+#: integrators and parts of the file's step that are tried where the file's own miss that, the
+#: cheapest first
+TRIED = (("implicitfast", 1), ("RK4", 1), ("implicitfast", 2), ("RK4", 2), ("implicitfast", 4),
+         ("RK4", 4), ("implicitfast", 8), ("RK4", 8))  # fmt: skip
+MOST_PAST_S = 2.0  # of the inputs before a stretch, for delays
+
+
+@dataclass(frozen=True)
+class ChannelErrors:
+    """Mean absolute errors of a channel in its unit: of the old and of the new file in the
+    simulator, and as pamid states it (None where it states none); spread: of what was measured."""
+
+    before: float
+    now: float
+    stated: float | None
+    spread: float
+
+
+@dataclass(frozen=True)
+class PlainCheck:
+    """Errors on held-out data by channel; settings: the new file's own step and integrator;
+    reaching: those that reach the stated error, None where none of the tried ones does."""
+
+    channels: Mapping[str, ChannelErrors]
+    settings: SimulatorSettings
+    reaching: SimulatorSettings | None
+
+    @property
+    def is_worse(self) -> bool:
+        """Is the new file further off than the old one, over all channels?"""
+        before, now = (
+            sum(getattr(c, name) / c.spread for c in self.channels.values())
+            for name in ("before", "now")
+        )
+        return not now <= before
+
+    @property
+    def worst_words(self) -> str:
+        """The channel that got worst, in words."""
+        name, c = max(self.channels.items(), key=lambda item: _ratio(item[1].now, item[1].before))
+        return (
+            f"in MuJoCo ({self.settings}) it is further off on held-out data than the file it was "
+            f"made of: {name} by {c.now:.4g}, not {c.before:.4g}"
+        )
+
+
+def _ratio(new: float, old: float) -> float:
+    return float("inf") if not np.isfinite(new) else new / max(old, 1e-300)
+
+
+def plain_check(
+    model: Identified, mechanism: Mechanism, new: MujocoFile, new_mechanism: Mechanism
+) -> PlainCheck | None:
+    """Run the old file and the new one on the held-out part of the model's run; None where the run
+    holds nothing out, or the model was not read from a run."""
+    if model.folder is None:
+        return None
+    fit = need_result(model.folder / FIT_FILE, FitFile)
+    horizon, stated = _stated(model, fit)
+    stretches = list(_stretches(model.folder, fit, mechanism, horizon))
+    if not stretches:
+        return None
+    units = {c: split_column(c)[1] for c in stretches[0].readings}
+    noise = {c: _size(fit.noise.get(c, 0.0), units[c]) for c in units}
+    spread = {c: _spread(stretches, c) for c in units}
+    noise = {c: max(value, 1e-6 * spread[c]) for c, value in noise.items()}
+    linear = tuple(model.equations.linear)
+
+    def errors(
+        file: MujocoFile, m: Mechanism, settings: SimulatorSettings | None = None
+    ) -> dict[str, float]:
+        return PlainModel(file, m, settings=settings, linear=linear).errors(stretches, noise)
+
+    before = errors(open_mujoco(mechanism.path), mechanism)
+    own = PlainModel(new, new_mechanism).settings
+    now = errors(new, new_mechanism)
+    wanted = {c: _size(stated[c], units[c]) for c in units if c in stated}
+    reaching = own if _reached(now, wanted) else None
+    for integrator, part in TRIED if wanted and reaching is None else ():
+        settings = SimulatorSettings(own.timestep_s / part, integrator)
+        if settings != own and _reached(errors(new, new_mechanism, settings), wanted):
+            reaching = settings
+            break
+    channels = {
+        c: ChannelErrors(
+            _outside(before[c], units[c]),
+            _outside(now[c], units[c]),
+            stated.get(c),
+            _outside(spread[c], units[c]),
+        )
+        for c in units
+        if not np.isnan(now[c])
+    }
+    return PlainCheck(channels, own, reaching) if channels else None
+
+
+def _reached(found: Mapping[str, float], wanted: Mapping[str, float]) -> bool:
+    return all(found[c] <= REACHED * value for c, value in wanted.items())
+
+
+def _size(value: float, unit: str) -> float:
+    """A difference in a unit, in SI."""
+    return float(to_si(value, unit) - to_si(0.0, unit))
+
+
+def _outside(value: float, unit: str) -> float:
+    return float(from_si(value, unit) - from_si(0.0, unit))
+
+
+def _spread(stretches: Sequence[Stretch], column: str) -> float:
+    values = np.concatenate([s.readings[column][s.scored] for s in stretches])
+    values = values[~np.isnan(values)]
+    return float(np.std(values)) or 1.0
+
+
+# ---- what the run states, and what it held out ---------------------------------------------------
+
+
+def _stated(model: Identified, fit: FitFile) -> tuple[float, dict[str, float]]:
+    """The time that the model predicts from one estimated state (0: one window), and its errors on
+    held-out data by channel, in the channel's unit."""
+    assert model.folder is not None
+    path = model.folder / DIAGNOSIS_FILE
+    if not path.exists():
+        rows = {c: row.get("refitted") for c, row in fit.mae.items()}
+        return 0.0, {c: float(v) for c, v in rows.items() if v is not None}
+    found = need_result(path, DiagnosisFile)
+    labels = tuple(a.label for a in model.effects)
+    horizon = found.horizon_s or 0.0
+    if model.chosen:
+        ranked = next((c for c in found.ranking if (c.effect,) == labels), None)
+        held = ranked.held_out if ranked else {}
+        return horizon, {c: h.mae_after for c, h in held.items() if h.mae_after is not None}
+    kind = "mae_with_cause" if labels else "mae_refitted"
+    errors = {c: getattr(reach, kind) for c, reach in found.how_far.items()}
+    return horizon, {c: float(v) for c, v in errors.items() if v is not None}
+
+
+def _stretches(
+    folder: Path, fit: FitFile, mechanism: Mechanism, horizon_s: float
+) -> Iterator[Stretch]:
+    """The runs over held-out data: as many windows each as the horizon has."""
+    columns = read_columns(folder / RESIDUAL_FILE)
+    inputs = {c: u for c, u in mechanism.inputs.items() if c in columns}
+    if lacking := [c for c in mechanism.inputs if c not in columns and fit.inputs is not None
+                   and c in fit.inputs]:  # fmt: skip
+        raise FileError(f"{folder / RESIDUAL_FILE} lacks the column {lacking[0]!r}.", code="damaged")
+    readings = [c for c in fit.channels if c in columns and c in mechanism.outputs]
+    si = {c: to_si(columns[c], split_column(c)[1]) for c in (*inputs, *readings)}
+    time, window = columns["time_s"], columns["window"]
+    for begin, end in _parts(columns):
+        period = float(np.median(np.diff(time[begin:end])))
+        groups = _groups(window[begin:end], period, horizon_s)
+        for first, opening, warm, last in groups:
+            a, b = begin + first, begin + last
+            past = max(_contiguous(time, columns["recording"], a), a - round(MOST_PAST_S / period))
+            scored = np.ones(b - a, bool)
+            scored[:warm] = False
+            rows = {c: si[c][a:b] for c in readings}
+            if np.isnan(np.concatenate([rows[c][:opening] for c in readings])).all():
+                continue
+            yield Stretch(
+                time[a:b] - time[a],
+                {c: si[c][a:b] for c in inputs},
+                {c: si[c][past:a] for c in inputs},
+                rows,
+                scored,
+                opening,
+            )
+
+
+def _parts(columns: Mapping[str, Array]) -> Iterator[tuple[int, int]]:
+    """Held-out rows of one recording in succession."""
+    change = (np.diff(columns["recording"]) != 0) | (np.diff(columns["part"]) != 0)
+    change |= np.diff(columns["time_s"]) <= 0
+    edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        if columns["part"][a] == 1 and b - a > 2:
+            yield a, b
+
+
+def _groups(
+    window: Array, period_s: float, horizon_s: float
+) -> Iterator[tuple[int, int, int, int]]:
+    """(first sample, samples for the start, samples that are not scored, end) of every run. A
+    window's start is estimated on its unscored samples; that of several on the whole first one."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
+    pieces = [
+        (int(a), int(b), int(window[a])) for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    windows: list[tuple[int, int, int]] = []  # first sample, first scored sample, end
+    free = 0
+    for a, b, number in pieces:
+        if number >= 0:
+            windows.append((free, a, b))
+            free = b
+    if not windows:
+        return
+    longest = max(end - first for first, _, end in windows) * period_s
+    per_run = max(1, round(horizon_s / longest)) if np.isfinite(horizon_s) else len(windows)
+    for k in range(0, len(windows), per_run):
+        first, scored, end = windows[k]
+        last = windows[min(k + per_run, len(windows)) - 1][2]
+        yield first, (end if per_run > 1 else scored) - first, scored - first, last
+
+
+def _contiguous(time: Array, recording: Array, at: int) -> int:
+    """The first row from which time goes on without a gap up to a row, in the same recording."""
+    step = np.diff(time[: at + 1])
+    period = np.median(np.diff(time[at : at + 3]))
+    broken = (np.abs(step - period) > 0.5 * period) | (np.diff(recording[: at + 1]) != 0)
+    return int(np.max(np.flatnonzero(broken), initial=-1)) + 1

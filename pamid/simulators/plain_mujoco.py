@@ -1,0 +1,276 @@
+"""A model file run by MuJoCo alone, at a step and with an integrator, against recorded stretches.
+
+Every stretch begins in a state that is estimated from its first readings by damped Gauss-Newton
+with finite differences. Then the simulation runs freely on the recorded inputs. Commands are held
+or linear between samples, as the recording has them. Readings between two steps are interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.simulators.mechanism import Mechanism
+from pamid.simulators.mujoco_file import MujocoFile
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 12  # of the search for a start; the damping is raised where a step does not help
+DIFFERENCE = 1e-6  # of a state, for the slopes of the search
+SLOPE_SAMPLES = 9  # readings to whose slope the first velocity is set
+LEAST_GAIN = 1e-4  # share of the cost below which the search ends
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Successive samples that one run covers.
+
+    times     (samples,) s, from 0
+    inputs    column -> (samples,), SI
+    before    column -> (earlier samples,), SI: what a delay still holds at the start
+    readings  column -> (samples,), SI; NaN where there is none
+    scored    (samples,) whether a sample counts
+    opening   samples from which the start is estimated
+    """
+
+    times: Array
+    inputs: Mapping[str, Array]
+    before: Mapping[str, Array]
+    readings: Mapping[str, Array]
+    scored: NDArray[np.bool_]
+    opening: int
+
+
+@dataclass(frozen=True)
+class SimulatorSettings:
+    """The step (s) and the integrator of a simulation, as MJCF names it."""
+
+    timestep_s: float
+    integrator: str
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.timestep_s:g} ms, {self.integrator}"
+
+    @property
+    def option(self) -> str:
+        """The element that sets them in a model file."""
+        return f'<option timestep="{self.timestep_s:g}" integrator="{self.integrator}"/>'
+
+
+INTEGRATORS = {
+    "mjINT_EULER": "Euler",
+    "mjINT_RK4": "RK4",
+    "mjINT_IMPLICIT": "implicit",
+    "mjINT_IMPLICITFAST": "implicitfast",
+}
+
+
+class PlainModel:
+    """A model file in MuJoCo, with the columns of a recording at its commands and sensors."""
+
+    def __init__(
+        self,
+        file: MujocoFile,
+        mechanism: Mechanism,
+        *,
+        settings: SimulatorSettings | None = None,
+        linear: Sequence[str] = (),
+    ) -> None:
+        from mujoco import rollout
+
+        self.mujoco, self.mechanism, self.linear = file.mujoco, mechanism, frozenset(linear)
+        self.model = m = self.mujoco.MjModel.__copy__(file.model)
+        if settings is not None:
+            m.opt.timestep = settings.timestep_s
+            m.opt.integrator = next(
+                int(getattr(self.mujoco.mjtIntegrator, key))
+                for key, name in INTEGRATORS.items()
+                if name == settings.integrator
+            )
+        # a run that becomes unstable has to show it, not to begin anew
+        m.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.data, self.rollout = self.mujoco.MjData(m), rollout
+        kinds = self.mujoco.mjtState
+        self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
+        self.full = kinds.mjSTATE_FULLPHYSICS
+        self.states = m.nq + m.nv + m.na
+
+    @property
+    def settings(self) -> SimulatorSettings:
+        word = self.mujoco.mjtIntegrator(int(self.model.opt.integrator)).name
+        return SimulatorSettings(float(self.model.opt.timestep), INTEGRATORS.get(word, word))
+
+    def errors(self, stretches: Sequence[Stretch], noise: Mapping[str, float]) -> dict[str, float]:
+        """Mean absolute error per column over all scored samples, SI; infinite where a run became
+        unstable. noise: standard deviations by column, SI, which weigh the readings at the start.
+        """
+        total = dict.fromkeys(noise, 0.0)
+        count = dict.fromkeys(noise, 0)
+        for stretch in stretches:
+            (found,) = self.simulate(stretch, self.start_of(stretch, noise)[None])
+            for k, column in enumerate(stretch.readings):
+                miss = np.abs(stretch.readings[column] - found[:, k])[stretch.scored]
+                seen = ~np.isnan(stretch.readings[column][stretch.scored])
+                bad = ~np.isfinite(found[stretch.scored, k]).all()
+                total[column] += np.inf if bad else float(miss[seen].sum())
+                count[column] += int(seen.sum())
+        return {c: total[c] / count[c] if count[c] else np.nan for c in noise}
+
+    # ---- one run ---------------------------------------------------------------------------------
+
+    def simulate(self, stretch: Stretch, starts: Array, samples: int | None = None) -> Array:
+        """Readings in the order of the stretch's columns (starts x samples x columns) from states
+        (starts x states): positions, velocities, activations."""
+        m, n = self.model, samples or len(stretch.times)
+        step = float(m.opt.timestep)
+        count = int(np.ceil(stretch.times[n - 1] / step - 1e-6)) + 1
+        control = self._control(stretch, step * np.arange(count), n)
+        begin = np.tile(self._begin(stretch), (len(starts), 1))
+        begin[:, 1 : 1 + self.states] = starts
+        states, sensed = self.rollout.rollout(
+            m,
+            self.data,
+            begin,
+            np.broadcast_to(control, (len(starts), *control.shape)),
+            control_spec=self.spec,
+        )
+        # a sensor is read at the start of a step, a state is returned at its end
+        states = np.concatenate([begin[:, None], states], axis=1)
+        at = stretch.times[:n] / step
+        first = np.minimum(np.floor(at + 1e-6).astype(int), count - 1)
+        after = np.minimum(first + 1, count - 1)
+        share = np.clip(at - first, 0.0, 1.0)[:, None]
+        share[share < 1e-6] = 0.0
+        rows = self._read(states[:, :count], sensed, list(stretch.readings))
+        found: Array = rows[:, first] + share * (rows[:, after] - rows[:, first])
+        return found
+
+    def _read(self, states: Array, sensed: Array, columns: Sequence[str]) -> Array:
+        """Readings per step, (starts x steps x columns)."""
+        m, named = self.mechanism, {s.column: s for s in self.mechanism.sensors}
+        found = []
+        for column in columns:
+            sensor = named[column]
+            if sensor.adr >= 0:
+                found.append(sensed[:, :, sensor.adr])
+                continue
+            joint = m.joints[sensor.of]
+            velocity = sensor.kind == "jointvel"
+            place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
+            found.append(states[:, :, place])
+        return np.stack(found, axis=2)
+
+    def _control(self, stretch: Stretch, times: Array, samples: int) -> Array:
+        """Commands and applied forces per step, (steps x both)."""
+        m = self.model
+        found = np.zeros((len(times), m.nu + m.nv))
+        held = np.searchsorted(stretch.times[:samples], times * (1.0 + 1e-9) + 1e-9, "right") - 1
+        for a in self.mechanism.actuators:
+            if a.column not in stretch.inputs:
+                continue
+            values = stretch.inputs[a.column][:samples]
+            linear = a.column in self.linear
+            row = np.interp(times, stretch.times[:samples], values) if linear else values[held]
+            place = a.adr if a.adr >= 0 else m.nu + self.mechanism.joints[a.joint].dof
+            found[:, place] = row
+        return found
+
+    def _begin(self, stretch: Stretch) -> Array:
+        """A whole state of MuJoCo in which delays hold what was sent and read before."""
+        m, d, mujoco = self.model, self.data, self.mujoco
+        mujoco.mj_resetData(m, d)
+        if getattr(m, "nhistory", 0):
+            self._fill_history(stretch)
+        state = np.zeros(mujoco.mj_stateSize(m, self.full))
+        mujoco.mj_getState(m, d, state, self.full)
+        return state
+
+    def _fill_history(self, stretch: Stretch) -> None:
+        m, d = self.model, self.data
+        step, period = float(m.opt.timestep), float(stretch.times[1] - stretch.times[0])
+        for i, a in enumerate(self.mechanism.actuators):
+            size = int(m.actuator_history[i, 0]) if a.adr >= 0 else 0
+            if size and a.column in stretch.inputs:
+                times = -step * np.arange(size, 0, -1)
+                past = np.append(stretch.before.get(a.column, np.empty(0)), stretch.inputs[a.column][0])
+                # the last one is the first sample of the stretch, at time 0
+                back = np.minimum(np.ceil(-times / period - 1e-6).astype(int), len(past) - 1)
+                self.mujoco.mj_initCtrlHistory(m, d, i, times, past[len(past) - 1 - back])
+        for sensor in self.mechanism.sensors:
+            number = self._sensor_number(sensor.adr)
+            size = int(m.sensor_history[number, 0]) if number >= 0 else 0
+            if size and sensor.column in stretch.readings:
+                value = np.nan_to_num(stretch.readings[sensor.column][0])
+                times = -step * np.arange(size, 0, -1)
+                self.mujoco.mj_initSensorHistory(m, d, number, times, np.full(size, value), 0.0)
+
+    def _sensor_number(self, adr: int) -> int:
+        places = list(map(int, self.model.sensor_adr))
+        return places.index(adr) if adr >= 0 else -1
+
+    # ---- the state at the start ------------------------------------------------------------------
+
+    def start_of(self, stretch: Stretch, noise: Mapping[str, float]) -> Array:
+        """The state (states,) at the start of a stretch that its first readings show."""
+        n = max(2, min(stretch.opening, len(stretch.times)))
+        y = np.column_stack([values[:n] for values in stretch.readings.values()])
+        weight = 1.0 / np.array([noise[column] for column in stretch.readings])
+        weight = np.where(np.isnan(y), 0.0, weight)
+        y = np.nan_to_num(y)
+        x = self._guess(stretch)
+
+        def residuals(starts: Array) -> Array:
+            found = self.simulate(stretch, starts, n)
+            return ((found - y) * weight).reshape(len(starts), -1)
+
+        by = DIFFERENCE * np.maximum(1.0, np.abs(x))
+        rows = residuals(x + np.concatenate([np.zeros((1, len(x))), np.diag(by)]))
+        cost, damping = float(rows[0] @ rows[0]), 1e-3
+        for _ in range(ITERATIONS):
+            if not np.isfinite(rows).all():
+                return x
+            slopes, r = (rows[1:] - rows[0]).T / by, rows[0]
+            hessian = slopes.T @ slopes
+            # a state that the readings do not show stays at its guess
+            scale = np.diag(hessian) + 1e-9 * max(float(np.diag(hessian).max()), 1e-12)
+            tried = x - np.linalg.solve(hessian + np.diag(damping * scale), slopes.T @ r)
+            rows = residuals(tried + np.concatenate([np.zeros((1, len(x))), np.diag(by)]))
+            new = float(rows[0] @ rows[0]) if np.isfinite(rows).all() else np.inf
+            if new < cost:
+                gain, cost, x, damping = 1.0 - new / cost, new, tried, max(0.1 * damping, 1e-9)
+                if gain < LEAST_GAIN:
+                    break
+            else:
+                damping *= 30.0
+                rows = np.concatenate([r[None], r + by[:, None] * slopes.T])
+        return x
+
+    def _guess(self, stretch: Stretch) -> Array:
+        """Positions and velocities as the joints' sensors show them, else at the reference and at
+        rest; a filter holds its first command."""
+        m = self.model
+        x = np.concatenate([m.qpos0, np.zeros(m.nv + m.na)])
+        few = slice(0, min(SLOPE_SAMPLES, len(stretch.times)))
+        for sensor in self.mechanism.sensors:
+            y = stretch.readings.get(sensor.column, np.array([np.nan]))[few]
+            if sensor.kind not in ("jointpos", "jointvel") or np.isnan(y).any():
+                continue
+            joint = self.mechanism.joints[sensor.of]
+            if sensor.kind == "jointvel":
+                x[m.nq + joint.dof] = y[0]
+                continue
+            slope, level = np.polyfit(stretch.times[few], y, 1)
+            x[joint.qpos] = level
+            if not any(s.kind == "jointvel" and s.of == sensor.of for s in self.mechanism.sensors):
+                x[m.nq + joint.dof] = slope
+        for i, a in enumerate(self.mechanism.actuators):
+            act = int(m.actuator_actadr[i]) if a.adr >= 0 else -1
+            if act >= 0 and a.column in stretch.inputs:
+                filtered = a.dynamics == "filter"
+                at = x[self.mechanism.joints[a.joint].qpos] if a.joint >= 0 else 0.0
+                x[m.nq + m.nv + act] = stretch.inputs[a.column][0] if filtered else at
+        return x
