@@ -160,13 +160,20 @@ def menu(bench: Bench) -> list[Experiment]:
 # ---- what a rig can be excited by --------------------------------------------------------------
 
 
+def commanded(rig: Rig) -> tuple[str, ...]:
+    """Inputs that an excitation moves: of those that a rig needs the ones that it states in
+    `excited`, or all of them where it states none of them. A rig that needs none: those stated."""
+    needed = tuple(c for c in rig.inputs if c not in rig.optional)
+    stated = tuple(c for c in rig.excited if c in rig.inputs)
+    return tuple(c for c in needed if c in stated) or needed or stated
+
+
 def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
     """Columns that carry an excitation: the references of a rig's loops, with loop "open" their
-    commands; without loops the inputs that it needs, or those that are usually excited. UsageError
-    where it has neither."""
+    commands; without loops the inputs that are `commanded`. UsageError where it has none."""
     if rig.loops:
         return tuple(q.reference if loop == "closed" else q.command for q in rig.loops)
-    needed = tuple(c for c in rig.inputs if c not in rig.optional) or tuple(rig.excited)
+    needed = commanded(rig)
     if not rig.inputs:
         raise UsageError(
             f"Nothing is sent to rig {rig.name!r}: it has no input.",

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import motion
+from pamid.base.metrics import independent_samples, motion
 from pamid.base.units import split_column, to_si
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.excitation.experiments import EXTERNAL, Bench, Experiment
+from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import known_values, noiseless_recordings
@@ -29,6 +30,9 @@ Array = NDArray[np.float64]
 # in which an experiment without a loop is tried: share of the recorded range, times faster
 WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))
 WASHOUTS = (0.3, 0.1, 0.03)  # shares of the length, whose mean is taken off one that leaves it
+# independent samples of a recorded input, four in a cycle of a sine: what has fewer in every
+# recording passes through less than three cycles
+SLOWEST = 12.0
 LEEWAY = 0.05  # of the recorded span, by which a rig without a loop may leave it
 
 # of an experiment that is made in several settings
@@ -112,13 +116,23 @@ def _added_up(r: Recording, speed: str) -> Array:
 # ---- what is sent beside ------------------------------------------------------------------------
 
 
+def drifts(evidence: DataSplit, column: str) -> bool:
+    """Whether an input only drifts: in no recording it moves in steps or through a few cycles, as
+    a command does and the temperature of a room does not."""
+    recorded = [r.signal(column) for r in evidence.recordings if r.has(column)]
+    return not any(
+        held_by_jumps(values) or stands(values) or independent_samples(values, values) >= SLOWEST
+        for values in recorded
+    )
+
+
 def carried(evidence: DataSplit, bench: Bench) -> dict[str, Array]:
-    """Optional inputs that were recorded, as in the first recording that has them: without them the
-    rig would run at their defaults. Not what a loop sends, nor what pushes from outside."""
+    """Recorded inputs that are not driven, as in the first recording that has them: without them
+    the rig would run at their defaults. Not what a loop sends, nor what pushes from outside."""
     rig = evidence.rig
     loops = {name for q in rig.loops for name in (q.reference, q.reading, q.command)}
     found = {}
-    for name in rig.optional:
+    for name in rig.inputs:
         having = [r for r in evidence.recordings if r.has(name)]
         if not having or name in loops or name in bench.driven or name.startswith(EXTERNAL):
             continue
@@ -130,12 +144,18 @@ def carried(evidence: DataSplit, bench: Bench) -> dict[str, Array]:
 
 
 def carried_texts(bench: Bench) -> list[str]:
-    """How what is carried is sent."""
+    """Which inputs are sent, and how the others go on."""
+    if not bench.carried:
+        return []
     return [
-        f"beside it {name} is held at {values[0]:.4g}, as recorded"
-        if motion(values) == 0.0
-        else f"beside it {name} is varied as recorded ({values.min():.4g} .. {values.max():.4g})"
-        for name, values in bench.carried.items()
+        f"sent: {', '.join(bench.driven)}",
+        *(
+            f"{name} stays at {values[0]:.4g}, as recorded"
+            if motion(values) == 0.0
+            else f"{name} varies as recorded ({values.min():.4g} .. {values.max():.4g}); "
+            "a column that nothing sends need not be sent"
+            for name, values in bench.carried.items()
+        ),
     ]
 
 

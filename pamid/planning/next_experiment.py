@@ -24,12 +24,20 @@ from numpy.typing import NDArray
 
 from pamid.base.share_words import times_text
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.comparison import families_of
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights, residual_weights
-from pamid.excitation.experiments import MOST_EXPERIMENT_SAMPLES, PASS_S, Bench, Experiment, menu
+from pamid.excitation.experiments import (
+    MOST_EXPERIMENT_SAMPLES,
+    PASS_S,
+    Bench,
+    Experiment,
+    commanded,
+    menu,
+)
 from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import Plain
 from pamid.planning.experiment_ways import (
@@ -39,6 +47,7 @@ from pamid.planning.experiment_ways import (
     carried,
     carried_texts,
     controller_of,
+    drifts,
     led_away,
     predicted_text,
     reference_recording,
@@ -84,18 +93,18 @@ class Proposal:
 
 @dataclass(frozen=True)
 class WithheldExperiment:
-    """No experiment, although models are in question. why: a note for the reader."""
+    """No experiment. why: a note for the reader."""
 
     why: str
 
 
 def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
-    where no two models are tied or none of the entries can be simulated, and why there is none
-    where each would lead the rig beyond its recordings."""
+    where no two models are in question or none of the entries can be simulated, and why there is
+    none where the recordings have decided or each would lead the rig beyond them."""
     pairs = pairs_to_separate(d)
     if not pairs:
-        return None
+        return _decided(d)
     bench, predictions = bench_of(d.evidence), Predictions(d.evidence)
     models = models_to_keep(d, pairs)
     ways = ways_to_run(predictions, bench, menu(bench), models)
@@ -147,7 +156,8 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 
 def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
     """Pairs of models to discriminate, the better ranked one first, one model of each family: every
-    pair of those that are tied, else the chosen model and each of its nearest rivals."""
+    pair of those that are tied, else the chosen model and each of its nearest rivals. Where the
+    causes explain the gap, the rivals that tie with them alone: the others are decided."""
     ranking = [c for c in d.ranking if c.label not in d.set_aside]
     if d.verdict == "no-structural-gap" or d.silent or d.answer is None or not ranking:
         return []
@@ -158,7 +168,11 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
         firsts.setdefault(c.family, c)
     # of one cause, rivals of its own family and of the leading one are no alternatives
     known = {best.family} if tied else {best.family, ranking[0].family}
-    others = [c for family, c in firsts.items() if family not in known]
+    others = [
+        c
+        for family, c in firsts.items()
+        if family not in known and (d.verdict != "explained" or d.comparison.is_tied(c, best))
+    ]
     models = [best, *others][:COMPARED_MODELS]
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 
@@ -170,6 +184,24 @@ def models_to_keep(
     the best first, and the refitted model alone."""
     asked = {c.label: c for pair in pairs for c in pair}
     return [*asked.values(), d.budget.baseline]
+
+
+def _decided(d: Diagnosis) -> WithheldExperiment | None:
+    """Why nothing is proposed where the causes explain the gap and no other family ties."""
+    if d.verdict != "explained" or d.cause is None:
+        return None
+    families = families_of(d.cause)
+    others = [c for c in d.ranking if not families_of(c) & families and c.label not in d.set_aside]
+    behind = (
+        f" ({others[0].label}, the nearest, is {d.comparison.removed(d.cause, others[0]).z:.3g} "
+        "standard errors behind)"
+        if others
+        else ""
+    )
+    return WithheldExperiment(
+        f"{WITHHELD}: no other family ties with {d.cause.label}{behind}, and what remains is not a "
+        "material share of the gap."
+    )
 
 
 def _withheld(
@@ -201,13 +233,8 @@ def bench_of(evidence: DataSplit) -> Bench:
     closed = (
         bool(held) and recorded >= set(held.values()) and bool(rig.controller or model.controller)
     )
-    sent = [
-        n
-        for n in rig.inputs
-        if n not in rig.optional or n in recorded and n in {q.command for q in rig.loops}
-    ]
     driven = {}
-    for column, like in held.items() if closed else ((n, n) for n in sent):
+    for column, like in held.items() if closed else ((n, n) for n in sent_inputs(evidence)):
         values = np.concatenate([r.signal(like) for r in recordings])
         low, high = np.percentile(values, [RECORDED_TAIL, 100.0 - RECORDED_TAIL])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
@@ -224,6 +251,15 @@ def bench_of(evidence: DataSplit) -> Bench:
         1.0 if closed else longest / PASS_S,
     )
     return replace(bench, carried=carried(evidence, bench))
+
+
+def sent_inputs(evidence: DataSplit) -> list[str]:
+    """Inputs that an experiment without a loop sends: those that are commanded, and those of a loop
+    that were recorded. Not those that only drift, unless nothing else is left."""
+    rig = evidence.rig
+    commands = {*commanded(rig), *(q.command for q in rig.loops)}
+    sent = [n for n in rig.inputs if n in commands and all(r.has(n) for r in evidence.recordings)]
+    return [n for n in sent if not drifts(evidence, n)] or sent
 
 
 # ---- separation ---------------------------------------------------------------------------------

@@ -307,8 +307,8 @@ class NextExperiment(Model):
     settings: ListOf[Figures] = Field((), description="known values of each repetition")
     cautions: ListOf[Text] = Field(
         (),
-        description="before it is sent: recorded inputs that are sent beside, and where it leads "
-        "as predicted, beside what was recorded",
+        description="before it is sent: which inputs are sent and which vary as recorded, and where "
+        "it leads as predicted, compared with what was recorded",
     )
 
     @property
@@ -433,7 +433,7 @@ class DiagnosisFile(Model):
 
     @property
     def withheld(self) -> str:
-        """The note on why no experiment is proposed although models are in question, or ""."""
+        """The note on why no experiment is proposed, or ""."""
         return next((note for note in self.notes if note.startswith(WITHHELD)), "")
 
     @property

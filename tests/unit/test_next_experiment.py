@@ -47,6 +47,7 @@ from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+from pamid.verdict import diagnosis_run
 from pamid.verdict.diagnosis_run import diagnose_into
 from pamid.verdict.verdict_figures import diagnosis_file, with_experiment
 
@@ -92,6 +93,11 @@ def rubbing(
     d = diagnose(
         split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
     )
+    # the recording decides for friction; what follows is of rivals that are tied
+    assert d.answer is not None and d.verdict == "explained"
+    (cause,), drag = d.answer.causes, {c.label: c for c in d.ranking}[RIVALS[1]]
+    rival = replace(cause, effect=drag.attached[0], model=drag)
+    d = replace(d, answer=replace(d.answer, verdict="ambiguous", causes=(cause, rival)))
     p = next_experiment(d)
     assert isinstance(p, Proposal)
     return folder, rig, made, d, p
@@ -176,8 +182,10 @@ def test_a_cart_is_offered_no_air(
 
 def test_the_file_reads_back_and_simulates(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    folder, rig, made, _, p = rubbing
+    folder, rig, made, d, p = rubbing
+    monkeypatch.setattr(diagnosis_run, "diagnose", lambda *_, **__: d)
     run = Run.create(folder / "run", command=["test"], seed=0)
     stored = diagnose_into(
         run, split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
@@ -214,10 +222,44 @@ def test_nothing_in_question_nothing_to_do(
     for found in (
         replace(d, answer=None),
         replace(d, answer=quiet),
-        replace(d, ranking=d.ranking[:1]),
         replace(d, silent=("position_m",)),
     ):
         assert next_experiment(found) is None
+
+
+def decided(d: Diagnosis) -> Diagnosis:
+    """The diagnosis of the recording as it is: friction explains the gap, and no rival ties."""
+    assert d.answer is not None
+    return replace(d, answer=replace(d.answer, verdict="explained", causes=d.answer.causes[:1]))
+
+
+def test_no_experiment_separates_what_the_recordings_have_separated(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    """A rival hundreds of standard errors behind needs no further minute at the rig; the reason
+    stands among the notes."""
+    _, _, _, d, _ = rubbing
+    explained = decided(d)
+    assert pairs_to_separate(explained) == []
+    withheld = next_experiment(explained)
+    assert isinstance(withheld, WithheldExperiment)
+    assert re.search(
+        r"no other family ties with coulomb-friction \(quadratic-drag, the nearest, is \d+ standard "
+        r"errors behind\), and what remains is not a material share",
+        withheld.why,
+    )
+    alone = next_experiment(replace(explained, ranking=d.ranking[:1]))
+    assert isinstance(alone, WithheldExperiment) and "behind" not in alone.why
+    assert with_experiment(diagnosis_file(explained), withheld).withheld == withheld.why
+
+
+def test_what_remains_is_worth_an_experiment(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    _, _, _, d, _ = rubbing
+    assert d.answer is not None
+    partly = replace(d, answer=replace(decided(d).answer, verdict="partly-explained"))
+    assert [(one.label, other.label) for one, other in pairs_to_separate(partly)] == [RIVALS]
 
 
 def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(
@@ -227,7 +269,7 @@ def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(
     _, _, _, d, _ = rubbing
     assert d.answer is not None
     friction, drag = ({c.label: c for c in d.ranking}[name] for name in RIVALS)
-    (cause,) = d.answer.causes
+    cause, *_ = d.answer.causes
     tied = replace(
         d.answer,
         verdict="ambiguous",
