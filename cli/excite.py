@@ -4,6 +4,7 @@ what to say."""
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -112,6 +113,8 @@ def make(request: dict[str, Any]) -> PlannedExcitation:
 
 
 def _signals(request: dict[str, Any]) -> PlannedExcitation:
+    import numpy as np
+
     from pamid.base.units import split_column
     from pamid.excitation.aprbs import coverage
     from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
@@ -136,7 +139,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     )
     sending = _sending(request)
     amplitudes, offsets = sending.amplitudes, sending.offsets
-    sent = draw(plan, amplitudes, offsets, sending.ramped)
+    sent = draw(plan, amplitudes, offsets, sending.ramped, sending.rests)
     safe = within(request, sent, offsets)
     each, said, shown = [], [], []
     for column, one in sent.items():
@@ -167,9 +170,13 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         said += [f"  {sentence}" for sentence in covers.sentences()]
         if column in sending.ramped:
             said += [f"  {column} is imposed: it goes from level to level in ramps."]
-    said += [f"  {sentence}" for sentence in safe.said]
+    said += [f"  {sentence}" for sentence in (*sending.notes, *safe.said)]
     columns = {column: safe.samples(column, one) for column, one in sent.items()}
-    held, meta = _valves_shut(request, columns) if signal == "torque-loops" else ({}, {})
+    samples = len(next(iter(columns.values())))
+    held: dict[str, Any] = {name: np.full(samples, at) for name, at in sending.held.items()}
+    meta: dict[str, Any] = {}
+    if signal == "torque-loops":
+        held, meta = _valves_shut(request, columns)
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
     return PlannedExcitation(
         {**held, **columns},
@@ -252,26 +259,37 @@ def _valves_shut(
 
 @dataclass(frozen=True)
 class _Sending:
-    """The columns to write: amplitude and centre of each, in its unit, and those that go from level
-    to level in ramps."""
+    """The columns to write: amplitude, centre and begin of each, in its unit, those that go from
+    level to level in ramps, and the inputs that stay at one value. notes: sentences."""
 
     amplitudes: dict[str, float]
     offsets: dict[str, float]
+    rests: dict[str, float]
+    held: dict[str, float]
     ramped: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], Rig | None]:
-    """The columns to write with their usual amplitudes, and the rig, where they are its own."""
+    """The columns to excite with their usual amplitudes, and the rig, where they are its own."""
+    from pamid.base.errors import PamidError
     from pamid.base.units import NONE, split_column
-    from pamid.excitation.experiments import excitable, external_columns
+    from pamid.excitation.experiments import excitable, external_columns, usual_half
     from pamid.model.registry import rig_named
 
-    if request["column"] is not None:
-        return {request["column"]: None}, None
-    rig = rig_named(request["rig"])
+    named = request["column"]
+    try:
+        rig = rig_named(request["rig"])
+    except PamidError:
+        if named is None:
+            raise
+        return {named: None}, None
     if request["signal"] == "torque-loops":
         return dict(external_columns(rig)), None
-    usual = {name: rig.excited.get(name) for name in excitable(rig, request["loop"])}
+    if named is not None and named not in (*rig.inputs, *(q.reference for q in rig.loops)):
+        return {named: None}, None
+    excited = excitable(rig, request["loop"]) if named is None else (named,)
+    usual = {name: usual_half(rig, name) for name in excited}
     if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops:
         duties = [name for name in usual if split_column(name)[1] == NONE]
         usual |= {name: min(usual[name] or DUTY, DUTY) for name in duties}
@@ -281,7 +299,8 @@ def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], Rig | No
 def _sending(request: dict[str, Any]) -> _Sending:
     """What to write, and between which values."""
     from pamid.base.errors import UsageError, nearest
-    from pamid.excitation.experiments import bounds_of
+    from pamid.excitation.experiments import bounds_of, rest_level, usual_centre
+    from pamid.model.rig import Rig
 
     given, offset = _given(request["amplitude"]), request["offset"]
     columns, rig = _columns(request)
@@ -290,20 +309,56 @@ def _sending(request: dict[str, Any]) -> _Sending:
             raise UsageError(
                 f"--amplitude {name}: the columns are {', '.join(columns)}.", nearest(name, columns)
             )
+    limits, notes = rig or Rig(), list[str]()
     found, centres = {}, {}
     for name, usual in columns.items():
         amplitude = given.get(name, given.get("", usual))
         if amplitude is None:
-            raise UsageError(f"{name} needs an --amplitude.", f"For example --amplitude {name}=1.")
-        low, high = (-math.inf, math.inf) if rig is None else bounds_of(rig, name)
-        usually = 0.0 if rig is None else rig.centre.get(name, 0.0)
-        centre = usually if offset is None else offset
-        if centre - amplitude < low or centre + amplitude > high:
-            allowed = f"+-{high:g}" if low == -high else f"{low:g} .. {high:g}"
+            raise UsageError(
+                f"{name} needs an --amplitude: the rig does not state by how much it is excited.",
+                f"Write --amplitude {name}=A, in the unit of the column, and --offset for its "
+                f'centre; or state excited = {{"{name}": A}} and centre in the rig.',
+            )
+        low, high = bounds_of(limits, name)
+        centre = usual_centre(limits, name, amplitude) if offset is None else offset
+        allowed = f"+-{high:g}" if low == -high else f"{low:g} .. {high:g}"
+        # sums of decimal fractions miss a bound by their last digit
+        slack = 1e-9 * amplitude
+        if centre - amplitude < low - slack or centre + amplitude > high + slack:
             reach = max(centre + amplitude, amplitude - centre)
-            raise UsageError(f"{name} lies within {allowed}; amplitude and offset reach {reach:g}.")
+            raise UsageError(
+                f"{name} lies within {allowed}; amplitude and offset reach {reach:g}.",
+                "Both are in the unit of the column, as the limits that the rig states are.",
+            )
+        if offset is None and centre != (stated := limits.centre.get(name, 0.0)):
+            notes.append(
+                f"{name} swings about {centre:g}, not {stated:g}: it lies within {allowed}."
+            )
         found[name], centres[name] = amplitude, centre
-    return _Sending(found, centres, () if rig is None else rig.ramped)
+    rests = {name: rest_level(limits, name, centres[name], found[name]) for name in found}
+    held, kept = _held(limits, found) if request["signal"] != "torque-loops" else ({}, [])
+    return _Sending(found, centres, rests, held, limits.ramped, (*notes, *kept))
+
+
+def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[str]]:
+    """Inputs that the rig needs and that are not excited, with the value at which they stay; and
+    notes on them."""
+    from pamid.excitation.experiments import held_level
+
+    held, notes = dict[str, float](), list[str]()
+    for name in rig.inputs:
+        if name in {*rig.optional, *(q.command for q in rig.loops), *excited}:
+            continue
+        level = held_level(rig, name)
+        if level is None:
+            notes.append(
+                f"{name} is not excited and left out: add it as recorded, or state "
+                f'centre = {{"{name}": ...}} in the rig.'
+            )
+        else:
+            held[name] = level
+            notes.append(f"{name} is not excited: it stays at {level:g}.")
+    return held, notes
 
 
 def _given(texts: tuple[str, ...]) -> dict[str, float]:

@@ -124,10 +124,13 @@ class RigSource:
         rig, kept = self.rig, {c: self._found(c) for c in self.columns}
         noise = {kept[c]: self._noise(c) for c in rig.outputs if c in kept}
         swings = self._swings()
+        scaled = {pair.wanted for pair in self.match.pairs if pair.scaled}
         made = {
             "inputs": {kept[c]: self._unit(c) for c in rig.inputs if c in kept},
             "outputs": {kept[c]: self._unit(c) for c in rig.outputs if c in kept},
-            "optional": {c: v for c, v in rig.optional.items() if kept.get(c) == c},
+            "optional": {
+                kept[c]: v for c, v in rig.optional.items() if c in kept and c not in scaled
+            },
             "noise": {c: v for c, v in noise.items() if v > 0.0},
             "excited": {c: half for c, (_, half) in swings.items()},
             "centre": {c: centre for c, (centre, _) in swings.items() if centre},
@@ -245,10 +248,11 @@ class RigSource:
         return _short(float(noise_level(values[:, None])[0]), 1)
 
     def _swings(self) -> dict[str, tuple[float, float]]:
-        """Centre and half range of what was sent, per recorded column, in its unit."""
+        """Centre and half range of what was sent, per recorded column, in its unit: of the columns
+        that the example excites. The temperature of a room is an input, and nobody sends it."""
         made = {}
         for pair in self.match.pairs:
-            if pair.role == "output" or (pair.role == "reference" and not self.loops):
+            if pair.wanted not in self.rig.excited or (pair.role == "reference" and not self.loops):
                 continue
             low, high = np.quantile(self._values(pair), (0.01, 0.99))
             half, centre = _short(0.5 * float(high - low)), 0.5 * float(high + low)

@@ -209,6 +209,7 @@ def aprbs(
     seed: int | Sequence[int] = 0,
     offset: float = 0.0,
     latin: bool = True,
+    rest: float = 0.0,
 ) -> FloatArray:
     """An amplitude-modulated pseudo-random step signal, shape (round(duration_s / period_s),).
 
@@ -219,22 +220,23 @@ def aprbs(
                 (independent uniform draws if latin is False); a number >= 2: that many equidistant
                 levels, each as often as the others
     rate_limit  largest slope in units per second (None: jumps)
+    rest        where the signal starts and stays for the shortest hold, so that a rig can be
+                started from rest
 
-    The signal starts at 0 and rests there for the shortest hold, so that a rig can be started from
-    rest. The same seed gives the same signal. UsageError for a request that makes no sense.
+    The same seed gives the same signal. UsageError for a request that makes no sense.
 
     Nelles (2001), Nonlinear System Identification, Springer, on excitation signals.
     """
     check_request(duration_s, period_s, amplitude, hold_s, levels, rate_limit)
     random = np.random.default_rng(seed)
     count = round(duration_s / period_s)
-    rest = min(max(1, round(hold_s[0] / period_s)), count - 1)
-    lengths, filled = [], rest
+    begin = min(max(1, round(hold_s[0] / period_s)), count - 1)
+    lengths, filled = [], begin
     while filled < count:
         lengths.append(max(1, round(random.uniform(*hold_s) / period_s)))
         filled += lengths[-1]
     heights = offset + amplitude * _unit_levels(len(lengths), levels, latin, random)
-    signal = np.concatenate([np.zeros(rest), np.repeat(heights, lengths)])[:count]
+    signal = np.concatenate([np.full(begin, rest), np.repeat(heights, lengths)])[:count]
     return signal if rate_limit is None else slew(signal, rate_limit * period_s)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
-from pamid.base.units import split_column, to_si
+from pamid.base.units import quantity_of, split_column, to_si
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.washout import washed_out
 from pamid.excitation.waveforms import (
@@ -189,9 +189,12 @@ def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
 
 
 def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
-    """Between these a rig lets a column be sent, in its unit: a command of a loop within the
-    controller's limit, a reference within the range declared for the reading that a recording
-    begins with; infinite where nothing is said."""
+    """Between these a rig lets a column be sent, in its unit: an input within its range, a command
+    of a loop within the controller's limit, a reference within the range declared for the reading
+    that a recording begins with; infinite where nothing is said."""
+    if column in rig.ranges:
+        low, high = rig.ranges[column]
+        return float(low), float(high)
     sheet = {p.outside_name: p for p in rig.parameters}
     for q in rig.loops:
         if column == q.command:
@@ -206,16 +209,47 @@ def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
 def usual_range(rig: Rig, column: str) -> tuple[float, float] | None:
     """Centre and half range (SI) of what is usually sent in this column, or of all that can be;
     None where the rig does not say."""
-    symbol = split_column(column)[1]
-    if column in rig.excited:
-        centre, half = rig.centre.get(column, 0.0), rig.excited[column]
-    elif column in rig.ranges:
-        least, most = rig.ranges[column]
-        centre, half = 0.5 * (least + most), 0.5 * (most - least)
-    else:
+    symbol, half = split_column(column)[1], usual_half(rig, column)
+    if half is None:
         return None
+    centre = usual_centre(rig, column, half)
     low, high = (float(to_si(centre + side * half, symbol)) for side in (-1.0, 1.0))
     return 0.5 * (low + high), 0.5 * (high - low)
+
+
+def usual_half(rig: Rig, column: str) -> float | None:
+    """Half range of what is usually sent in a column, or of all that can be, in its unit; None
+    where the rig does not say."""
+    if column in rig.excited:
+        return rig.excited[column]
+    low, high = rig.ranges.get(column, (-math.inf, math.inf))
+    return 0.5 * (high - low) if math.isfinite(high - low) else None
+
+
+def usual_centre(rig: Rig, column: str, half: float) -> float:
+    """What a column swings about by `half`, in its unit: the rig's centre, moved by as much as
+    keeps the swing within the column's bounds where it fits between them at all."""
+    (low, high), centre = bounds_of(rig, column), rig.centre.get(column, 0.0)
+    return min(max(centre, low + half), high - half) if 2.0 * half <= high - low else centre
+
+
+def rest_level(rig: Rig, column: str, centre: float, half: float) -> float:
+    """Where a column begins, in its unit: at 0, from which a rig is started, where that is no
+    larger step than the signal makes itself and within bounds; else at the centre."""
+    low, high = bounds_of(rig, column)
+    return 0.0 if abs(centre) <= 2.0 * half and low <= 0.0 <= high else centre
+
+
+def held_level(rig: Rig, column: str) -> float | None:
+    """Where an input stays that is not excited, in its unit: at the rig's centre, else at 0 or the
+    bound next to it. None of an absolute temperature without a centre: its 0 is no state of rest.
+    """
+    if column in rig.centre:
+        return rig.centre[column]
+    if quantity_of(split_column(column)[1]) == "temperature":
+        return None
+    low, high = bounds_of(rig, column)
+    return min(max(0.0, low), high)
 
 
 def external_columns(rig: Rig) -> dict[str, float]:

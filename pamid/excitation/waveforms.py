@@ -143,6 +143,7 @@ def prbs(
     seed: int = 0,
     offset: float = 0.0,
     part: float = 0.0,
+    rest: float = 0.0,
 ) -> Array:
     """A pseudo-random binary sequence of greatest length, shape (round(duration_s / period_s),).
 
@@ -153,8 +154,9 @@ def prbs(
     together are as good
             as independent, if they lie further apart than the rig remembers
 
-    The two levels are offset +- amplitude; like `aprbs` it starts at 0 and rests there for the
-    shortest hold.
+    rest    where it starts and stays for the shortest hold, as `aprbs` does
+
+    The two levels are offset +- amplitude.
     """
     from scipy.signal import max_len_seq
 
@@ -172,7 +174,7 @@ def prbs(
         order, state=[int(first) >> k & 1 for k in range(order)], length=later + -(-count // clock)
     )
     levels = offset + amplitude * (2.0 * bits[later:] - 1.0)
-    return np.concatenate([np.zeros(clock), np.repeat(levels, clock)])[:count]
+    return np.concatenate([np.full(clock, rest), np.repeat(levels, clock)])[:count]
 
 
 def multisine(
@@ -347,6 +349,7 @@ class Plan:
     periods: int = 2
     rate_limit: float | None = None
     offset: float = 0.0
+    rest: float = 0.0
     seed: int = 0
 
     @property
@@ -414,10 +417,11 @@ def draw(
     amplitudes: Mapping[str, float],
     offsets: Mapping[str, float] = MappingProxyType({}),
     ramped: Collection[str] = (),
+    rests: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Sent]:
     """The columns, each with its amplitude and its offset (else the plan's), all of one length; the
     first one of random signals is what it is alone. ramped: columns that go from level to level in
-    ramps."""
+    ramps; rests: where random steps begin (else at 0)."""
     turns = len(amplitudes) if plan.signal in IN_TURN else 1
     duration = plan.duration_s / turns
     if plan.signal == "torque-loops" and not plan.duration_s:
@@ -426,7 +430,8 @@ def draw(
     drawn = {}
     for k, (column, amplitude) in enumerate(amplitudes.items()):
         own, offset = _own(plan, k), offsets.get(column, plan.offset)
-        one = replace(plan, duration_s=duration, offset=offset)
+        rest = rests.get(column, plan.rest)
+        one = replace(plan, duration_s=duration, offset=offset, rest=rest)
         wave = _MAKERS[plan.signal](one, amplitude, **own)
         if column in ramped and plan.signal not in SMOOTH:
             wave = ramps(wave)
@@ -479,10 +484,10 @@ def _torque_loops(p: Plan, amplitude: float) -> Array:
 
 _MAKERS: dict[str, Callable[..., Array]] = {
     "aprbs": lambda p, a, seed: aprbs(
-        p.duration_s, p.period_s, a, p.hold_s, p.levels, seed=seed, offset=p.offset
+        p.duration_s, p.period_s, a, p.hold_s, p.levels, seed=seed, offset=p.offset, rest=p.rest
     ),
     "prbs": lambda p, a, seed, part: prbs(
-        p.duration_s, p.period_s, a, p.hold_s, seed, p.offset, part
+        p.duration_s, p.period_s, a, p.hold_s, seed, p.offset, part, p.rest
     ),
     "multisine": lambda p, a, seed: multisine(
         p.duration_s, p.period_s, a, p.band_hz, p.periods, seed, p.offset

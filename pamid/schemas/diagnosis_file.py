@@ -307,8 +307,8 @@ class NextExperiment(Model):
     settings: ListOf[Figures] = Field((), description="known values of each repetition")
     cautions: ListOf[Text] = Field(
         (),
-        description="before it is sent: which inputs are sent and which vary as recorded, and where "
-        "it leads as predicted, compared with what was recorded",
+        description="before it is sent: which inputs are sent and which vary as recorded, and "
+        "where it leads as predicted, compared with what was recorded",
     )
 
     @property

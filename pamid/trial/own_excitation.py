@@ -55,7 +55,7 @@ def runs_open(rig: Rig) -> bool:
 def stated_reach(rig: Rig, column: str) -> tuple[float, float]:
     """Centre and half range of what is usually sent, or of all that can be, in the column's unit;
     half is infinite where the rig says nothing."""
-    low, high = rig.ranges.get(column, bounds_of(rig, column))
+    low, high = bounds_of(rig, column)
     if column in rig.excited:
         return rig.centre.get(column, 0.0), rig.excited[column]
     if math.isfinite(low) and math.isfinite(high):
@@ -88,7 +88,7 @@ def made_excitation(rig: Rig, loop: str, amplitude: float, seed: int) -> dict[st
             wave = centre + half * _there_and_back(count, period, hold, own)
         else:
             wave = aprbs(count * period, period, half, hold, seed=own, offset=centre)
-        low, high = rig.ranges.get(column, bounds_of(rig, column))
+        low, high = bounds_of(rig, column)
         wave = np.clip(wave, low, high)
         found[column] = ramps(wave) if column in rig.ramped else wave
     return found

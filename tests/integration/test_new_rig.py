@@ -214,6 +214,20 @@ def test_without_a_reference_there_is_no_loop(here: Path) -> None:
     assert rig.loops == () and rig.controller == {} and set(rig.excited) == {"voltage_v"}
 
 
+def test_the_temperature_of_a_room_stays_optional_and_is_not_excited(here: Path) -> None:
+    """The file keeps what the example states of its inputs, under the recorded names."""
+    room = 72.0 + 1.7 * np.sin(np.linspace(0.0, 5.0, 400))
+    given = small(
+        {"heater_percent": 30.0 + 30.0 * wave(1), "room_degf": room, "block_degc": 60.0 + wave(2)}
+    )
+    columns = {"temperature_degc": "block_degc"}
+    pamid.new_rig(given, like="thermal-block", columns=columns, output=here / "oven.py")
+    rig = rig_named(str(here / "oven.py"))
+    assert rig.optional == {"room_degf": 293.15}
+    assert rig.centre == {"heater_percent": pytest.approx(30.0, abs=2.0)}
+    assert rig.excited == {"heater_percent": pytest.approx(28.0, abs=2.0)}
+
+
 def test_a_raw_signal_gets_a_gain_that_is_fitted(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

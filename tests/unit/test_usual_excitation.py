@@ -1,0 +1,143 @@
+"""An excitation takes start, centre and amplitudes from the rig and stays within its ranges."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+
+from pamid.recording.recording import Recording, read_recording
+
+MACHINE = '''"""A boiler: heater, the temperature of the room, a flow."""
+from pamid import Parameter, Port, Rig, State
+
+
+class Boiler(Rig):
+    """A heated block in a room, cooled by water."""
+
+    inputs = {"heater_percent": "", "room_degf": "K", "flow_ml_per_min": "m3/s"}
+    outputs = {"block_degc": "K"}
+    ports = {"block": Port("rate", "K/s")}
+    states = (State("temperature", "K", 293.15),)
+    parameters = (Parameter("capacity", 400.0, 100.0, 1000.0, "J/K", source="weighed"),)
+    period_s = 2.0
+    hold_s = (40.0, 240.0)
+    STATED
+
+    def rates(self, x, u, p, port):
+        loss = (0.8 + 4.2e6 * u.flow_ml_per_min) * (x.temperature - u.room_degf)
+        return {"temperature": port("block", (100.0 * u.heater_percent - loss) / p.capacity)}
+
+    def measure(self, x, u, p, port):
+        return {"block_degc": x.temperature}
+'''
+HEATER = 'excited = {"heater_percent": 30.0}'
+ROOM = 'centre = {"heater_percent": 30.0, "room_degf": 72.0}'
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def excite(
+    capsys: pytest.CaptureFixture[str], stated: str, *words: str, code: int = 0
+) -> tuple[str, Recording | None]:
+    """What the command prints for a rig that states this, and the excitation."""
+    Path("boiler.py").write_text(MACHINE.replace("STATED", stated.replace("; ", "\n    ")))
+    capsys.readouterr()
+    line = ["generate-aprbs", "--rig", "boiler.py", "--duration", "3000", "--output", "u.csv"]
+    assert frame.run([*line, "--overwrite", *words]) == code
+    said = capsys.readouterr()
+    return (said.err, None) if code else (said.out, read_recording(Path("u.csv")))
+
+
+def reach(sent: Recording | None, column: str) -> tuple[float, float]:
+    assert sent is not None
+    values = sent.columns[column]
+    return float(values.min()), float(values.max())
+
+
+def test_what_is_not_excited_stays_where_the_rig_states(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said, sent = excite(capsys, f"{HEATER}; {ROOM}")
+    assert reach(sent, "room_degf") == (72.0, 72.0)
+    assert reach(sent, "flow_ml_per_min") == (0.0, 0.0)
+    low, high = reach(sent, "heater_percent")
+    assert low == 0.0 and 55.0 < high <= 60.0
+    assert "room_degf is not excited: it stays at 72." in said
+    assert "flow_ml_per_min is not excited: it stays at 0." in said
+
+
+def test_a_temperature_without_a_centre_is_left_out(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its 0 is no state of rest."""
+    said, sent = excite(capsys, HEATER)
+    assert sent is not None and "room_degf" not in sent.columns
+    assert "room_degf is not excited and left out: add it as recorded" in said
+    assert "Next: send it to your rig" in said, "it cannot be simulated without it"
+
+
+def test_what_swings_far_from_zero_begins_at_its_centre(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = 'excited = {"heater_percent": 30.0, "room_degf": 1.7}'
+    for signal, more in (("aprbs", ()), ("prbs", ("--hold", "40", "240"))):
+        _, sent = excite(capsys, f"{stated}; {ROOM}", "--signal", signal, *more)
+        low, high = reach(sent, "room_degf")
+        assert low >= 70.3 and high <= 73.7
+        assert sent is not None and sent.columns["heater_percent"][0] == 0.0
+
+
+def test_a_swing_is_moved_into_the_range_or_refused(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A heater does not cool: about 0 it would be sent below its range."""
+    stated = (
+        f'{HEATER}; centre = {{"room_degf": 72.0}}; ranges = {{"heater_percent": (0.0, 100.0)}}'
+    )
+    said, sent = excite(capsys, stated)
+    assert reach(sent, "heater_percent")[0] >= 0.0
+    assert "heater_percent swings about 30, not 0: it lies within 0 .. 100." in said
+    for words in (("--amplitude", "60"), ("--amplitude", "20", "--offset", "10")):
+        said, _ = excite(capsys, stated, *words, code=2)
+        assert "heater_percent lies within 0 .. 100" in said
+
+
+def test_an_excited_column_is_never_sent_outside_a_range_without_zero(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = f'{HEATER}; {ROOM}; ranges = {{"heater_percent": (10.0, 90.0)}}'
+    _, sent = excite(capsys, stated, "--amplitude", "20")
+    low, high = reach(sent, "heater_percent")
+    assert low >= 10.0 and high <= 50.0
+
+
+def test_a_range_is_excited_where_nothing_else_is_stated(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of inputs without any statement the amplitude is asked for, not suggested."""
+    ranges = 'ranges = {"heater_percent": (0.0, 60.0), "flow_ml_per_min": (0.0, 200.0)}'
+    said, _ = excite(capsys, ranges, code=2)
+    assert "room_degf needs an --amplitude" in said and "room_degf=1" not in said
+    _, sent = excite(capsys, ranges, "--column", "flow_ml_per_min")
+    assert reach(sent, "flow_ml_per_min")[0] >= 0.0
+
+
+def test_a_column_that_is_named_has_the_rig_s_centre(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, sent = excite(capsys, f"{HEATER}; {ROOM}", "--column", "heater_percent")
+    low, high = reach(sent, "heater_percent")
+    assert low == 0.0 and 55.0 < high <= 60.0
+    assert reach(sent, "room_degf") == (72.0, 72.0)
+    about: dict[str, Any] = json.loads(Path("u.json").read_text())
+    assert about["range"] == [0.0, 60.0]
+    assert sent is not None and np.ptp(sent.columns["flow_ml_per_min"]) == 0.0
