@@ -275,4 +275,5 @@ def example(step: SampleStep) -> str:
         inputs=listed(v.name for v in step.inputs) or "NULL",
         outputs=listed(v.name for v in step.outputs),
         starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
+        required=", ".join(str(int(v.required)) for v in step.inputs) or "0",
     )

@@ -15,15 +15,17 @@ Symbols of the expressions: state, cell (after its update), past (before it), in
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from math import ceil, isclose, nan
 
 from pamid.base.errors import PamidError, UsageError
 from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
 from pamid.correction.identified_model import BESIDE, Identified
 from pamid.engine.llvm_ir import extract_derived, with_partials
+from pamid.excitation.experiments import held_level
 from pamid.model.bound_parameter import Bound
+from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.model.trace import Names
 from pamid.symbolic.expression import (
@@ -45,15 +47,17 @@ from pamid.symbolic.memory_cells import StateEquations, cell_update, tick
 
 # the state of a model without any, which rests at 0: no language here has vectors of length 0
 STILL = "still"
+ROOM_K = 293.15
 
 
 @dataclass(frozen=True)
 class Variable:
     """An input, output or parameter as the outside sees it.
 
-    unit    symbol, "" for none
-    start   in that unit; of an output NaN: it follows from the rest
-    fixed   a parameter that acts on the start only
+    unit      symbol, "" for none
+    start     in that unit; of an output NaN: it follows from the rest
+    fixed     a parameter that acts on the start only
+    required  an input without which the model cannot run
     """
 
     name: str
@@ -61,6 +65,7 @@ class Variable:
     start: float
     about: str = ""
     fixed: bool = False
+    required: bool = False
 
 
 @dataclass(frozen=True)
@@ -188,6 +193,7 @@ def step_of(model: Identified) -> SampleStep:
     )
     lines = {cell.name: ceil(cell.buffer_s / h) + 3 for cell in lowered.cells if cell.buffer_s}
     start = substitute(_start(model, owned), outside)
+    begins = model.assembly.begin(model.values)
     running = _parameters([*derived, *values, *seconds, *rates, *readings, *partials])
     needed = running | _parameters(start)
     return SampleStep(
@@ -195,10 +201,7 @@ def step_of(model: Identified) -> SampleStep:
         model.period_s,
         stepping.substeps,
         stepping.implicit,
-        tuple(
-            _column(name, as_column(name, model.assembly.rig.optional.get(name, 0.0)))
-            for name in model.inputs
-        ),
+        tuple(_input(model.assembly.rig, name, begins) for name in model.inputs),
         tuple(_column(name, nan) for name in model.outputs),
         tuple(o.variable(running) for o in owned if o.name in needed),
         lowered.states or (STILL,),
@@ -247,6 +250,19 @@ def _column(name: str, start: float) -> Variable:
         if shown == NONE
         else Variable(name, shown, start, quantity_of(shown))
     )
+
+
+def _input(rig: Rig, name: str, begins: Mapping[str, float]) -> Variable:
+    """An input with the value that it has before anything is sent: its default, else what the rig
+    states as usual. A temperature that nothing states begins where one of the rig's states does;
+    begins: these by name, SI."""
+    if name in rig.optional:
+        return _column(name, as_column(name, rig.optional[name]))
+    level = held_level(rig, name)
+    if level is None:
+        warm = (begins[s.name] for s in rig.states if s.unit == "K" and begins[s.name] > 0.0)
+        level = as_column(name, next(warm, ROOM_K))
+    return replace(_column(name, level), required=True)
 
 
 def _slopes(equations: StateEquations) -> list[tuple[int, int, Expr]]:

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from pamid_cli import frame
 
 from pamid.export.c_source import c_files, comment, model_name
 from pamid.export.statements import identifier, identifiers
-from pamid.export.step import step_of
+from pamid.export.step import _input, step_of
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
@@ -179,6 +180,44 @@ def test_an_optional_input_stands_at_its_value() -> None:
         "k1": False,
     }
     assert step.feedthrough() == ((), ("power_w",))
+
+
+def test_no_input_begins_at_absolute_zero() -> None:
+    """A required temperature begins at the rig's centre, or where the rig's own temperature does;
+    other inputs at the centre, or within their range."""
+    rig, begins = type(case("kettle", 1).model.assembly.rig), {"double": 288.15, "i": 0.0}
+
+    def starts(**stated: dict[str, Any]) -> list[tuple[float, bool]]:
+        needy = type(rig.__name__, (rig,), {"name": rig.name, "optional": {}, **stated})()
+        found = [_input(needy, name, begins) for name in rig.inputs]
+        return [(round(v.start, 9), v.required) for v in found]
+
+    assert starts() == [(0.0, True), (15.0, True)]
+    stated = {"centre": {"ambient_degc": 25.0}, "ranges": {"power_w": (50.0, 900.0)}}
+    assert starts(**stated) == [(50.0, True), (25.0, True)]
+    assert [required for _, required in starts(optional=rig.optional)] == [True, False]
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("ambient_degc\n20\n", "the input column power_w is missing"),
+        ("power_w,ambient_degc\n5,20\n5\n", "row 3 has 1 cells of 2"),
+        ("power_w,ambient_degc\n5,20\nfive,20\n", "row 3: five is not a number"),
+    ],
+)
+def test_the_program_refuses_a_table_without_what_it_needs(
+    text: str, said: str, tmp_path: Path
+) -> None:
+    """As `pamid simulate` does: values of nowhere give a quiet, wrong simulation."""
+    program = built("kettle", tmp_path)
+    done = subprocess.run([program], input=text, capture_output=True, text=True)
+    assert done.returncode == 1 and done.stderr.strip() == said
+    good = subprocess.run(
+        [program], input="power_w\n5\n\n5\n", capture_output=True, text=True, check=True
+    )
+    assert len(good.stdout.splitlines()) == 3, "what is optional may be missing"
 
 
 def test_the_command(
