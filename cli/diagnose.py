@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .conditions import Condition, exit_code_of, fail_if_option
+from .fail_if import Condition, exit_code_of, fail_if_option
 from .job import cluster_option, failed_text, parameter_values, said_of
 from .options import (
     figure_option,

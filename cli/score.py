@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .conditions import Condition, exit_code_of, fail_if_option
+from .fail_if import Condition, exit_code_of, fail_if_option
 from .terminal import aside, quoted, told_progress
 
 PLACE = 65

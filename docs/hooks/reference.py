@@ -200,8 +200,8 @@ def _commands_page() -> str:
         "",
         "Exit codes: 0 done, 1 unexpected, 2 usage, 3 a file is wrong, 4 the data cannot answer, "
         "5 not converged,",
-        "6 partly done (the rest is written), 7 a condition of `--fail-if` holds, 130 interrupted (what "
-        "is finished is kept).",
+        "6 partly done (the rest is written), 7 a condition of `--fail-if` holds, 130 interrupted "
+        "(what is finished is kept).",
     ]
     return "\n".join(lines) + "\n"
 

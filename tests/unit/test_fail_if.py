@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from pamid_cli.conditions import Condition, exit_code_of
+from pamid_cli.fail_if import Condition, exit_code_of
 from pamid_cli.diagnose import _figures
 from synthetic_run import make_run
 
