@@ -1,0 +1,73 @@
+"""The horizon of a motor: parameter errors that add up over a long run are no gap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+
+from pamid.api.given import evidence_of
+from pamid.base.metrics import seen_mean
+from pamid.diagnosis.budget import Budget, gap_budget
+from pamid.diagnosis.settings import DEFAULT
+from pamid.estimation.predictive_floor import predictive_floor
+from pamid.parallel.jobs import WorkerPool
+from pamid.simulation.replay import WHOLE, noise_floor, replay_track
+
+
+@pytest.fixture(scope="module")
+def budget(tmp_path_factory: pytest.TempPathFactory) -> Budget:
+    """Of a motor that is its rig to the noise, recorded under its controller from the second row
+    on."""
+    folder = tmp_path_factory.mktemp("motor")
+    sent, log, cut = (str(folder / name) for name in ("sent.csv", "log.csv", "cut.csv"))
+    excite = ["generate-aprbs", "--rig", "dc-motor", "--duration", "12", "--seed", "1", "--output"]
+    assert frame.run([*excite, sent]) == 0
+    simulate = [
+        "simulate",
+        "--rig",
+        "dc-motor",
+        "--noise",
+        "default",
+        "--seed",
+        "2",
+        "--excitation",
+    ]
+    assert frame.run([*simulate, sent, "--output", log]) == 0
+    head, _, *rows = Path(log).read_text(encoding="utf-8").splitlines()
+    Path(cut).write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    Path(cut).with_suffix(".toml").write_bytes(Path(log).with_suffix(".toml").read_bytes())
+    evidence = evidence_of([cut], "dc-motor", [], check=False, warn=lambda text: None).evidence
+    return gap_budget(
+        evidence, seed=0, pool=WorkerPool(), progress=lambda text: None, settings=DEFAULT
+    )
+
+
+def test_a_run_over_which_parameter_errors_add_up_is_not_scored(budget: Budget) -> None:
+    assert budget.evidence.per_run == 1
+    refitted, floor = seen_mean(budget.baseline.absolutes), seen_mean(budget.floor)
+    assert np.all(refitted < 1.2 * floor)
+
+
+def test_the_floor_of_a_long_run_holds_the_uncertainty_of_the_parameters(budget: Budget) -> None:
+    model = budget.model
+    fitted, noise = model.fit, model.evidence.noise
+    runs = [
+        replay_track(model.assembly, fitted.p, r.full_track, fitted.stepping, noise, per_run=WHOLE)
+        for r in model.held_out
+    ]
+    plain = seen_mean(
+        np.concatenate(
+            [
+                noise_floor(model.assembly, fitted.p, run, fitted.stepping, noise).losses(1)
+                for run in runs
+            ]
+        )
+    )
+    predicted = predictive_floor(fitted, runs, noise, seed=0)
+    angle = model.evidence.channels.index("angle_deg")
+    assert predicted[angle] > 1.5 * plain[angle]
+    short = predictive_floor(fitted, model.held_out, noise, seed=0)
+    assert short[angle] < predicted[angle]
