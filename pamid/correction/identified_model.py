@@ -292,7 +292,7 @@ def record_identified(
     meta |= {"known": known} if known else {}
     meta |= {"controller": settings} if closed else {}
     meta |= {"between": excitation.between} if excitation.between else {}
-    return VirtualRecording(columns, meta, [a.label for a in model.effects])
+    return VirtualRecording(columns, meta, [a.label for a in model.effects], model.notes)
 
 
 def _corrected_in_loop(

@@ -271,7 +271,7 @@ def test_at_a_port_the_model_with_the_causes_is_corrected(
 
 
 def test_a_network_on_the_refit_is_left_out_of_the_model_with_the_causes(
-    run: Copy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: Made, run: Copy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = run()
     seen = ("command", "angle_refitted_deg")
@@ -283,6 +283,7 @@ def test_a_network_on_the_refit_is_left_out_of_the_model_with_the_causes(
     assert frame.run(words) == 0
     (note,) = said(capsys)["notes"]
     assert "left out" in note and "--which network" in note and "--on causes" in note
+    assert note in pamid.open_run(folder).simulate(made[0] / "fresh.csv").warnings
 
 
 def test_a_network_whose_causes_are_gone_is_refused(
