@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from pamid.ingest.cells import classify
-from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS
+from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS, looks_like_unit
 
 _SECONDS_TEXT = re.compile(r"\d{1,12}\.\d{1,12}")
 ARROW, LONGEST_STAMP = "->", 40
@@ -16,6 +16,7 @@ ARROW, LONGEST_STAMP = "->", 40
 _BESIDE_NAME = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
 _LABELLED = re.compile(
     rf"(?P<label>[^\W\d][\w./\[\]-]{{0,60}})[ \t]?[:=][ \t]?(?P<value>{_BESIDE_NAME})(?=[\s,;]|$)"
+    r"(?:[ \t](?P<unit>[^\s,;:=\d]{1,12})(?=[\s,;]|$))?"
 )
 
 
@@ -50,7 +51,8 @@ def _unlabelled(
         stamps = [_leading_stamp(row) for row in rows]
         notes.append("a time stands before the names in every line")
     times = [[stamp] for stamp in stamps] or [[] for _ in rows]
-    table = [["time", *labels] if stamps else list(labels)]
+    names = _with_units(labels, rows[:SAMPLE])
+    table = [["time", *names] if stamps else names]
     for time, row in zip(times, rows, strict=False):
         if _labels(row) == labels:
             table.append([*time, *(match["value"] for match in _LABELLED.finditer(row))])
@@ -59,6 +61,17 @@ def _unlabelled(
     if left:
         notes.append(f"{left} other lines are left out")
     return "".join(";".join(row) + "\n" for row in table), "; ".join(notes)
+
+
+def _with_units(labels: Sequence[str], lines: Iterable[str]) -> list[str]:
+    """The names, each with the unit that stands behind its number in every line: "Drive: 1.2 V"."""
+    matches = [list(_LABELLED.finditer(line)) for line in lines if _labels(line) == labels]
+    units = [{line[place]["unit"] or "" for line in matches} for place in range(len(labels))]
+    return [
+        f"{label} [{unit}]" if len(found) == 1 and unit and looks_like_unit(unit) else label
+        for label, found in zip(labels, units, strict=True)
+        for unit in (min(found),)
+    ]
 
 
 def _leading_stamp(line: str) -> str:

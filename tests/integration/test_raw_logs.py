@@ -339,6 +339,13 @@ LOGS = {
         ("time.period_s",),
         period=T,
     ),
+    "a serial monitor, names and units beside the numbers": Raw(
+        "monitor.txt",
+        lambda path: lines(path, lambda t, u, y: f"Drive: {u:.15g} V, Angle: {y:.15g} deg"),
+        ("drive_v", "angle_deg"),
+        ("time.period_s",),
+        period=T,
+    ),
     "keys and values in each line": Raw(
         "node.log",
         lambda path: lines(path, lambda t, u, y: f"t={t:.4f} u_v={u:.15g} angle_deg={y:.15g}"),
