@@ -27,6 +27,7 @@ from pamid.diagnosis.search import (
     Refitting,
     Round,
     Search,
+    refit_screened,
     run_round,
     with_finer_steps,
 )
@@ -109,6 +110,34 @@ def select_effects(
             break
     chosen = Selection(best, tuple(steps), after)
     return _with_rivals(search, comparison, guards, located, chosen)
+
+
+def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -> Round:
+    """The round, with the plainer effects of every family that would be named refitted, too.
+
+    Of one family the plainest that ties is named, and screening prefers those with more parameters.
+    """
+    base = search.budget.baseline
+    refitted = {c.label for c in first.models}
+    fewest: dict[str, int] = {}
+    for c in comparison.confidence_set(first.models, base):
+        fewest[c.family] = _size(c.assembly)
+    plainer = [
+        s
+        for s in first.screened
+        if s.added.label not in refitted
+        and s.gain > 0.0
+        and _size(s.ended[0]) < fewest.get(search.family(s.added), 0)
+    ]
+    if not plainer:
+        return first
+    models, failed = refit_screened(search, base, plainer)
+    return replace(first, models=[*first.models, *models], failed=[*first.failed, *failed])
+
+
+def _size(assembly: Assembly) -> int:
+    """How many parameters are fitted."""
+    return sum(b.fitted for b in assembly.parameters)
 
 
 def compared(

@@ -19,7 +19,7 @@ from pamid.diagnosis.family_forms import free_forms
 from pamid.diagnosis.guards import Guards
 from pamid.diagnosis.input_response import explained_channels, silent_channels
 from pamid.diagnosis.search import Search, opposite_signs, run_round
-from pamid.diagnosis.selection import Selection, select_effects
+from pamid.diagnosis.selection import Selection, select_effects, with_plainer_effects
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
@@ -178,7 +178,7 @@ def diagnose(
     progress("looking where something is missing")
     located = locate(evidence, base, pool, alike=settings.port_alike)
     screened = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
-    first = run_round(search, base, screened)
+    first = with_plainer_effects(search, comparison, run_round(search, base, screened))
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first)
     reduced = selection.steps[0].reduced
