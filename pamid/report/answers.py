@@ -12,7 +12,6 @@ from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
     causes_label,
-    finding_label,
     reason_text,
     regime_label,
     sensor_label,
@@ -209,7 +208,7 @@ def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _with_chance(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> str:
-    cause, text = finding[0], finding_label(diagnosis, finding)
+    cause, text = finding[0], verdict_words.finding_label(diagnosis, finding, SPELLING)
     port = formatting.port_label(cause.port) if len(finding) == 1 else ""
     text += f" at the {port} port" if port and "@" not in cause.effect else ""
     chance = cause.probability

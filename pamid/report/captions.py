@@ -32,9 +32,8 @@ from pamid.schemas.diagnosis_file import (
 )
 from pamid.schemas.network_file import NetworkFile
 from pamid.verdict.verdict_words import (
-    Finding,
     Spelling,
-    finding_text,
+    finding_label,
     findings_of,
     free_families,
     sentence,
@@ -52,14 +51,7 @@ def causes_label(diagnosis: DiagnosisFile) -> str:
     joined by "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     findings = findings_of(diagnosis)
-    return formatting.join((finding_label(diagnosis, one) for one in findings), last)
-
-
-def finding_label(diagnosis: DiagnosisFile, finding: Finding) -> str:
-    """ "Coulomb friction at joint 2", "Coulomb friction in the joints"."""
-    if len(finding) == 1:
-        return effect_label(finding[0].effect)
-    return finding_text(diagnosis, finding, SPELLING)
+    return formatting.join((finding_label(diagnosis, one, SPELLING) for one in findings), last)
 
 
 def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:

@@ -98,17 +98,24 @@ def _with_share(found: DiagnosisFile, finding: Finding, spelling: Spelling) -> s
     return f"{finding_text(found, finding, spelling)} removes {share} of the gap{_chance_of(first)}"
 
 
-def finding_text(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE) -> str:
-    """ "play at the camera port", with the ports at which it does as well; "coulomb-friction in the
-    joints", "coulomb-friction at shoulder and wrist"."""
+def finding_label(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE) -> str:
+    """ "play", "coulomb-friction in the joints", "coulomb-friction at shoulder and wrist"."""
     first = finding[0]
+    if len(finding) == 1:
+        return spelling.effect(first.effect)
+    return f"{spelling.effect(_stem(first))} {_places_text(found, finding, spelling)}"
+
+
+def finding_text(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE) -> str:
+    """ "play at the camera port", with the ports at which it does as well."""
+    first, label = finding[0], finding_label(found, finding, spelling)
     if len(finding) > 1:
-        return f"{spelling.effect(_stem(first))} {_places_text(found, finding, spelling)}"
+        return label
     unplaced = first.port and "@" not in first.effect
     place = f" at the {spelling.port(first.port)} port" if unplaced else ""
     ports = joined((spelling.port(port) for port in first.or_at), "or")
     elsewhere = f", or equally at the {ports} port," if ports else ""
-    return f"{spelling.effect(first.effect)}{place}{elsewhere}"
+    return f"{label}{place}{elsewhere}"
 
 
 def _places_text(found: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
@@ -178,7 +185,7 @@ def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
             f"{_with_share(found, first, spelling)}. These recordings cannot separate it from "
             f"{finding_text(found, other, spelling)}{share}{_chance_of(other[0])}."
         )
-    names = joined((finding_text(found, k, spelling) for k in findings), "and")
+    names = joined((finding_label(found, k, spelling) for k in findings), "and")
     removes = found.causes[0].removes
     size = f" Each removes about {percent_text(removes.share)} of the gap." if removes else ""
     return f"On these recordings {names} predict the same and cannot be separated.{size}"

@@ -249,3 +249,34 @@ def test_a_forecast_is_surer_where_hardly_anything_remains() -> None:
 
 def test_a_forecast_of_no_change_is_none() -> None:
     assert forecast_interval(BEFORE, BEFORE, 0) == pytest.approx((0.0, 0.0))
+
+
+# ---- one effect at several ports -----------------------------------------------------------------
+
+
+def test_one_effect_at_several_ports_has_one_probability_and_a_share_at_each() -> None:
+    one, other = (effect("coulomb-friction", "friction", f"joint_{k}") for k in (1, 2))
+    both, only = leaving(0.1, one, other), leaving(0.3, one)
+    without = {
+        one.label: leaving(0.7, other),
+        other.label: only,
+        f"{one.label} + {other.label}": comparison(BEFORE).budget.baseline,
+    }
+    rival = leaving(0.12, effect("lugre-friction", "friction", "joint_1"),
+                    effect("lugre-friction", "friction", "joint_2"))  # fmt: skip
+    _, a = answered(both, ranking=[both, rival, leaving(0.9, LEAK)], without=without)
+    assert a.verdict == "explained" and labels(a) == [one.label, other.label]
+    first, second = a.causes
+    assert first.figures == second.figures and first.figures["removed"] == pytest.approx(0.9)
+    assert (first.removes.share, second.removes.share) == pytest.approx((0.6, 0.2))
+    # another law at the same joints is no other place
+    assert first.or_at == second.or_at == ()
+
+
+def test_alternatives_at_several_ports_count_as_a_whole() -> None:
+    rubs = [effect("coulomb-friction", "friction", f"joint_{k}") for k in (1, 2)]
+    sags = [effect("gain-drift", "gain-drift", f"command_{k}") for k in (1, 2)]
+    best, rival = leaving(0.10, *rubs), leaving(0.11, *sags)
+    _, a = answered(best, rival)
+    assert a.verdict == "ambiguous" and len(a.causes) == 4
+    assert [c.removes.share for c in a.causes] == pytest.approx([0.9, 0.9, 0.89, 0.89])

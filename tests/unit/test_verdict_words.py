@@ -8,6 +8,7 @@ import pytest
 from report_pages import VERDICTS
 from synthetic_run import diagnosis_json
 
+from pamid.report.formatting import effect_label
 from pamid.schemas.diagnosis_file import DiagnosisFile, PortShare, Remainder, Where
 from pamid.schemas.model import read
 from pamid.verdict.verdict_words import (
@@ -275,3 +276,49 @@ def test_an_immaterial_remainder_far_above_the_floor_is_looked_into(
 ) -> None:
     rest = read(Remainder, left(0.05, floors=floors, real=real))
     assert ("diagnose again" in advice_of(rest)) == advised
+
+
+# ---- one effect at several ports -----------------------------------------------------------------
+
+
+def rubbing(*ports: str, verdict: str = "explained", rig_ports: tuple[str, ...] = ()) -> str:
+    causes = [cause(f"coulomb-friction@{port}", 0.3, 0.91, port=port) for port in ports]
+    mapped = [
+        {"port": name, "group": name, "kind": "motion", "unit": "N m", "leads_to": []}
+        for name in rig_ports or ports
+    ]
+    rig = {"name": "arm", "inputs": [], "outputs": [], "ports": mapped}
+    return sentence(changed(verdict, causes=causes, rig=rig, remainder=left(0.1)))
+
+
+def test_friction_in_all_joints_is_one_finding() -> None:
+    text = rubbing("shoulder", "elbow")
+    assert text.startswith(
+        "coulomb-friction in the joints (P 0.91) removes 90 % of the gap, without "
+        "coulomb-friction@shoulder 60 % and without coulomb-friction@elbow 60 %."
+    )
+
+
+def test_friction_in_some_joints_names_them() -> None:
+    text = rubbing("shoulder", "wrist", rig_ports=("shoulder", "elbow", "wrist"))
+    assert text.startswith(
+        "coulomb-friction at shoulder and wrist (P 0.91) removes 90 % of the gap"
+    )
+
+
+def test_an_alternative_at_several_ports_is_one_member_of_the_set() -> None:
+    causes = [
+        cause("coulomb-friction@a", 0.9, 0.5, port="a"),
+        cause("coulomb-friction@b", 0.9, 0.5, port="b"),
+        cause("gain-drift@c", 0.88, 0.4, port="c"),
+    ]
+    assert sentence(changed("ambiguous", causes=causes)).startswith(
+        "coulomb-friction at a and b removes 90 % of the gap (P 0.50). These recordings cannot "
+        "separate it from gain-drift@c, 88 % (P 0.40)."
+    )
+
+
+def test_labels_of_one_effect_at_several_ports_are_read_as_one() -> None:
+    several = "coulomb-friction@joint_1 + coulomb-friction@joint_2"
+    assert effect_label(several) == "Coulomb friction at joint 1 and joint 2"
+    assert effect_label("play@a + dead-time@b") == "play at a + dead time at b"
