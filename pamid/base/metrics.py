@@ -99,6 +99,17 @@ def independent_samples(first: ArrayLike, second: ArrayLike) -> float:
     return float(r.size / (1.0 + 2.0 * (r[1:last] * s[1:last]).sum()))
 
 
+def adjusted_share(share: float, parts: int, independent: float) -> float:
+    """Share of a variance that lies between parts of a signal, less what chance puts there.
+
+    epsilon^2 = 1 - (1 - share) (n - 1) / (n - parts) with n independent samples; Kelley (1935),
+    PNAS 21:554. 0 where chance does as much, and where there are no more samples than parts.
+    """
+    if independent <= parts:
+        return 0.0
+    return max(1.0 - (1.0 - share) * (independent - 1.0) / (independent - parts), 0.0)
+
+
 def _autocorrelation(values: ArrayLike) -> FloatArray | None:
     """Sample autocorrelation (n,) at the lags 0 .. n - 1; None of a signal that rests."""
     signal = np.asarray(values, dtype=float)

@@ -377,6 +377,8 @@ def error_signal_title(
     """ "Velocity alone accounts for 62 % of the variance of the refitted angle error; Coulomb
     friction removes 97 % of that part"."""
     what = f"the variance of the refitted {channel_label(channel)} error"
+    if share <= 0.0:
+        return f"No recorded signal alone accounts for more of {what} than chance does"
     if share < LEAST_SIGNAL_SHARE:
         return f"No recorded signal alone accounts for more than {percent(share)} of {what}"
     text = f"{formatting.port_label(signal)} alone accounts for {percent(share)} of {what}"

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.units import quotient, split_column
 from pamid.report import formatting
 from pamid.report.captions import error_signal_title
@@ -27,7 +28,7 @@ _ERROR_KINDS = {"refitted": "refitted", "cause": "with cause"}
 class ErrorOverSignal:
     """Scored samples: a signal (n,) in its unit; errors by model, measured less modelled, in the
     channel's unit; share: of the variance of the refitted error, what lies between parts of the
-    signal."""
+    signal beyond chance. A signal and an error that both drift agree by chance."""
 
     signal: str
     unit: str
@@ -40,9 +41,11 @@ class ErrorOverSignal:
         """Share of that part that the cause takes away."""
         if "cause" not in self.errors or not self.share > 0.0:
             return None
-        before, after = self.errors["refitted"], self.errors["cause"]
-        left = binned(self.values, after)[2] * float(after.var())
-        return 1.0 - left / (self.share * float(before.var()))
+        before, left = (
+            binned(self.values, error)[2] * float(error.var())
+            for error in (self.errors["refitted"], self.errors["cause"])
+        )
+        return 1.0 - left / before
 
 
 def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | None:
@@ -61,7 +64,9 @@ def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | Non
         values = _along(residual, name)[scored]
         if not np.isfinite(values).all():
             continue
-        share = binned(values, errors["refitted"])[2]
+        centres, _, raw = binned(values, errors["refitted"])
+        samples = independent_samples(values, errors["refitted"])
+        share = adjusted_share(raw, centres.size, samples)
         if best is None or share > best.share:
             best = ErrorOverSignal(name, unit, values, errors, share)
     return best

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.captions import (
@@ -156,6 +157,7 @@ def missing_drawing(run: RunData) -> Drawing | None:
         return None
     signal, x, y = stems[found[0]], run.missing[stems[found[0]]], run.missing[stems["missing"]]
     centres, middles, share = binned(x, y)
+    share = adjusted_share(share, centres.size, independent_samples(x, y))
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.metrics import independent_samples
 from pamid.base.units import (
     NONE,
     display_unit,
@@ -40,6 +41,8 @@ VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
 # regimes: quantiles of a signal between which they lie; least share of the gap beyond that of the
 # time, and what a bound costs of it unless it is zero or the range's end, and a signal less plain
 REGIME_BINS, REGIME_GAIN, REGIME_BOUND, REGIME_ORDER = 12, 0.15, 0.01, 0.002
+# standard errors of its share of the gap by which a regime holds more of it than of the time
+REGIME_ERRORS = 2.0
 REGIMES_MOST, REGIME_OVERLAP = 4, 0.5  # stated; share of the samples that makes two of them one
 # correlation times: half of what measured signals are smoothed over, a segment of the spectrum
 SMOOTHED, SPECTRUM_SEGMENT = 0.025, 13.0
@@ -104,7 +107,9 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
     """The stretch of x with the largest share of the gap beyond its share of the time; None where
     none stands out.
 
-    Zero is always among the edges: forwards and backwards, opening and closing.
+    Zero is always among the edges: forwards and backwards, opening and closing. With n independent
+    samples, the share of the gap in a share s of the time has the standard error
+    sqrt(s (1 - s) (1 + v) / n), v the squared coefficient of variation of the gap.
     """
     edges = np.unique(
         np.concatenate(
@@ -127,6 +132,11 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
     i, j = np.unravel_index(int(np.argmax(np.triu(worth, 1))), worth.shape)
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
     if share - spent < REGIME_GAIN:
+        return None
+    varies = 1.0 + float(gap.var() / gap.mean() ** 2)
+    samples = independent_samples(x, gap)
+    error = np.sqrt(spent * (1.0 - spent) * varies / samples) if samples > 0.0 else np.inf
+    if share - spent < REGIME_ERRORS * error:
         return None
     regime = Regime(
         signal=name,

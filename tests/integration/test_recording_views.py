@@ -200,18 +200,42 @@ def test_noise_follows_no_signal(
     assert flat(drawing.title).startswith("No recorded signal alone accounts for more than ")
 
 
-def test_the_picture_says_what_the_cause_removes(run: RunData) -> None:
-    drawing = error_signal_drawing(run, "angle_deg")
+def test_a_signal_that_only_drifts_explains_no_error(
+    run: RunData, moved: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> None:
+    """A room warms up once while the error, as slow as it, happens to grow: one coincidence, though
+    the samples are thousands. The same over many cycles is none."""
+    position, _, noise = moved
+    time = 0.01 * np.arange(position.size)
+    for cycles, named in ((0.8, False), (12.0, True)):
+        slow = np.sin(2.0 * np.pi * cycles * time / time[-1] * 2.0)
+        residual = table(0.1 * slow + noise, position)
+        room = 20.0 + slow + 0.05 * np.random.default_rng(2).normal(size=time.size)
+        residual.columns["room_degc"] = room
+        share = np.corrcoef(room[2000:], slow[2000:])[0, 1] ** 2
+        assert share > 0.9
+        drawing = error_signal_drawing(replace(run, residual=residual), "position_m")
+        assert drawing is not None
+        assert flat(drawing.title).startswith("Room alone accounts for ") == named
+        assert ("No recorded signal" in flat(drawing.title)) != named
+
+
+def test_the_picture_says_what_the_cause_removes(
+    run: RunData, moved: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> None:
+    position, velocity, noise = moved
+    residual = table(0.1 * np.sign(velocity) + noise, position, noise)
+    drawing = error_signal_drawing(replace(run, residual=residual), "position_m")
     assert drawing is not None
     assert re.fullmatch(
-        r"Angle alone accounts for \d\d % of the variance of the refitted angle error; Coulomb "
-        r"friction removes \d\d % of that part",
+        r"Velocity alone accounts for \d\d % of the variance of the refitted position error; "
+        r"Coulomb friction removes \d\d(\.\d)? % of that part",
         flat(drawing.title),
     )
     picture = render(drawing)
     for form in (picture.wide, picture.narrow):
         assert len(form) < MOST_BYTES
-        assert "angle [deg]" in form and "angle error [deg]" in form
+        assert "velocity [m/s]" in form and "position error [m]" in form
 
 
 def test_without_a_scored_sample_there_is_no_picture(run: RunData) -> None:

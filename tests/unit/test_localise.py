@@ -24,6 +24,7 @@ from pamid.verdict.localise import (
     REGIMES_MOST,
     _followed,
     _since_reversal,
+    _stretch,
     measured_signals,
     port_signals,
     recorded_units,
@@ -91,6 +92,18 @@ def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, CandidateMod
     assert best.share_of_gap > 0.9 and best.share_of_time == pytest.approx(
         np.mean(speed < 0.0), abs=0.05
     )
+
+
+def test_a_coincidence_of_two_drifts_is_no_regime() -> None:
+    """The gap grows once while the room is warm; when it does so in every one of many cycles, it
+    is a regime."""
+    noise = np.random.default_rng(8).normal(size=4000)
+    for cycles, stated in ((0.7, False), (20.0, True)):
+        slow = np.sin(2.0 * np.pi * cycles * np.arange(4000) / 4000)
+        gap = np.where(slow > 0.3, 4.0, 0.5) + 0.2 * noise**2
+        stretch = _stretch("room", "degC", 20.0 + slow + 0.02 * noise, gap)
+        assert (stretch is not None) == stated
+    assert stretch is not None and stretch.regime.low == pytest.approx(20.3, abs=0.2)
 
 
 def test_signals_come_in_the_units_of_the_recording() -> None:
