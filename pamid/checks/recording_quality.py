@@ -129,6 +129,7 @@ def _against(
     """What only the rig can tell, and where it has judged, so that nothing need be guessed from the
     values alone: kind of issue -> columns. thorough: also what takes many runs of the model."""
     # the engine is needed only here
+    from pamid.checks.idle_inputs import idle_inputs
     from pamid.checks.input_echo import echoed_inputs
     from pamid.checks.rig_consistency import clock, contradictions
     from pamid.checks.sheet_comparison import compared_with_sheet
@@ -138,7 +139,10 @@ def _against(
     evidence = compared_with_sheet(recording, rig)
     if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
         return echoes, {}  # signs and units would mislead
-    return contradictions(recording, rig, evidence, thorough=thorough)
+    found, judged = contradictions(recording, rig, evidence, thorough=thorough)
+    if thorough and evidence is not None:
+        found += idle_inputs(recording, rig, evidence)
+    return found, judged
 
 
 def channel_figures(

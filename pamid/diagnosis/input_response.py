@@ -16,6 +16,7 @@ from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.lagged_linear import LaggedResponse, inputs_move
+from pamid.simulation.input_effects import held_at_mean, idle_text, input_effects
 from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
@@ -108,8 +109,47 @@ def _responding(
 def _without_inputs(track: Track, shift: float) -> Track:
     """The track with its inputs shifted by a share of its length, or held at their means (0)."""
     if shift == 0.0:
-        return replace(track, u=np.tile(track.u.mean(axis=0), (len(track), 1)))
+        return replace(track, u=held_at_mean(track.u))
     return replace(track, u=np.roll(track.u, round(shift * len(track)), axis=0))
+
+
+def idle_inputs(model: CandidateModel, channels: Sequence[str], noise: Array) -> list[str]:
+    """Sentences on the inputs that change no channel by more than its noise in free runs of a model
+    over what was fitted. channels, noise: names, and standard deviations (SI)."""
+    names = model.assembly.traced.inputs
+    tracks = model.fit.problem.tracks
+    changes: dict[str, list[Array]] = {}
+    for track, starts in zip(tracks, model.fit.starts, strict=True):
+
+        def run(u: Array, track: Track = track, start: Array = starts[0]) -> Array:
+            return _free_run(model, replace(track, u=u), start)
+
+        for name, change in input_effects(run, track.u, names, run(track.u)).items():
+            changes.setdefault(name, []).append(change)
+    texts = (
+        idle_text(
+            name,
+            np.concatenate([t.u[:, names.index(name)] for t in tracks]),
+            np.max(change, axis=0),
+            channels,
+            noise,
+        )
+        for name, change in changes.items()
+    )
+    return list(filter(None, texts))
+
+
+def _free_run(model: CandidateModel, track: Track, start: Array) -> Array:
+    """Outputs (samples x channels, SI) over a whole track from one start."""
+    return run_windows(
+        model.assembly.program,
+        model.assembly,
+        model.fit.p,
+        track,
+        [Window(0, len(track))],
+        start[None],
+        model.fit.stepping,
+    )
 
 
 def _free_run_errors(
@@ -120,15 +160,7 @@ def _free_run_errors(
     total = np.zeros((2 + len(shifts), begun[0][0].y.shape[1]))
     for track, start in begun:
         runs = [
-            run_windows(
-                model.assembly.program,
-                model.assembly,
-                model.fit.p,
-                t,
-                [Window(0, len(track))],
-                start[None],
-                model.fit.stepping,
-            )
+            _free_run(model, t, start)
             for t in (track, *(_without_inputs(track, shift) for shift in shifts))
         ]
         runs.insert(1, np.broadcast_to(np.median(track.y, axis=0), track.y.shape))

@@ -22,6 +22,9 @@ LONGEST_LAG_SHARE = 0.2  # of the longest recording
 FOLDS = 5  # of the cross-validation
 RIDGE_DAMPING = 1e-3  # damping per row, of standardised regressors
 GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of regressors
+# shares of a recording by which a signal is shifted to see what chance does: one in twenty does as
+# well by chance
+CHANCE_SHIFTS = tuple(np.linspace(0.05, 0.95, 19).tolist())
 STANDARDISED = 1e-12  # a regressor that varies by less of its size is a constant
 
 
@@ -71,25 +74,60 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
     )
 
     def ratio(c: int, direction: int) -> float:
-        parts = [
-            _regressors(
-                t.y[::direction, c],
-                (t.u[::direction] - centre) / spread,
-                t.period_s,
-                data.timescale_s,
-                edges_s,
-            )
-            for t in tracks
-            if t.seen[c]
-        ]
-        without, *with_inputs = (_cross_validated(parts, groups) for groups in GROUPS)
-        return min(with_inputs) / without if without > 0.0 else 1.0
+        return _error_ratio(
+            [
+                _regressors(
+                    t.y[::direction, c],
+                    (t.u[::direction] - centre) / spread,
+                    t.period_s,
+                    data.timescale_s,
+                    edges_s,
+                )
+                for t in tracks
+                if t.seen[c]
+            ]
+        )
 
     channels = range(len(data.channels))
     forward, backwards = (
         np.array([ratio(c, direction) for c in channels]) for direction in (1, -1)
     )
     return LaggedResponse(forward, backwards)
+
+
+def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float) -> float:
+    """Share of the error of predicting a signal that its regression on another one removes, as in
+    `lagged_response`; 0 where this does no more than chance. Chance is what the other one removes
+    at circular shifts, which keep its levels and its pace.
+
+    parts: signal (n,), the other one (n,) and sampling period (s) by recording; timescale_s: over
+    which the signal is predicted.
+    """
+    other = np.concatenate([x for _, x, _ in parts])
+    if np.ptp(other) == 0.0:
+        return 0.0
+    longest_s = LONGEST_LAG_SHARE * max(len(y) * period_s for y, _, period_s in parts)
+    edges_s = _lag_edges(timescale_s, longest_s)
+    centre, spread = other.mean(), np.ptp(other)
+
+    def ratio(shift: float) -> float:
+        return _error_ratio(
+            [
+                _regressors(
+                    y,
+                    ((np.roll(x, round(shift * len(x))) - centre) / spread)[:, None],
+                    period_s,
+                    timescale_s,
+                    edges_s,
+                )
+                for y, x, period_s in parts
+            ]
+        )
+
+    aligned = ratio(0.0)
+    if aligned >= CLEAR_RATIO or aligned >= min(map(ratio, CHANCE_SHIFTS)):
+        return 0.0
+    return 1.0 - aligned
 
 
 def inputs_move(tracks: Sequence[Track]) -> bool:
@@ -139,6 +177,12 @@ def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: 
     return _Rows(
         np.column_stack([last, last - half, last - whole]), means(u), means(u**2), y[end] - last
     )
+
+
+def _error_ratio(parts: Sequence[_Rows]) -> float:
+    """Cross-validated error of the regression with inputs over that without."""
+    without, *with_inputs = (_cross_validated(parts, groups) for groups in GROUPS)
+    return min(with_inputs) / without if without > 0.0 else 1.0
 
 
 def _cross_validated(parts: Sequence[_Rows], groups: tuple[str, ...]) -> float:

@@ -156,8 +156,8 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 
 def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
     """Pairs of models to discriminate, the better ranked one first, one model of each family: every
-    pair of those that are tied, else the chosen model and each of its nearest rivals. Where the
-    causes explain the gap, the rivals that tie with them alone: the others are decided."""
+    pair of those that are tied, else the chosen model and each of its nearest rivals. Of causes
+    only the rivals that tie with them: the others are decided."""
     ranking = [c for c in d.ranking if c.label not in d.set_aside]
     if d.verdict == "no-structural-gap" or d.silent or d.answer is None or not ranking:
         return []
@@ -171,7 +171,7 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     others = [
         c
         for family, c in firsts.items()
-        if family not in known and (d.verdict != "explained" or d.comparison.is_tied(c, best))
+        if family not in known and (d.cause is None or tied or d.comparison.is_tied(c, best))
     ]
     models = [best, *others][:COMPARED_MODELS]
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
@@ -187,8 +187,8 @@ def models_to_keep(
 
 
 def _decided(d: Diagnosis) -> WithheldExperiment | None:
-    """Why nothing is proposed where the causes explain the gap and no other family ties."""
-    if d.verdict != "explained" or d.cause is None:
+    """Why nothing is proposed where there are causes and no other family ties with them."""
+    if d.cause is None or d.silent:
         return None
     families = families_of(d.cause)
     others = [c for c in d.ranking if not families_of(c) & families and c.label not in d.set_aside]
@@ -198,9 +198,13 @@ def _decided(d: Diagnosis) -> WithheldExperiment | None:
         if others
         else ""
     )
+    remains = (
+        "what remains is taken up by no candidate"
+        if d.left_over
+        else "what remains is not a material share of the gap"
+    )
     return WithheldExperiment(
-        f"{WITHHELD}: no other family ties with {d.cause.label}{behind}, and what remains is not a "
-        "material share of the gap."
+        f"{WITHHELD}: no other family ties with {d.cause.label}{behind}, and {remains}."
     )
 
 

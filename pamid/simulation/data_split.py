@@ -182,6 +182,11 @@ class DataSplit:
         return all(held < QUIET * fitted for held, fitted in moved)
 
     @property
+    def whole_held_out(self) -> bool:
+        """Are the held-out recordings others than those that are fitted?"""
+        return not {id(s.recording) for s in self.fit} & {id(s.recording) for s in self.held_out}
+
+    @property
     def spread(self) -> list[Recording]:
         """Recordings of which tenths spread over them are held out, not their end."""
         last = {id(s.recording): s.stop for s in self.held_out}

@@ -6,19 +6,24 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pamid.base.metrics import motion
 from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
 from pamid.checks.row_order import OF_THE_LOG, misplaced_readings
+from pamid.diagnosis.input_response import idle_inputs
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.intervals import background_pull, estimates
+from pamid.estimation.lagged_linear import lagged_share
 from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.no_place import no_places
 from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.model.registry import effects, rigs
+from pamid.recording.recording import match_column
 from pamid.schemas.diagnosis_file import Reach, Remainder
+from pamid.simulation.input_effects import IDLE_CURE
 from pamid.simulation.tracks import noise_remarks
 from pamid.verdict.verdict_words import joined
 
@@ -28,6 +33,7 @@ EASED, EASING_MOST = 0.5, 3
 ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
 # errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
 UNEXPLAINED_ERROR, ABOVE_NOISE = 0.9, 10.0
+UNUSED_LISTED, UNUSED_TRIED = 6, 24  # recorded columns without a place in the rig
 ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
 
 
@@ -73,6 +79,8 @@ def notes_of(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
     kinds = (
         _signs,
+        _unused,
+        _idle,
         _instead,
         _set_aside,
         _between,
@@ -121,6 +129,58 @@ def _signs(d: Diagnosis) -> list[str]:
         "there; of a reaction that is read, pass its negative."
         for c, removed in d.opposite[:1]
     ]
+
+
+def _unused(d: Diagnosis) -> list[str]:
+    """Recorded columns that move and are not part of the rig, and which of them a lagged regression
+    finds in what remains."""
+    rig = d.evidence.rig
+    known = (*rig.inputs, *rig.outputs, *(q.reference for q in rig.loops))
+    names = dict[str, float]()
+    for r in d.evidence.recordings:
+        used = {match_column(r.columns, name) for name in known}
+        names |= {c: 0.0 for c, x in r.columns.items() if c not in used and motion(x) > 0.0}
+    if not names:
+        return []
+    shares = {name: _share_of_remainder(d, name) for name in list(names)[:UNUSED_TRIED]}
+    listed = joined(list(names)[:UNUSED_LISTED], "and")
+    more = f" and {len(names) - UNUSED_LISTED} more" * (len(names) > UNUSED_LISTED)
+    notes = [f"Recorded, but not part of the rig: {listed}{more}."]
+    name, (channel, share) = max(shares.items(), key=lambda item: item[1][1])
+    if share > 0.0:
+        notes[0] += (
+            f" A lagged regression on {name} explains {percent_text(share)} of the remaining "
+            f"error of {channel}. If it acts on the machine, make it an input of the rig."
+        )
+    return notes
+
+
+def _share_of_remainder(d: Diagnosis, column: str) -> tuple[str, float]:
+    """The channel of whose remaining error a lagged regression on a recorded column removes the
+    largest share, and this share."""
+    final, evidence = d.cause or d.budget.baseline, d.evidence
+    held_out = [(r.track, r.residual) for r in final.replays]
+    fitted = [
+        (t, -left) for t, left in zip(final.fit.problem.tracks, final.fit.residuals, strict=True)
+    ]
+    spans = (*evidence.held_out, *evidence.fit)
+    best = "", 0.0
+    for place, channel in enumerate(evidence.channels):
+        parts = []
+        for (track, left), span in zip((*held_out, *fitted), spans, strict=True):
+            if track.seen[place] and column in span.recording.columns:
+                values = span.recording.columns[column][track.first : track.first + len(track)]
+                parts.append((left[:, place], values, track.period_s))
+        share = lagged_share(parts, evidence.timescale_s) if parts else 0.0
+        if share > best[1]:
+            best = channel, share
+    return best
+
+
+def _idle(d: Diagnosis) -> list[str]:
+    """Inputs whose term in the equations moves no output."""
+    final, e = d.cause or d.budget.baseline, d.evidence
+    return [f"{text}. {IDLE_CURE}" for text in idle_inputs(final, e.channels, e.noise)]
 
 
 def _instead(d: Diagnosis) -> list[str]:
@@ -204,17 +264,23 @@ def _windows(d: Diagnosis) -> list[str]:
     count = len(d.half)
     if count >= FEW_WINDOWS:
         return []
+    cure = (
+        "Hold out longer recordings, or more of them."
+        if d.evidence.whole_held_out
+        else "Record for longer, or hold out another recording: --held-out."
+    )
     return [
         f"The answer rests on {count} held-out windows; {FEW_WINDOWS} or more make it stable. "
-        "Record for longer, or hold out another recording: --held-out."
+        f"{cure}"
     ]
 
 
 def _split(d: Diagnosis) -> list[str]:
     if d.evidence.held_out_rests:
+        how = "" if d.evidence.whole_held_out else ": --held-out"
         return [
             "The held-out part moves by less than a quarter of the fitted one, so that only small "
-            "signals are tested. Hold out a recording that moves as much: --held-out."
+            f"signals are tested. Hold out a recording that moves as much{how}."
         ]
     used_s, all_s = d.evidence.used_s
     excerpt = [

@@ -244,8 +244,8 @@ def test_no_experiment_separates_what_the_recordings_have_separated(
     withheld = next_experiment(explained)
     assert isinstance(withheld, WithheldExperiment)
     assert re.search(
-        r"no other family ties with coulomb-friction \(quadratic-drag, the nearest, is \d+ standard "
-        r"errors behind\), and what remains is not a material share",
+        r"no other family ties with coulomb-friction \(quadratic-drag, the nearest, is \d+ "
+        r"standard errors behind\), and what remains is not a material share",
         withheld.why,
     )
     alone = next_experiment(replace(explained, ranking=d.ranking[:1]))
@@ -253,13 +253,15 @@ def test_no_experiment_separates_what_the_recordings_have_separated(
     assert with_experiment(diagnosis_file(explained), withheld).withheld == withheld.why
 
 
-def test_what_remains_is_worth_an_experiment(
+def test_a_remainder_is_no_reason_to_separate_what_is_separate(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
 ) -> None:
     _, _, _, d, _ = rubbing
     assert d.answer is not None
-    partly = replace(d, answer=replace(decided(d).answer, verdict="partly-explained"))
-    assert [(one.label, other.label) for one, other in pairs_to_separate(partly)] == [RIVALS]
+    partly = replace(d.answer, verdict="partly-explained", causes=d.answer.causes[:1])
+    withheld = next_experiment(replace(d, answer=replace(partly, material_rest=True)))
+    assert isinstance(withheld, WithheldExperiment)
+    assert withheld.why.endswith("and what remains is taken up by no candidate.")
 
 
 def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(

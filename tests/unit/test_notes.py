@@ -21,6 +21,7 @@ from pamid.verdict.notes import (
     _no_place,
     _row_order,
     _set_aside,
+    _split,
     _windows,
     roughness,
     unexplained,
@@ -142,8 +143,20 @@ def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
 
 @pytest.mark.parametrize(("count", "few"), [(4, True), (11, True), (12, False)])
 def test_few_held_out_windows_are_counted(count: int, few: bool) -> None:
-    d: Any = SimpleNamespace(half=np.ones(count, bool))
-    assert [f"rests on {count} held-out windows" in note for note in _windows(d)] == [True] * few
+    for whole in (False, True):
+        evidence = SimpleNamespace(whole_held_out=whole)
+        d: Any = SimpleNamespace(half=np.ones(count, bool), evidence=evidence)
+        notes = _windows(d)
+        assert [f"rests on {count} held-out windows" in note for note in notes] == [True] * few
+        assert ["--held-out" in note for note in notes] == [not whole] * few
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_no_option_is_recommended_that_is_in_use(whole: bool) -> None:
+    evidence = SimpleNamespace(whole_held_out=whole, held_out_rests=True)
+    d: Any = SimpleNamespace(evidence=evidence)
+    (note,) = _split(d)
+    assert "Hold out a recording that moves as much" in note and ("--held-out" in note) != whole
 
 
 LEFT = Remainder(

@@ -94,7 +94,7 @@ def test_a_step_response_is_judged(tmp_path: Path) -> None:
     )
     recording = recording_of(time, made.columns, made.meta)
     evidence = split_recordings(rig_named(RIG), [recording], [])
-    assert evidence.spread == [recording]
+    assert evidence.spread == [recording] and not evidence.whole_held_out
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
     assert remark(found) == "" and any("three tenths spread" in note for note in notes_of(found))
     assert found.ranking[0].label == "coulomb-friction"
@@ -117,6 +117,7 @@ def test_what_was_held_out_and_rests_is_said_to_judge_little(tmp_path: Path) -> 
         rig_named(RIG), [fitted], [recording_of(TIME, columns, made.meta, name="still")]
     )
     assert evidence.held_out_rests and evidence.spread == []
+    assert evidence.whole_held_out
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
     assert any(note.startswith("The held-out part moves by less") for note in notes_of(found))
     assert remark(found) == "", "the model follows what it was fitted to"
