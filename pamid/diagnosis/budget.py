@@ -3,7 +3,6 @@ floor."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,8 +15,8 @@ from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import Settings
+from pamid.estimation.baseline_repair import WORSE
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.estimation.predictive_floor import predictive_floor
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -124,8 +123,7 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
     A run may cover as many windows as the noise of its estimated start is not amplified: its noise
     floor stays within `horizon_floor` of that of single windows. A model that forgets its initial
     state, or preserves it, runs over whole recordings. Where the longer horizon shows no more of
-    the gap (`horizon_gain`), single windows are kept: they are more independent. The gap is counted
-    in floors that include the uncertainty of the fitted parameters, which grows with the horizon.
+    the gap (`horizon_gain`), single windows are kept: they are more independent.
     """
     short = _budget_of(model, 1, seed, settings)
     if short is None:
@@ -145,26 +143,24 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
         if longer is None:
             continue
         floor, floor_short = seen_mean(longer.floor), seen_mean(short.floor)
-        if np.nanmax(floor / floor_short) <= settings.horizon_floor:
-            return longer if _shows_more(longer, short, seed) else short
+        if np.nanmax(floor / floor_short) > settings.horizon_floor or errors_add_up(longer, short):
+            continue
+        visible = np.nanmean(seen_mean(longer.baseline.absolutes) / floor)
+        visible_short = np.nanmean(seen_mean(short.baseline.absolutes) / floor_short)
+        return longer if visible > settings.horizon_gain * visible_short else short
     return short
 
 
-def _shows_more(longer: Budget, short: Budget, seed: int) -> bool:
-    """Whether a horizon shows `horizon_gain` times as much of the gap, in either kind of floor; the
-    one that costs more is computed where the other does not decide."""
+def errors_add_up(longer: Budget, short: Budget) -> bool:
+    """Whether the refit predicts worse than the data sheet over a longer horizon alone: then small
+    errors of its parameters add up there, as in the angle of a motor."""
 
-    def gain(floor_of: Callable[[Budget], Array]) -> float:
-        shown, before = (
-            np.nanmean(seen_mean(b.baseline.absolutes) / floor_of(b)) for b in (longer, short)
+    def times_worse(budget: Budget) -> float:
+        return float(
+            np.nanmean(seen_mean(budget.baseline.absolutes) / seen_mean(budget.data_sheet))
         )
-        return float(shown / before)
 
-    def predictive(b: Budget) -> Array:
-        return predictive_floor(b.model.fit, b.baseline.runs, b.evidence.noise, seed)
-
-    kinds = (lambda b: seen_mean(b.floor), predictive)
-    return all(gain(floor_of) > longer.settings.horizon_gain for floor_of in kinds)
+    return times_worse(longer) > WORSE >= times_worse(short)
 
 
 def _budget_of(model: GreyBox, per_run: int, seed: int, settings: Settings) -> Budget | None:

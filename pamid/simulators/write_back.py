@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +24,13 @@ from pamid.simulators.mujoco_forms import (
     TINY_SPRING,
     Behind,
     CommandTerms,
-    FoundEffect,
     Forms,
+    FoundEffect,
     JointTerms,
     ReadingTerms,
     forms_of,
 )
 from pamid.simulators.mujoco_mechanism import mechanism_of
-from pamid.simulators.mujoco_schema import reads
 from pamid.simulators.xml_text import Edits, Tag, tags_of
 
 Array = NDArray[np.float64]
@@ -460,7 +458,7 @@ class _Writer:
             self._delay(tag, delay)
         low, high = actuator.command_range or (-np.inf, np.inf)
         # the file limits what the effects make of the command
-        ends = sorted(((end - terms.offset) / terms.gain for end in (low, high)))
+        ends = sorted((end - terms.offset) / terms.gain for end in (low, high))
         ends = [max(ends[0], terms.low), min(ends[1], terms.high)]
         if np.isfinite(ends).any() and ends != [low, high]:
             wide = 1e6

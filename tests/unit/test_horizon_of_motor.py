@@ -12,9 +12,7 @@ from pamid.api.given import evidence_of
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.settings import DEFAULT
-from pamid.estimation.predictive_floor import predictive_floor
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.replay import WHOLE, noise_floor, replay_track
 
 
 @pytest.fixture(scope="module")
@@ -40,25 +38,3 @@ def test_a_run_over_which_parameter_errors_add_up_is_not_scored(budget: Budget) 
     assert budget.evidence.per_run == 1
     refitted, floor = seen_mean(budget.baseline.absolutes), seen_mean(budget.floor)
     assert np.all(refitted < 1.2 * floor)
-
-
-def test_the_floor_of_a_long_run_holds_the_uncertainty_of_the_parameters(budget: Budget) -> None:
-    model = budget.model
-    fitted, noise = model.fit, model.evidence.noise
-    runs = [
-        replay_track(model.assembly, fitted.p, r.full_track, fitted.stepping, noise, per_run=WHOLE)
-        for r in model.held_out
-    ]
-    plain = seen_mean(
-        np.concatenate(
-            [
-                noise_floor(model.assembly, fitted.p, run, fitted.stepping, noise).losses(1)
-                for run in runs
-            ]
-        )
-    )
-    predicted = predictive_floor(fitted, runs, noise, seed=0)
-    angle = model.evidence.channels.index("angle_deg")
-    assert predicted[angle] > 1.5 * plain[angle]
-    short = predictive_floor(fitted, model.held_out, noise, seed=0)
-    assert short[angle] < predicted[angle]
