@@ -174,7 +174,7 @@ def read_residual_data(
         tuple(stretches),
         washout,
         _period(fit, columns),
-        (*notes, *dropped),
+        (*notes, *dropped, *(_noise_notes(columns, chosen) if model == "replay" else ())),
         causes,
     )
 
@@ -363,6 +363,18 @@ def _loop_blocks(header: list[str]) -> list[tuple[str, ...]]:
         (header[first - count + k], *header[first + 4 * k : first + 4 * k + 4])
         for k in range(count)
     ]
+
+
+def _noise_notes(columns: dict[str, Array], inputs: tuple[str, ...]) -> tuple[str, ...]:
+    """A note on every input that a controller computed from a measured output: it carries the
+    noise of that reading."""
+    return tuple(
+        f"{command} was computed by a controller from the measured output, so that it carries its "
+        "noise. The network can learn this noise and fall below the noise floor, which is no gain "
+        "in the loop: `pamid score` on a fresh recording has both errors."
+        for *_, last in _loop_blocks(list(columns))
+        if (command := last.removesuffix("_loop")) in inputs
+    )
 
 
 def _inputs(
