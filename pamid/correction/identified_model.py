@@ -335,7 +335,7 @@ def load_identified(
     if which not in WHICH:
         raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
     record, path = Run.open(run_folder).record, run_folder / FIT_FILE
-    fit = need_result(path, FitFile, also=("model", "cause", "controller"))
+    fit = need_result(path, FitFile, also=("model", "cause", "rivals", "controller"))
     if fit.model is None:
         raise FileError(
             f"{path} does not hold its model.", f"An older version wrote it. {REFIT_REMEDY}"

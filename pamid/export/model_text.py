@@ -29,9 +29,7 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     if own != language:
         raise FileError(f"{mechanism.path} is not {language.upper()}.", f"Take --to {own}.")
     keys, values = model.assembly.keys, model.values
-    found = {
-        p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters
-    }
+    found = {p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters}
     effects = [
         FoundEffect(
             a.label,

@@ -173,7 +173,9 @@ def _stretches(
     inputs = {c: u for c, u in mechanism.inputs.items() if c in columns}
     if lacking := [c for c in mechanism.inputs if c not in columns and fit.inputs is not None
                    and c in fit.inputs]:  # fmt: skip
-        raise FileError(f"{folder / RESIDUAL_FILE} lacks the column {lacking[0]!r}.", code="damaged")
+        raise FileError(
+            f"{folder / RESIDUAL_FILE} lacks the column {lacking[0]!r}.", code="damaged"
+        )
     readings = [c for c in fit.channels if c in columns and c in mechanism.outputs]
     si = {c: to_si(columns[c], split_column(c)[1]) for c in (*inputs, *readings)}
     time, window = columns["time_s"], columns["window"]
@@ -214,9 +216,7 @@ def _groups(
     """(first sample, samples for the start, samples that are not scored, end) of every run. A
     window's start is estimated on its unscored samples; that of several on the whole first one."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
-    pieces = [
-        (int(a), int(b), int(window[a])) for a, b in zip(edges[:-1], edges[1:], strict=True)
-    ]
+    pieces = [(int(a), int(b), int(window[a])) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     windows: list[tuple[int, int, int]] = []  # first sample, first scored sample, end
     free = 0
     for a, b, number in pieces:

@@ -146,9 +146,7 @@ def forms_of(mechanism: Mechanism, effects: Sequence[FoundEffect]) -> Forms:
     return forms
 
 
-def _at_port(
-    forms: Forms, mechanism: Mechanism, effect: FoundEffect, port: ModelPort
-) -> str:
+def _at_port(forms: Forms, mechanism: Mechanism, effect: FoundEffect, port: ModelPort) -> str:
     """Add an effect at a port; the note on it, or ""."""
     table: Mapping[str, Callable[[Any, Any], str]]
     terms: Any
@@ -289,7 +287,7 @@ def _end_stop(terms: JointTerms, p: Any) -> str:
 
 def _one_sided_stop(terms: JointTerms, p: Any) -> str:
     # the effect's damping grows with the depth; its value at a twentieth of the way stands for it
-    damping = p.stiffness * 0.05 * max(abs(p.lower), abs(p.upper)) / p.speed
+    damping = p.stiffness * 0.05 * min(abs(p.lower), abs(p.upper)) / p.speed
     terms.stop = Stop(p.lower, p.upper, p.stiffness, damping)
     return ""
 

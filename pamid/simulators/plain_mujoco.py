@@ -195,7 +195,9 @@ class PlainModel:
             size = int(m.actuator_history[i, 0]) if a.adr >= 0 else 0
             if size and a.column in stretch.inputs:
                 times = -step * np.arange(size, 0, -1)
-                past = np.append(stretch.before.get(a.column, np.empty(0)), stretch.inputs[a.column][0])
+                past = np.append(
+                    stretch.before.get(a.column, np.empty(0)), stretch.inputs[a.column][0]
+                )
                 # the last one is the first sample of the stretch, at time 0
                 back = np.minimum(np.ceil(-times / period - 1e-6).astype(int), len(past) - 1)
                 self.mujoco.mj_initCtrlHistory(m, d, i, times, past[len(past) - 1 - back])

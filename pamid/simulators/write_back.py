@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 UNCHANGED = 1e-9  # share by which a value may differ and stay as it is written
 SAME = 1e-6  # share to which the written file has to give a value back
 FINER_STEPS = 8  # a delay and dry friction hold down to this part of the file's step
+ROUNDED = 1e-7  # of a delay
 SOFT = 0.02  # impedance of a limit that acts as a spring: the share by which it also holds still
 LEAST_ARMATURE = 1e-3  # of the load behind a motor, where the file has no inertia of the motor
 MOSTLY_BEHIND = 0.97  # share of a load from which all of it is behind
@@ -88,9 +89,15 @@ def write_back(
     for name, why in _lost(again, {n: now for n, (_, now) in changed.items()}):
         del changed[name]
         left.append(f"{name}: {why}")
-    return WrittenModel(
-        made, changed, tuple(left), (*forms.notes, *writer.notes), file_again, again
-    )
+    notes = (*forms.notes, *writer.notes)
+    again = _with_columns(again, mechanism)
+    return WrittenModel(made, changed, tuple(left), notes, file_again, again)
+
+
+def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
+    """The new model with the columns of the old one: a command of <general> has no unit."""
+    named = zip(new.actuators, old.actuators, strict=True)
+    return replace(new, actuators=tuple(replace(a, column=b.column) for a, b in named))
 
 
 def read_text(path: Path, text: bytes) -> MujocoFile:
@@ -274,7 +281,9 @@ class _Writer:
             written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
             self._soften(tag, joint, friction, terms)
         if terms.damping.any():
-            poly = np.array([damping, *getattr(m, "dof_dampingpoly", np.zeros((m.nv, 2)))[joint.dof]])
+            poly = np.array(
+                [damping, *getattr(m, "dof_dampingpoly", np.zeros((m.nv, 2)))[joint.dof]]
+            )
             total = poly + terms.damping
             written |= self._set_value(tag, j, "damping", float(total[0]), _trimmed(total))
         if terms.spring.any():
@@ -292,7 +301,9 @@ class _Writer:
             self.passive.append(self._passive(name, "cogging", f'cogging="{values}"'))
         return written
 
-    def _set_value(self, tag: Tag, j: int, attribute: str, value: float, text: str = "") -> set[str]:
+    def _set_value(
+        self, tag: Tag, j: int, attribute: str, value: float, text: str = ""
+    ) -> set[str]:
         name = self.names["joint", j, attribute]
         parameter = next(p.parameter for p in self.mechanism.parameters if p.parameter.name == name)
         self.edits.set(tag, attribute, text or number(value))
@@ -351,9 +362,7 @@ class _Writer:
         about = [float(total.deriv(k)(zero)) if k else 0.0 for k in (1, 2, 3)]
         coefficients = np.array([about[0], about[1] / 2.0, about[2] / 6.0])
         self.edits.set(tag, "springref", self._angle(joint, zero))
-        return self._set_value(
-            tag, j, "stiffness", float(coefficients[0]), _trimmed(coefficients)
-        )
+        return self._set_value(tag, j, "stiffness", float(coefficients[0]), _trimmed(coefficients))
 
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """The range within which both the file's own limits and the buffers leave the joint."""
@@ -521,9 +530,10 @@ class _Writer:
             self.edits.set(tag, word, _trimmed(values))
 
     def _delay(self, tag: Tag, delay: float) -> None:
-        """A delay, with room for it at a finer step."""
+        """A delay, with room for it at a finer step. It is shorter by what keeps a number of whole
+        steps from becoming one more where times are rounded."""
         step = float(self.file.model.opt.timestep) / FINER_STEPS
-        self.edits.set(tag, "delay", number(delay))
+        self.edits.set(tag, "delay", number(delay * (1.0 - ROUNDED)))
         self.edits.set(tag, "nsample", str(int(np.ceil(delay / step)) + 2))
 
     def _reading(self, s: int, terms: ReadingTerms) -> None:
@@ -635,7 +645,9 @@ class _Writer:
             "its end stop": terms.stop is not None,
             "the load behind its motor": terms.behind is not None,
         }
-        self.left += [f"{joint.name}: URDF has no attribute for {k}" for k, v in others.items() if v]
+        self.left += [
+            f"{joint.name}: URDF has no attribute for {k}" for k, v in others.items() if v
+        ]
         if tag is None:
             self.left.append(f"effects at {joint.name}: {why}")
             return set()
@@ -666,9 +678,9 @@ class _Writer:
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:
     """A limit that acts as a spring and a damper (documentation, Computation, Constraint model): of
-    impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d^2 and b = -solref[1]
-    / d, r beyond the limit and a the acceleration without it."""
+    impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d and b = -solref[1] /
+    d, r the way beyond the limit and a the acceleration without it."""
     return {
-        "solreflimit": numbers([-stiffness * weight * SOFT, -damping * weight]),
+        "solreflimit": numbers([-stiffness * weight, -damping * weight]),
         "solimplimit": numbers([SOFT, SOFT, 0.001]),
     }

@@ -1,0 +1,430 @@
+"""A finding written into a model file, judged by plain MuJoCo: the written file does what pamid's
+own model of the finding does, and the export states how far off it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import mechanisms
+import numpy as np
+import pytest
+from model_runs import PERIOD_S, fitted_values, make_run
+from numpy.typing import NDArray
+from pamid_cli import frame
+
+from pamid.base.errors import FileError
+from pamid.correction.identified_model import load_identified, simulate_identified
+from pamid.engine.program import Stepping
+from pamid.export.exporting import export_model
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.simulators import mujoco_forms
+from pamid.simulators.mujoco_file import open_mujoco
+from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.simulators.plain_mujoco import PlainModel, SimulatorSettings, Stretch
+from pamid.simulators.stepped_mechanism import SteppedMechanism
+from pamid.simulators.write_back import write_back
+from pamid.verdict import diagnosis_run
+
+mujoco: Any = mechanisms.needs_mujoco()
+
+Array = NDArray[np.float64]
+
+ARM = """<mujoco model="arm">
+  <compiler angle="radian"/>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="a" axis="0 1 0" armature="0.01" damping="0.05"/>
+      <inertial pos="0 0 -0.2" mass="1" diaginertia="0.01 0.01 0.001"/>
+      <body name="fore" pos="0 0 -0.4">
+        <!-- squeaks -->
+        <joint name="b" axis="0 1 0" armature="0.005" damping="0.02"/>
+        <inertial pos="0 0 -0.15" mass="0.6" diaginertia="0.005 0.005 0.001"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="ma" joint="a"/>
+    <position name="mb" joint="b" kp="8" kv="0.4"/>
+  </actuator>
+  <sensor>
+    <jointpos name="qa" joint="a"/>
+    <jointpos name="qb" joint="b"/>
+  </sensor>
+</mujoco>
+"""
+INPUTS, READINGS = ("ma_command", "mb_command_rad"), ("qa_rad", "qb_rad")
+SAMPLES = 1000
+DRY = 'solreffriction="0.0002 1"'  # as hard as a step of 0.1 ms allows
+
+
+def commands(samples: int = SAMPLES) -> Array:
+    """Random steps, held for 0.2 s: a torque (N m) and an angle (rad)."""
+    levels = np.random.default_rng(3).uniform(-1.0, 1.0, (samples // 50, 2)) * [2.0, 0.8]
+    return np.repeat(levels, 50, axis=0)
+
+
+def recorded(text: str, samples: int = SAMPLES) -> dict[str, Array]:
+    """Columns of a log of an arm that MuJoCo simulates at 0.1 ms, RK4."""
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.timestep, model.opt.integrator = 1e-4, int(mujoco.mjtIntegrator.mjINT_RK4)
+    data, u, rows = mujoco.MjData(model), commands(samples), []
+    for row in u:
+        rows.append(data.qpos.copy())
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data, round(PERIOD_S / model.opt.timestep))
+    y = np.array(rows) + 1e-4 * np.random.default_rng(1).standard_normal(u.shape)
+    return {**dict(zip(INPUTS, u.T, strict=True)), **dict(zip(READINGS, y.T, strict=True))}
+
+
+def written(folder: Path, text: str = ARM, name: str = "arm.xml") -> Path:
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+def export(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
+    """The JSON that the command prints."""
+    assert frame.run(["export", *map(str, words), "--json"]) == code, capsys.readouterr()
+    return json.loads(capsys.readouterr().out)
+
+
+# ---- every effect as MuJoCo has it ---------------------------------------------------------------
+
+
+def errors(folder: Path, effects: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array, Any]:
+    """Mean absolute difference to pamid's model with the effects, of the old file and the new one
+    in plain MuJoCo, (readings,) each; and what was written."""
+    file, u = written(folder), commands()
+    nothing = dict.fromkeys(READINGS, np.zeros(SAMPLES))
+    inputs = dict(zip(INPUTS, u.T, strict=True))
+    values = {f"{k}:{name}": v for k, own in effects.items() for name, v in own.items()}
+    model = fitted_values(file, tuple(effects), values)
+    run = make_run(folder / "run", file, {**inputs, **nothing}, READINGS, model)
+    identified = replace(load_identified(run, rig=str(file)), stepping=Stepping(4))
+    truth = simulate_identified(identified, u)
+    made = export_model(identified, "mjcf", folder / "new.xml", anyway=True)
+    times, all_scored = PERIOD_S * np.arange(SAMPLES), np.ones(SAMPLES, bool)
+    stretch = Stretch(times, inputs, {}, nothing, all_scored, 25)
+    off = []
+    for path in (file, folder / "new.xml"):
+        mechanism = read_mechanism(path)
+        named = zip(mechanism.actuators, INPUTS, strict=True)
+        mechanism = replace(
+            mechanism, actuators=tuple(replace(a, column=column) for a, column in named)
+        )
+        settings = SimulatorSettings(0.001, "RK4")
+        plain = PlainModel(open_mujoco(path), mechanism, settings=settings)
+        (y,) = plain.simulate(stretch, np.zeros((1, plain.states)))
+        off.append(np.abs(y - truth).mean(axis=0))
+    return off[0], off[1], made
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {
+            "viscous-friction@a": {"damping": 0.1},
+            "quadratic-drag@b": {"drag": 0.05},
+            "cubic-stiffness@a": {"hardening": 1.0, "rest": 0.2, "reach": 5.0},
+            "linear-stiffness@a": {"stiffness": 1.0, "rest": 0.3},
+            "constant-offset@b": {"level": 0.3},
+            "cogging@b": {"sine": 0.1, "cosine": 0.05, "period": 0.3},
+            "gravity@a": {"sine": 0.3, "cosine": 0.1},
+        },
+        {
+            "lugre-friction@a": {
+                "level": 0.2, "breakaway": 1.5, "speed": 0.1, "give": 0.003, "settling": 0.002,
+            },
+            "dahl-friction@b": {"level": 0.1, "reach": 0.02},
+            "asymmetric-saturation@ma_command": {"upper": 0.8, "lower": -1.5, "share": 1.0},
+            "offset@mb_command": {"level": 0.1},
+        },
+        {
+            "two-mass@b_transmission": {"share": 1.0, "frequency": 6.0, "damping": 0.05},
+            "dead-time@mb_command": {"delay": 0.02},
+            "gain-error@mb_command": {"gain": 0.2},
+            "gain-error@ma_command": {"gain": 0.2},
+        },
+    ],
+    ids=["polynomials", "bristles", "commands"],
+)  # fmt: skip
+def test_effects_of_mujoco_are_written_as_mujoco_has_them(
+    effects: Mapping[str, Mapping[str, float]], tmp_path: Path
+) -> None:
+    before, now, made = errors(tmp_path, effects)
+    assert now.sum() < 0.02 * before.sum()
+    assert not made.notes
+
+
+@pytest.mark.parametrize(
+    ("effects", "share"),
+    [
+        ({"coulomb-friction@a": {"level": 0.15},
+          "yielding-friction@b": {"level": 0.1, "speed": 0.4}}, 0.1),
+        ({"stribeck-friction@a": {"level": 0.2, "breakaway": 1.5, "speed": 0.1, "give": 0.003},
+          "directional-friction@b": {"forward": 0.05, "backward": 0.1}}, 0.15),
+        ({"maxwell-slip-hysteresis@a": {"level": 0.2, "reach": 0.1},
+          "bouc-wen-hysteresis@b": {"level": 0.1, "reach": 0.1, "shape": 0.7}}, 0.35),
+        ({"end-stop@a": {"stiffness": 60.0, "limit": 0.2, "speed": 3.0}}, 0.2),
+        ({"backlash@b_transmission":
+          {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}}, 0.1),
+    ],
+    ids=["friction", "stribeck", "hysteresis", "end-stop", "backlash"],
+)  # fmt: skip
+def test_other_effects_are_written_in_their_nearest_form(
+    effects: Mapping[str, Mapping[str, float]], share: float, tmp_path: Path
+) -> None:
+    before, now, _ = errors(tmp_path, effects)
+    assert now.sum() < share * before.sum()
+
+
+# ---- the command ---------------------------------------------------------------------------------
+
+TWO_FRICTIONS = ARM.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis').replace(
+    '"b" axis', f'"b" frictionloss="0.08" {DRY} axis'
+)
+
+
+def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One is dry, one a hysteresis; at 2 ms Euler is off, and the export states what is not."""
+    file, new = written(tmp_path), tmp_path / "new.xml"
+    labels = ("coulomb-friction@a", "maxwell-slip-hysteresis@b")
+    values = {f"{labels[0]}:level": 0.15, f"{labels[1]}:level": 0.08, f"{labels[1]}:reach": 1e-3}
+    model = fitted_values(file, labels, values)
+    log = recorded(TWO_FRICTIONS)
+    run = make_run(tmp_path / "run", file, log, READINGS, model, stated=1e-3)
+    said = export(capsys, run, "--rig", file, "--to", "mjcf", "--output", new)
+    plain = said["plain_mujoco"]
+    assert (plain["timestep_s"], plain["integrator"]) == (0.002, "Euler")
+    for channel in plain["channels"].values():
+        assert channel["now"] < 0.7 * channel["before"]
+        assert channel["now"] > 1.2 * channel["stated"]
+    assert plain["reaching"] == {"timestep_s": 0.002, "integrator": "RK4"}
+    text = new.read_text()
+    assert 'frictionloss="0.15"' in text and "lugre=" in text and "<!-- squeaks -->" in text
+    assert frame.run(["export", str(run), "--rig", str(file), "--to", "mjcf", "--output", str(new),
+                      "--overwrite"]) == 0  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "in plain MuJoCo (2 ms, Euler)" in printed
+    assert '<option timestep="0.002" integrator="RK4"/>' in printed
+
+
+def test_a_file_that_got_worse_is_not_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, new = written(tmp_path), tmp_path / "new.xml"
+    model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 1.5})
+    run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model)
+    words = (run, "--rig", file, "--to", "mjcf", "--output", new)
+    refused = export(capsys, *words, code=3)
+    assert refused["code"] == "worse" and "--anyway" in refused["hint"] and not new.exists()
+    channels = export(capsys, *words, "--anyway")["plain_mujoco"]["channels"]
+    assert channels["qa_rad"]["now"] > channels["qa_rad"]["before"] and new.exists()
+
+
+def test_the_most_probable_rival_is_written_or_the_chosen_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, new = written(tmp_path), tmp_path / "new.xml"
+    dry, drag = "coulomb-friction@a", "viscous-friction@a"
+    models = {
+        dry: fitted_values(file, [dry], {f"{dry}:level": 0.15}),
+        drag: fitted_values(file, [drag], {f"{drag}:damping": 0.1}),
+    }
+    run = make_run(
+        tmp_path / "run", file, recorded(TWO_FRICTIONS), READINGS, models[drag],
+        rivals={drag: (0.3, models[drag]), dry: (0.6, models[dry])},
+    )  # fmt: skip
+    words = (run, "--rig", file, "--to", "mjcf", "--output", new)
+    said = export(capsys, *words)
+    assert said["effects"] == [dry] and 'frictionloss="0.15"' in new.read_text()
+    assert said["notes"][0].endswith(f"--choose {drag} writes that one")
+    assert export(capsys, *words, "--choose", drag, "--overwrite")["effects"] == [drag]
+    assert 'damping="0.15"' in new.read_text() and "frictionloss" not in new.read_text()
+    refused = export(capsys, *words, "--choose", "coulomb-friction@b", "--overwrite", code=2)
+    assert dry in refused["hint"]
+
+
+def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def model(label: str) -> Any:
+        return SimpleNamespace(assembly=label, fit=label)
+
+    def named(label: str) -> Any:
+        figures = {"removed": 0.9 if label == "one" else 0.2}
+        return SimpleNamespace(
+            effect=SimpleNamespace(label=label), model=model(label), figures=figures
+        )
+
+    monkeypatch.setattr(diagnosis_run, "fit_json", lambda *_: {})
+    monkeypatch.setattr(diagnosis_run, "model_json", lambda assembly, _: assembly)
+    monkeypatch.setattr(diagnosis_run, "replace", lambda *_, **__: None)
+    monkeypatch.setattr(diagnosis_run, "probability", lambda figures: figures["removed"])
+    answer = SimpleNamespace(causes=(named("one"), named("other")))
+    d: Any = SimpleNamespace(
+        budget=SimpleNamespace(model=None), cause=model("one"), answer=answer, seed=0,
+        verdict="ambiguous",
+    )  # fmt: skip
+    assert diagnosis_run.models_json(d)["rivals"] == {
+        "one": {"probability": 0.9, "model": "one"},
+        "other": {"probability": 0.2, "model": "other"},
+    }
+    d.verdict = "explained"
+    assert "rivals" not in diagnosis_run.models_json(d)
+
+
+def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its spring is not linear, so MuJoCo steps it."""
+    text = ARM.replace('damping="0.05"', 'damping="0.05" stiffness="0.5 0 1"')
+    file, new = written(tmp_path, text), tmp_path / "new.xml"
+    truth = text.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis')
+    labels = ("coulomb-friction@a", "cubic-stiffness@b")
+    values = {f"{labels[0]}:level": 0.15, f"{labels[1]}:hardening": 0.0}
+    model = fitted_values(file, labels, values)
+    run = make_run(tmp_path / "run", file, recorded(truth), READINGS, model, stated=2e-3)
+    said = export(capsys, run, "--rig", file, "--to", "mjcf", "--output", new)
+    channel = said["plain_mujoco"]["channels"]["qa_rad"]
+    assert channel["now"] < 0.2 * channel["before"]
+    assert 'stiffness="0.5 0 1"' in new.read_text()
+
+
+# ---- what is in the text -------------------------------------------------------------------------
+
+
+def test_a_mujoco_without_bristles_delays_and_polynomials_gets_what_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mujoco_forms, "reads", lambda *_: False)
+    monkeypatch.setattr(mujoco_forms, "reads_polynomials", lambda: False)
+    file = written(tmp_path)
+    mechanism = read_mechanism(file)
+    ports = {(p.kind, p.number): p for p in mechanism.ports}
+    done = write_back(
+        mechanism,
+        {p.parameter.name: p.parameter.value for p in mechanism.parameters},
+        [
+            mujoco_forms.FoundEffect(
+                "lugre-friction@a", "lugre-friction",
+                {"level": 0.2, "breakaway": 1.5, "speed": 0.1, "give": 0.003, "settling": 0.002},
+                (ports["motion", 0],),
+            ),
+            mujoco_forms.FoundEffect(
+                "quadratic-drag@b", "quadratic-drag", {"drag": 0.1}, (ports["motion", 1],)
+            ),
+            mujoco_forms.FoundEffect(
+                "dead-time@mb_command", "dead-time", {"delay": 0.02}, (ports["command", 1],)
+            ),
+        ],
+    )  # fmt: skip
+    text = done.text.decode()
+    assert 'frictionloss="0.2"' in text and "dcmotor" not in text and "delay" not in text
+    assert [note.partition(" ")[0] for note in done.notes] == [
+        "lugre-friction@a", "quadratic-drag@b", "dead-time@mb_command",
+    ]  # fmt: skip
+
+
+def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path) -> None:
+    text = (
+        ARM.replace('<compiler angle="radian"/>', "")
+        .replace("</sensor>", '</sensor>\n  <keyframe><key qpos="0.1 0.2" qvel="1 2"/></keyframe>')
+        .replace('kp="8"', 'kp="8" ctrlrange="-1 1"')
+    )
+    mechanism = read_mechanism(written(tmp_path, text))
+    ports = {(p.kind, p.number): p for p in mechanism.ports}
+    behind = {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}
+    done = write_back(
+        mechanism,
+        {p.parameter.name: p.parameter.value for p in mechanism.parameters},
+        [mujoco_forms.FoundEffect("backlash", "backlash", behind, (ports["transmission", 0],)),
+         mujoco_forms.FoundEffect("spring", "linear-stiffness", {"stiffness": 2.0, "rest": 0.3},
+                                  (ports["motion", 1],))],
+    )  # fmt: skip
+    model = done.file.model
+    assert model.key_qpos.tolist() == [[0.1, 0.0, 0.2]] and model.key_qvel.tolist() == [[1, 0, 2]]
+    assert model.jnt_range[1] == pytest.approx([-0.02, 0.02])
+    assert model.qpos_spring[2] == pytest.approx(0.3) and model.jnt_stiffness[2] == 2.0
+
+
+def test_a_written_file_with_bristles_is_a_rig_again(tmp_path: Path) -> None:
+    """The commands are the old ones, and the bristles are states that MuJoCo steps."""
+    text = ARM.replace(
+        "</actuator>",
+        '<dcmotor joint="a" name="dry" input="none" motorconst="0" resistance="1" '
+        'lugre="100 0 0.2 0.3 0.1"/></actuator>',
+    )
+    rig = rig_named(str(written(tmp_path, text)))
+    assert tuple(rig.inputs) == INPUTS and rig.states[-1].name == "dry_activation"
+    assert isinstance(rig, SteppedMechanism)
+    p, x = Assembly(rig).values()[None], np.zeros((1, len(rig.states)))
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    for row in commands(100):
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data)
+        x, _ = rig.steps(x, np.array([[*row, 0.0, 0.0]]), p, 0.002, ())
+        assert np.abs(x[0] - [*data.qpos, *data.qvel, *data.act]).max() < 1e-9
+
+
+URDF = """<robot name="lever">
+  <link name="base"/>
+  <link name="lever">
+    <inertial>
+      <origin xyz="0 0 -0.2"/><mass value="1.5"/>
+      <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <joint name="pivot" type="continuous">
+    <parent link="base"/><child link="lever"/><axis xyz="0 1 0"/>
+  </joint>
+</robot>
+"""
+
+
+def test_urdf_gets_friction_damping_and_inertials(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.urdf"
+    u, readings = commands()[:, 0], ("pivot_position_rad",)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    model.opt.timestep, model.dof_frictionloss[0], model.dof_solref[0, 0] = 2e-4, 0.2, 4e-4
+    model.dof_damping[0] = 0.3
+    model.body_mass[1] *= 1.2
+    model.body_inertia[1] *= 1.2
+    data, rows = mujoco.MjData(model), []
+    for torque in u:
+        rows.append(float(data.qpos[0]))
+        data.qfrc_applied[0] = torque
+        mujoco.mj_step(model, data, 20)
+    log = {"pivot_torque_nm": u, readings[0]: np.array(rows)}
+    labels = ("coulomb-friction@pivot", "viscous-friction@pivot")
+    labels = tuple(label.partition("@")[0] for label in labels)
+    values = {f"{labels[0]}:level": 0.2, f"{labels[1]}:damping": 0.3, "lever_mass": 1.8}
+    fitted = fitted_values(file, labels, values)
+    run = make_run(tmp_path / "run", file, log, readings, fitted)
+    words = (run, "--rig", file, "--output", new)
+    said = export(capsys, *words, "--to", "urdf")
+    channel = said["plain_mujoco"]["channels"][readings[0]]
+    assert channel["now"] < 0.2 * channel["before"]
+    text = new.read_text()
+    assert '<dynamics damping="0.3" friction="0.2"/>' in text and 'mass value="1.8"' in text
+    assert 'ixx="0.024"' in text
+    refused = export(capsys, *words, "--to", "mjcf", "--overwrite", code=3)
+    assert "--to urdf" in refused["hint"]
+
+
+def test_a_rig_of_equations_has_no_model_file(tmp_path: Path) -> None:
+    rig = rig_named("one-dof")
+    assembly = Assembly(rig, (), True)
+    model: Any = SimpleNamespace(assembly=assembly, name="one-dof")
+    with pytest.raises(FileError, match="not made of a model file"):
+        export_model(model, "mjcf", tmp_path / "a.xml")
