@@ -116,8 +116,9 @@ def command(
         inputs=model.inputs,
         outputs=model.outputs,
         notes=made.notes,
-        **({} if made.check is None else {"plain_mujoco": _plain(made.check)}),
     )
+    if made.check is not None:
+        written = written.model_copy(update={"plain_mujoco": _plain(made.check)})
     built = f", with a binary for {made.binary}" if made.binary else ""
     text = (
         f"{', '.join(map(str, made.files))}: {model.name} with "

@@ -127,7 +127,7 @@ class PlainModel:
         m, n = self.model, samples or len(stretch.times)
         step = float(m.opt.timestep)
         count = int(np.ceil(stretch.times[n - 1] / step - 1e-6)) + 1
-        control = self._control(stretch, step * np.arange(count), n)
+        control = self._control(stretch, np.arange(count, dtype=np.float64) * step, n)
         begin = np.tile(self._begin(stretch), (len(starts), 1))
         begin[:, 1 : 1 + self.states] = starts
         states, sensed = self.rollout.rollout(

@@ -353,7 +353,8 @@ class _Writer:
             old.add_spring(0.0, cube, rest)
         total = np.polynomial.Polynomial(old.spring + terms.spring)
         if not total.coef[1:].any():  # a constant: a weak spring, relaxed far away
-            total = total + TINY_SPRING * abs(total.coef[0]) * np.polynomial.Polynomial([0.0, 1.0])
+            weak = TINY_SPRING * abs(float(total.coef[0]))
+            total = np.polynomial.Polynomial([float(total.coef[0]), weak])
         zeros = [float(z.real) for z in total.trim().roots() if abs(z.imag) < 1e-9 * (1 + abs(z))]
         if not zeros:
             self.left.append(f"effects at {joint.name}: their spring has no point of rest")
@@ -455,7 +456,7 @@ class _Writer:
         return terms.gain != 1.0 or terms.offset != 0.0 or lagged
 
     def _command(self, i: int, terms: CommandTerms) -> None:
-        actuator, m = self.mechanism.actuators[i], self.file.model
+        actuator = self.mechanism.actuators[i]
         tag, why = self._tag_of("actuator", i, actuator.name)
         if actuator.adr < 0:
             tag, why = None, "the file has no actuators"

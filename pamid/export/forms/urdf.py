@@ -1,4 +1,4 @@
-"""`pamid export --to urdf`: the URDF of the rig, with the part of the finding that URDF can hold."""
+"""`pamid export --to urdf`: the URDF of the rig, with what URDF can hold of the finding."""
 
 from __future__ import annotations
 
