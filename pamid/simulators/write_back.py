@@ -355,7 +355,8 @@ class _Writer:
         if not total.coef[1:].any():  # a constant: a weak spring, relaxed far away
             weak = TINY_SPRING * abs(float(total.coef[0]))
             total = np.polynomial.Polynomial([float(total.coef[0]), weak])
-        zeros = [float(z.real) for z in total.trim().roots() if abs(z.imag) < 1e-9 * (1 + abs(z))]
+        roots = [complex(z) for z in total.trim().roots()]
+        zeros = [z.real for z in roots if abs(z.imag) < 1e-9 * (1.0 + abs(z))]
         if not zeros:
             self.left.append(f"effects at {joint.name}: their spring has no point of rest")
             return set()
