@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from pamid_cli.fail_if import Condition, exit_code_of
 from pamid_cli.diagnose import _figures
+from pamid_cli.fail_if import Condition, exit_code_of
 from synthetic_run import make_run
 
 
