@@ -38,12 +38,12 @@ MODEL = """<mujoco>
 SENT = np.repeat(np.random.default_rng(1).uniform(-0.5, 0.5, SAMPLES // 100), 100)  # rad
 
 
-def in_mujoco(behind: str) -> Array:
-    """Angles of the motor (samples,), read before each command."""
+def in_mujoco(behind: str, *, far: bool = False) -> Array:
+    """Angles of the motor, or of the link on its far side (samples,), read before each command."""
     model = mujoco.MjModel.from_xml_string(MODEL.format(behind=behind))
     data, found = mujoco.MjData(model), []
     for angle in SENT:
-        found.append(float(data.qpos[0]))
+        found.append(float(data.qpos.sum() if far else data.qpos[0]))
         data.ctrl[0] = angle
         mujoco.mj_step(model, data, round(PERIOD / model.opt.timestep))
     return np.array(found)
@@ -89,6 +89,22 @@ def test_a_link_behind_a_gap_lies_on_one_side_of_it(tmp_path: Path) -> None:
     rigid = in_pamid(tmp_path)
     # MuJoCo's stop is another one; with the weight on the motor's side 0.45: the link would float
     assert np.abs(found - truth).mean() < 0.3 * np.abs(rigid - truth).mean()
+
+
+def test_an_encoder_behind_a_gap_reads_the_link(tmp_path: Path) -> None:
+    """The servo's own loop sees its motor."""
+    truth = in_mujoco(
+        '<joint name="link" axis="0 1 0" range="-0.015 0.015" limited="true" '
+        'solreflimit="0.02 0.7"/>',
+        far=True,
+    )
+    contact = {"share": 1.0, "half_gap_rad": 0.015, "frequency_hz": 15.0, "damping": 0.5}
+    found = in_pamid(tmp_path, "load-side-backlash", **contact, motor_feedback=1.0)
+    rigid = in_pamid(tmp_path)
+    assert np.abs(found - truth).mean() < 0.3 * np.abs(rigid - truth).mean()
+    # a loop over the encoder behind the gap would lift the link by what the gap lets it hang
+    closed = in_pamid(tmp_path, "load-side-backlash", **contact, motor_feedback=0.0)
+    assert np.abs(closed - truth).mean() > 2.0 * np.abs(found - truth).mean()
 
 
 def test_without_an_outboard_part_nothing_changes(tmp_path: Path) -> None:

@@ -1,0 +1,110 @@
+"""Which parameters of a model are fitted, and how a user holds or releases one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mechanisms import ONE, TWO
+
+from pamid.base.errors import FileError
+from pamid.model.between_samples import as_recorded
+from pamid.model.catalogue import HOLD_OR_RELEASE, rig_story, rig_text
+from pamid.model.registry import rig_named
+from pamid.recording.recording import Recording, read_recording, recording_of
+from pamid.simulators.mechanism import ModelParameter
+from pamid.simulators.mujoco_mechanism import read_mechanism
+
+pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
+
+BARE = ONE.replace('damping="0.08" armature="0.004"', "")
+DC_MOTOR = BARE.replace(
+    '<motor name="motor" joint="shoulder" gear="2" ctrlrange="-1 1"/>',
+    '<dcmotor name="motor" joint="shoulder" motorconst="0.1" resistance="2"/>',
+)
+
+
+def parameters(text: str, folder: Path) -> dict[str, ModelParameter]:
+    path = folder / "model.xml"
+    path.write_text(text)
+    return {p.parameter.name: p for p in read_mechanism(path).parameters}
+
+
+def log(**tables: dict[str, float]) -> Recording:
+    t = 0.01 * np.arange(50)
+    return recording_of(t, {"force_n": np.sin(t), "position_m": np.cos(t)}, tables)
+
+
+def test_armature_and_damping_of_zero_are_fitted_and_friction_is_an_effect(tmp_path: Path) -> None:
+    found = parameters(BARE, tmp_path)
+    fitted = {name for name, p in found.items() if p.assumed and p.parameter.fitted}
+    assert fitted == {"shoulder_armature", "shoulder_damping"}
+    assert not found["shoulder_frictionloss"].parameter.fitted
+    assert not found["shoulder_stiffness"].parameter.fitted
+
+
+def test_the_prior_of_a_zero_has_the_size_of_the_actuator(tmp_path: Path) -> None:
+    """A motor of 2 N m accelerates 0.2 kg m2 by 10 rad/s2; the rod alone has 0.05."""
+    weak = parameters(BARE, tmp_path)["shoulder_armature"].parameter
+    strong = parameters(BARE.replace('gear="2"', 'gear="40"'), tmp_path)
+    spread = strong["shoulder_armature"].parameter.spread
+    assert weak.value == 0.0 and weak.spread == pytest.approx(0.2 * 2.0 / 10.0)
+    assert spread == pytest.approx(20.0 * weak.spread)
+    unlimited = parameters(BARE.replace('ctrlrange="-1 1"', ""), tmp_path)["shoulder_armature"]
+    inertia = read_mechanism(tmp_path / "model.xml").joints[0].typical_inertia
+    assert unlimited.parameter.spread == pytest.approx(0.2 * inertia)
+
+
+def test_what_the_file_states_keeps_its_tolerance(tmp_path: Path) -> None:
+    found = parameters(TWO, tmp_path)
+    assert found["elbow_armature"].parameter.log and found["elbow_armature"].parameter.value == 0.01
+
+
+def test_the_resistance_of_a_dc_motor_is_in_ohm(tmp_path: Path) -> None:
+    found = parameters(DC_MOTOR, tmp_path)
+    resistance = found["motor_resistance"].parameter
+    assert resistance.outside_name == "motor_resistance_ohm" and resistance.unit == "Ohm"
+    assert resistance.value == 2.0 and not resistance.fitted and "motor_gain" not in found
+
+
+# ---- [free] ------------------------------------------------------------------------------------
+
+
+def test_a_recording_releases_what_its_rig_holds(tmp_path: Path) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text(BARE)
+    rig = rig_named(str(path))
+    released = as_recorded(rig, [log(free={"shoulder_frictionloss_n_m": 0.05})])
+    (one,) = (p for p in released.parameters if p.name == "shoulder_frictionloss")
+    (before,) = (p for p in rig.parameters if p.name == "shoulder_frictionloss")
+    assert one == replace(before, fitted=True, spread=0.05)
+    assert as_recorded(rig, [log()]) is rig
+
+
+def test_a_name_that_is_none_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    rig = rig_named("dc-motor")
+    with pytest.raises(FileError, match="no such parameter"):
+        as_recorded(rig, [log(free={"shoulder_friction": 0.05})])
+    name = rig.parameters[0].outside_name
+    with pytest.raises(FileError, match="standard deviation above 0"):
+        as_recorded(rig, [log(free={name: 0.0})])
+
+
+def test_what_is_released_stands_in_the_toml_and_in_a_table(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(50)
+    (tmp_path / "log.csv").write_text(
+        "time_s,force_n\n" + "\n".join(f"{x:.2f},{np.sin(x):.5f}" for x in t) + "\n"
+    )
+    (tmp_path / "log.toml").write_text("[free]\nmass_kg = 0.2\n")
+    read = read_recording(tmp_path / "log.csv")
+    assert read.free == {"mass_kg": 0.2} and not read.warnings
+    again = Recording.from_pandas(read.to_pandas(), free=read.free)
+    assert again.free == read.free
+
+
+def test_the_rig_says_how_to_hold_and_release() -> None:
+    rig = rig_named("dc-motor")
+    text = rig_text(rig_story(rig, [], {}))
+    assert HOLD_OR_RELEASE.split()[-1] in text and "[known]" in text and "[free]" in text
