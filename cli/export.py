@@ -134,17 +134,17 @@ def command(
 def _plain(check: PlainCheck) -> PlainMujoco:
     from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
 
-    own, reaching = check.settings, check.reaching
     return PlainMujoco(
-        timestep_s=own.timestep_s,
-        integrator=own.integrator,
+        timestep_s=check.settings.timestep_s,
+        integrator=check.settings.integrator,
         channels={
-            name: PlainChannel(before=c.before, now=c.now, stated=c.stated)
+            name: PlainChannel(
+                before=c.before, now=c.now, stated=c.stated, best=check.best_errors[name]
+            )
             for name, c in check.channels.items()
         },
-        reaching=None
-        if reaching is None
-        else PlainSettings(timestep_s=reaching.timestep_s, integrator=reaching.integrator),
+        best=PlainSettings(timestep_s=check.best.timestep_s, integrator=check.best.integrator),
+        reached=check.reached,
     )
 
 
@@ -154,13 +154,14 @@ def _plain_text(check: PlainCheck) -> str:
     for name, c in check.channels.items():
         stated = "" if c.stated is None else f"; the run states {c.stated:.4g}"
         lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
-    if all(c.stated is None for c in check.channels.values()):
+    if check.best == check.settings:
+        if check.reached is False:
+            lines.append("No other step or integrator is better.")
         return "\n".join(lines)
-    if check.reaching is None:
-        lines.append("No step or integrator that was tried reaches the stated error.")
-    elif check.reaching != check.settings:
-        lines.append(
-            f"{check.reaching.integrator} with {1e3 * check.reaching.timestep_s:g} ms reaches the "
-            f"stated error: {check.reaching.option}"
-        )
+    errors = ", ".join(f"{name} {error:.4g}" for name, error in check.best_errors.items())
+    words = "reaches the stated error" if check.reached else "comes nearest to the stated error"
+    lines.append(
+        f"{check.best.integrator} with {1e3 * check.best.timestep_s:g} ms {words} ({errors}): "
+        f"{check.best.option}"
+    )
     return "\n".join(lines)

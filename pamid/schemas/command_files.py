@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, WithJsonSchema
 
 from pamid.schemas.estimates import EFFECTS, PERIOD, RIG, SEED
-from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Sometimes, Text
+from pamid.schemas.model import Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
 from pamid.schemas.score_file import RecordingError
 
 LOOP = "closed or open: was a controller producing the command?"
@@ -144,6 +144,7 @@ class PlainChannel(Model):
     before: Number = Field(description="of the file that was written into")
     now: Number = Field(description="of the new file")
     stated: Number | None = Field(None, description="as the run states it; null where it does not")
+    best: Number = Field(description="of the new file with the best step and integrator")
 
 
 class PlainSettings(Model):
@@ -157,9 +158,13 @@ class PlainMujoco(PlainSettings):
     """A written model file run in plain MuJoCo, with its own step and integrator."""
 
     channels: MapOf[PlainChannel] = Field(description="errors by channel")
-    reaching: PlainSettings | None = Field(
-        description="step and integrator with which the file reaches the errors that the run "
-        "states; null where none that was tried does"
+    best: PlainSettings = Field(
+        description="step and integrator that reach the errors which the run states, else the best "
+        "that were tried"
+    )
+    reached: Flag | None = Field(
+        description="whether these reach the stated errors, up to a fifth; null where the run "
+        "states none"
     )
 
 

@@ -18,14 +18,14 @@ from pamid.simulators.mujoco_file import MujocoFile
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 12  # of the search for a start; the damping is raised where a step does not help
-DIFFERENCE = 1e-6  # of a state, for the slopes of the search
+START_ITERATIONS = 12  # of the search for a start; the damping is raised where a step does not help
+STATE_DIFFERENCE = 1e-6  # of a state, for the slopes of the search
 SLOPE_SAMPLES = 9  # readings to whose slope the first velocity is set
 LEAST_GAIN = 1e-4  # share of the cost below which the search ends
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class RecordedStretch:
     """Successive samples that one run covers.
 
     times     (samples,) s, from 0
@@ -103,7 +103,9 @@ class PlainModel:
         word = self.mujoco.mjtIntegrator(int(self.model.opt.integrator)).name
         return SimulatorSettings(float(self.model.opt.timestep), INTEGRATORS.get(word, word))
 
-    def errors(self, stretches: Sequence[Stretch], noise: Mapping[str, float]) -> dict[str, float]:
+    def errors(
+        self, stretches: Sequence[RecordedStretch], noise: Mapping[str, float]
+    ) -> dict[str, float]:
         """Mean absolute error per column over all scored samples, SI; infinite where a run became
         unstable. noise: standard deviations by column, SI, which weigh the readings at the start.
         """
@@ -121,7 +123,9 @@ class PlainModel:
 
     # ---- one run ---------------------------------------------------------------------------------
 
-    def simulate(self, stretch: Stretch, starts: Array, samples: int | None = None) -> Array:
+    def simulate(
+        self, stretch: RecordedStretch, starts: Array, samples: int | None = None
+    ) -> Array:
         """Readings in the order of the stretch's columns (starts x samples x columns) from states
         (starts x states): positions, velocities, activations."""
         m, n = self.model, samples or len(stretch.times)
@@ -163,7 +167,7 @@ class PlainModel:
             found.append(states[:, :, place])
         return np.stack(found, axis=2)
 
-    def _control(self, stretch: Stretch, times: Array, samples: int) -> Array:
+    def _control(self, stretch: RecordedStretch, times: Array, samples: int) -> Array:
         """Commands and applied forces per step, (steps x both)."""
         m = self.model
         found = np.zeros((len(times), m.nu + m.nv))
@@ -178,7 +182,7 @@ class PlainModel:
             found[:, place] = row
         return found
 
-    def _begin(self, stretch: Stretch) -> Array:
+    def _begin(self, stretch: RecordedStretch) -> Array:
         """A whole state of MuJoCo in which delays hold what was sent and read before."""
         m, d, mujoco = self.model, self.data, self.mujoco
         mujoco.mj_resetData(m, d)
@@ -188,7 +192,7 @@ class PlainModel:
         mujoco.mj_getState(m, d, state, self.full)
         return state
 
-    def _fill_history(self, stretch: Stretch) -> None:
+    def _fill_history(self, stretch: RecordedStretch) -> None:
         m, d = self.model, self.data
         step, period = float(m.opt.timestep), float(stretch.times[1] - stretch.times[0])
         for i, a in enumerate(self.mechanism.actuators):
@@ -215,7 +219,7 @@ class PlainModel:
 
     # ---- the state at the start ------------------------------------------------------------------
 
-    def start_of(self, stretch: Stretch, noise: Mapping[str, float]) -> Array:
+    def start_of(self, stretch: RecordedStretch, noise: Mapping[str, float]) -> Array:
         """The state (states,) at the start of a stretch that its first readings show."""
         n = max(2, min(stretch.opening, len(stretch.times)))
         y = np.column_stack([values[:n] for values in stretch.readings.values()])
@@ -228,10 +232,10 @@ class PlainModel:
             found = self.simulate(stretch, starts, n)
             return ((found - y) * weight).reshape(len(starts), -1)
 
-        by = DIFFERENCE * np.maximum(1.0, np.abs(x))
+        by = STATE_DIFFERENCE * np.maximum(1.0, np.abs(x))
         rows = residuals(x + np.concatenate([np.zeros((1, len(x))), np.diag(by)]))
         cost, damping = float(rows[0] @ rows[0]), 1e-3
-        for _ in range(ITERATIONS):
+        for _ in range(START_ITERATIONS):
             if not np.isfinite(rows).all():
                 return x
             slopes, r = (rows[1:] - rows[0]).T / by, rows[0]
@@ -250,7 +254,7 @@ class PlainModel:
                 rows = np.concatenate([r[None], r + by[:, None] * slopes.T])
         return x
 
-    def _guess(self, stretch: Stretch) -> Array:
+    def _guess(self, stretch: RecordedStretch) -> Array:
         """Positions and velocities as the joints' sensors show them, else at the reference and at
         rest; a filter holds its first command."""
         m = self.model

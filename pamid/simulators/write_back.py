@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 UNCHANGED = 1e-9  # share by which a value may differ and stay as it is written
 SAME = 1e-6  # share to which the written file has to give a value back
 FINER_STEPS = 8  # a delay and dry friction hold down to this part of the file's step
-ROUNDED = 1e-7  # of a delay
+DELAY_ROUNDING = 1e-7  # of a delay
 SOFT = 0.02  # impedance of a limit that acts as a spring: the share by which it also holds still
 LEAST_ARMATURE = 1e-3  # of the load behind a motor, where the file has no inertia of the motor
 MOSTLY_BEHIND = 0.97  # share of a load from which all of it is behind
@@ -535,7 +535,7 @@ class _Writer:
         """A delay, with room for it at a finer step. It is shorter by what keeps a number of whole
         steps from becoming one more where times are rounded."""
         step = float(self.file.model.opt.timestep) / FINER_STEPS
-        self.edits.set(tag, "delay", number(delay * (1.0 - ROUNDED)))
+        self.edits.set(tag, "delay", number(delay * (1.0 - DELAY_ROUNDING)))
         self.edits.set(tag, "nsample", str(int(np.ceil(delay / step)) + 2))
 
     def _reading(self, s: int, terms: ReadingTerms) -> None:

@@ -26,7 +26,7 @@ from pamid.model.registry import rig_named
 from pamid.simulators import mujoco_forms
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.plain_mujoco import PlainModel, SimulatorSettings, Stretch
+from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
 from pamid.simulators.stepped_mechanism import SteppedMechanism
 from pamid.simulators.write_back import write_back
 from pamid.verdict import diagnosis_run
@@ -111,7 +111,7 @@ def errors(folder: Path, effects: Mapping[str, Mapping[str, float]]) -> tuple[Ar
     truth = simulate_identified(identified, u)
     made = export_model(identified, "mjcf", folder / "new.xml", anyway=True)
     times, all_scored = PERIOD_S * np.arange(SAMPLES), np.ones(SAMPLES, bool)
-    stretch = Stretch(times, inputs, {}, nothing, all_scored, 25)
+    stretch = RecordedStretch(times, inputs, {}, nothing, all_scored, 25)
     off = []
     for path in (file, folder / "new.xml"):
         mechanism = read_mechanism(path)
@@ -208,7 +208,7 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     for channel in plain["channels"].values():
         assert channel["now"] < 0.7 * channel["before"]
         assert channel["now"] > 1.2 * channel["stated"]
-    assert plain["reaching"] == {"timestep_s": 0.002, "integrator": "RK4"}
+    assert plain["best"] == {"timestep_s": 0.002, "integrator": "RK4"} and plain["reached"]
     text = new.read_text()
     assert 'frictionloss="0.15"' in text and "lugre=" in text and "<!-- squeaks -->" in text
     assert frame.run(["export", str(run), "--rig", str(file), "--to", "mjcf", "--output", str(new),
