@@ -71,6 +71,12 @@ pamid export run --to fmu --output joint.fmu
     is_flag=True,
     help="Write a model file (mjcf, urdf) that is worse in MuJoCo than the one it is made of.",
 )
+@click.option(
+    "--randomise",
+    type=click.Path(path_type=Path),
+    help="Also write nominal values, standard deviations and covariance of the parameters, as "
+    "YAML, for domain randomisation.",
+)
 @frame.overwrite_option("Replace what exists.", formerly_force=True)
 def command(
     run: Path,
@@ -82,6 +88,7 @@ def command(
     effects: tuple[str, ...],
     choose: str,
     anyway: bool,
+    randomise: Path | None,
     overwrite: bool,
 ) -> frame.Result:
     """Write the model that RUN found (rig, effects and a network, if there is one) for use in
@@ -100,7 +107,9 @@ def command(
         progress.say("reading")
         found = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
         model = found.knowing(parse_known(known))
-        made = export_model(model, form, output, overwrite=overwrite, anyway=anyway)
+        made = export_model(
+            model, form, output, overwrite=overwrite, anyway=anyway, randomise=randomise
+        )
     network = model.network
     for note in made.notes:
         aside(f"Warning: {made.files[0]}: {note}.")

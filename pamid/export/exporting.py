@@ -11,6 +11,7 @@ from pamid.base.progress import tell
 from pamid.correction.identified_model import Identified
 from pamid.export.form import known_forms
 from pamid.export.plain_check import PlainCheck
+from pamid.export.randomisation import randomisation_yaml
 from pamid.export.statements import identifier
 from pamid.export.step import step_of
 
@@ -33,10 +34,12 @@ def export_model(
     *,
     overwrite: bool = False,
     anyway: bool = False,
+    randomise: Path | None = None,
 ) -> Exported:
     """Write `model` to `path` (default: the model's name with the ending of the form, here).
 
-    anyway: write a model file, too, that is worse than the one it was made of.
+    anyway: write a model file, too, that is worse than the one it was made of; randomise: a further
+    file, for the ranges of the parameters.
 
     FileError where a file exists and `overwrite` is not given, and for a model file that got worse;
     UsageError for an unknown form; and what the form refuses.
@@ -49,7 +52,9 @@ def export_model(
     step = step_of(model) if chosen.sampled else None
     default = Path(f"{identifier(f'pamid_{model.name}')}{chosen.ending}")
     files = chosen.files(step, path or default)
-    require_new(files, overwrite)
+    further = () if randomise is None else (randomise,)
+    require_new((*files, *further), overwrite)
+    ranges = {path: randomisation_yaml(model) for path in further}
     made = chosen.write(model, step, files)
     if made.check is not None and made.check.is_worse and not anyway:
         raise FileError(
@@ -58,7 +63,7 @@ def export_model(
             "file cannot hold.",
             code="worse",
         )
-    for folder in {file.parent for file in files}:
+    for folder in {file.parent for file in (*files, *further)}:
         make_folder(folder)
-    write_together(made.files)
-    return Exported(files, made.binary, (*model.notes, *made.notes), made.check)
+    write_together({**made.files, **ranges})
+    return Exported((*files, *further), made.binary, (*model.notes, *made.notes), made.check)

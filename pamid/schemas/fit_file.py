@@ -148,6 +148,9 @@ class FittedModel(Model):
         description="what inputs do from one sample to the next, held or linear, by column, and "
         "which outputs are read before the command of their row; without it all inputs are held",
     )
+    posterior: Sometimes[Posterior] = Field(
+        default=None, description="of a model with a cause: how well its parameters are known"
+    )
 
 
 class Rival(Model):

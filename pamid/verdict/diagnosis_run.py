@@ -17,10 +17,12 @@ from pamid.base.run_folder import (
     Run,
 )
 from pamid.diagnosis.answer import probability
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.estimation.grey_box import GreyBox
+from pamid.estimation.posterior import posterior_of
 from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
@@ -118,19 +120,19 @@ def free_runs_of(d: Diagnosis) -> bytes:
 def models_json(d: Diagnosis) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it; of causes
     that cannot be told apart a model each."""
-    model, cause = d.budget.model, with_causes(d)
-    if cause is None:
+    model = d.budget.model
+    if d.cause is None:
         return fit_json(model, d.seed)
-    found = {"cause": model_json(cause.assembly, cause.fit)}
+    found: dict[str, Any] = {"cause": _saved(d.cause)}
     if d.answer is not None and d.verdict == "ambiguous":
         found["rivals"] = {
             c.effect.label: {
                 "probability": probability(c.figures),
-                "model": model_json(c.model.assembly, c.model.fit),
+                "model": _saved(c.model),
             }
             for c in d.answer.causes
         }
-    return fit_json(model, d.seed, cause) | found
+    return fit_json(model, d.seed, with_causes(d)) | found
 
 
 def with_causes(d: Diagnosis) -> GreyBox | None:
@@ -139,3 +141,8 @@ def with_causes(d: Diagnosis) -> GreyBox | None:
         return None
     c = d.cause
     return replace(d.budget.model, assembly=c.assembly, fit=c.fit, held_out=c.replays)
+
+
+def _saved(c: CandidateModel) -> dict[str, Any]:
+    """A model with causes as fit.json holds it."""
+    return model_json(c.assembly, c.fit) | {"posterior": posterior_of(c.fit).as_json()}

@@ -23,6 +23,7 @@ from pamid.engine.program import Stepping
 from pamid.export.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
+from pamid.schemas.fit_file import Posterior
 from pamid.simulators import mujoco_forms
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_mechanism import read_mechanism
@@ -208,14 +209,14 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     for channel in plain["channels"].values():
         assert channel["now"] < 0.7 * channel["before"]
         assert channel["now"] > 1.2 * channel["stated"]
-    assert plain["best"] == {"timestep_s": 0.002, "integrator": "RK4"} and plain["reached"]
+    assert plain["reached"] and plain["best"] == {"timestep_s": 0.001, "integrator": "RK4"}
     text = new.read_text()
     assert 'frictionloss="0.15"' in text and "lugre=" in text and "<!-- squeaks -->" in text
     assert frame.run(["export", str(run), "--rig", str(file), "--to", "mjcf", "--output", str(new),
                       "--overwrite"]) == 0  # fmt: skip
     printed = capsys.readouterr().out
     assert "in plain MuJoCo (2 ms, Euler)" in printed
-    assert '<option timestep="0.002" integrator="RK4"/>' in printed
+    assert '<option timestep="0.001" integrator="RK4"/>' in printed
 
 
 def test_a_file_that_got_worse_is_not_written(
@@ -267,7 +268,10 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
         )
 
     monkeypatch.setattr(diagnosis_run, "fit_json", lambda *_: {})
-    monkeypatch.setattr(diagnosis_run, "model_json", lambda assembly, _: assembly)
+    monkeypatch.setattr(diagnosis_run, "model_json", lambda assembly, _: {"model": assembly})
+    monkeypatch.setattr(
+        diagnosis_run, "posterior_of", lambda fit: SimpleNamespace(as_json=lambda: fit)
+    )
     monkeypatch.setattr(diagnosis_run, "replace", lambda *_, **__: None)
     monkeypatch.setattr(diagnosis_run, "probability", lambda figures: figures["removed"])
     answer = SimpleNamespace(causes=(named("one"), named("other")))
@@ -276,11 +280,43 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
         verdict="ambiguous",
     )  # fmt: skip
     assert diagnosis_run.models_json(d)["rivals"] == {
-        "one": {"probability": 0.9, "model": "one"},
-        "other": {"probability": 0.2, "model": "other"},
+        "one": {"probability": 0.9, "model": {"model": "one", "posterior": "one"}},
+        "other": {"probability": 0.2, "model": {"model": "other", "posterior": "other"}},
     }
     d.verdict = "explained"
     assert "rivals" not in diagnosis_run.models_json(d)
+
+
+def test_ranges_for_randomisation_hold_intervals_and_correlations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two parameters; the interval of the first is twice as wide as its posterior."""
+    file, dry = written(tmp_path), "coulomb-friction@a"
+    model = fitted_values(file, [dry], {f"{dry}:level": 0.15, "upper_mass": 1.1})
+    posterior = Posterior(
+        keys=("upper_mass", f"{dry}:level"), log=(True, False), centre=(0.0, 0.1),
+        spread=(0.2, 0.1), value=(0.5, 0.5), held=(0.0, 0.0), others={},
+        covariance=((0.01,), (0.012, 0.04)),
+    )  # fmt: skip
+    model = model.model_copy(update={"posterior": posterior})
+    run = make_run(tmp_path / "run", file, recorded(TWO_FRICTIONS), READINGS, model)
+    path, ranges = run / "fit.json", tmp_path / "ranges.yaml"
+    fit = json.loads(path.read_text())
+    mass = 1.1 * 0.2 * 0.1  # kg, standard deviation of the posterior
+    ends = {"low": 1.1 - 2 * 1.959964 * mass, "high": 1.1 + 2 * 1.959964 * mass}
+    fit["parameters"] = {"upper_mass_kg": {"value": 1.1, **ends}}
+    path.write_text(json.dumps(fit))
+    words = ("--to", "mjcf", "--output", tmp_path / "new.xml", "--randomise", ranges)
+    said = export(capsys, run, "--rig", file, *words)
+    assert said["files"] == [str(tmp_path / "new.xml"), str(ranges)]
+    lines = ranges.read_text().splitlines()
+    assert '  - name: "upper_mass"' in lines and '    attribute: "mass"' in lines
+    assert f'    effect: "{dry}"' in lines
+    deviations = [float(x.split()[1]) for x in lines if x.startswith("    standard_deviation")]
+    assert deviations == pytest.approx([2 * mass, 0.1 * 0.2])
+    table = np.array([json.loads(x.strip()[2:]) for x in lines[lines.index("covariance:") + 1 :]])
+    assert np.sqrt(np.diag(table)) == pytest.approx(deviations)
+    assert table[0, 1] / np.prod(deviations) == pytest.approx(0.6)
 
 
 def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,129 @@
+"""Ranges for domain randomisation: nominal values of what a run has fitted, their standard
+deviations and their covariance, as YAML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError
+from pamid.base.result_file import need_result
+from pamid.base.run_folder import FIT_FILE
+from pamid.correction.identified_model import Identified
+from pamid.correction.residual_data import REFIT_REMEDY
+from pamid.export.plain_check import DIAGNOSIS_FILE
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.estimates import Interval
+from pamid.schemas.fit_file import FitFile, Posterior
+from pamid.simulators.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+NORMAL_975 = 1.959964  # standard deviations from the middle to an end of a 95 % interval
+
+
+def randomisation_yaml(model: Identified) -> bytes:
+    """Every fitted parameter, SI, with the standard deviation that its 95 % interval states, and
+    the covariance of all of them, linear about the nominal values.
+
+    FileError for a model that was not read from a run, or whose run holds no posterior.
+    """
+    posterior = _posterior(model)
+    values = dict(zip(model.assembly.keys, model.values.tolist(), strict=True))
+    rows = np.zeros((len(posterior.keys), len(posterior.keys)))
+    rows[np.tril_indices(len(rows))] = [x for row in posterior.covariance for x in row]
+    scale = np.array(posterior.spread) * [
+        values[key] if log else 1.0 for key, log in zip(posterior.keys, posterior.log, strict=True)
+    ]
+    covariance = (rows + np.tril(rows, -1).T) * np.outer(scale, scale)
+    deviation = np.sqrt(np.diag(covariance))
+    stated = dict(_stated_deviations(model))
+    # correlations are those of the posterior, sizes those of the intervals
+    wanted = np.array([stated.get(k, s) for k, s in zip(posterior.keys, deviation, strict=True)])
+    ratio = wanted / np.maximum(deviation, 1e-300)
+    covariance *= np.outer(ratio, ratio)
+    places = _places(model)
+    units = {b.key: b.unit for b in model.assembly.parameters}
+    lines = ["# Nominal values and standard deviations in SI units; the covariance is in the order",
+             "# of the parameters.", "parameters:"]  # fmt: skip
+    for key, size in zip(posterior.keys, wanted, strict=True):
+        lines.append(f"  - name: {json.dumps(key)}")
+        lines += [f"    {k}: {json.dumps(v)}" for k, v in places.get(key, {}).items()]
+        lines.append(f"    unit: {json.dumps(units[key])}")
+        lines.append(f"    nominal: {_number(values[key])}")
+        lines.append(f"    standard_deviation: {_number(float(size))}")
+    lines.append("covariance:")
+    lines += [f"  - [{', '.join(_number(float(x)) for x in row)}]" for row in covariance]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _number(value: float) -> str:
+    """A number that YAML 1.1 reads as one: with a point, also before an exponent."""
+    text = f"{value:.9g}"
+    mantissa, mark, exponent = text.partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}"
+
+
+def _posterior(model: Identified) -> Posterior:
+    """The posterior of the model: of a diagnosis, of the one with the causes."""
+    fit = _fit(model)
+    saved = fit.cause if model.effects else None
+    if model.rivals and fit.rivals:
+        saved = fit.rivals[model.chosen].model
+    found = saved.posterior if saved else fit.posterior
+    if found is None:
+        raise FileError("The run holds no posterior of this model.", REFIT_REMEDY, code="missing")
+    return found
+
+
+def _fit(model: Identified) -> FitFile:
+    if model.folder is None:
+        raise FileError("The model was not read from a run, so it has no intervals.")
+    return need_result(model.folder / FIT_FILE, FitFile, also=("posterior", "cause", "rivals"))
+
+
+def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
+    """(key, standard deviation, SI) of the parameters with an interval."""
+    assert model.folder is not None
+    path = model.folder / DIAGNOSIS_FILE
+    found: dict[str, Interval] = dict(_fit(model).parameters)
+    if path.exists():
+        diagnosis = need_result(path, DiagnosisFile)
+        named = {a.label for a in model.effects}
+        # intervals of the rig's parameters are those next to the causes
+        found = dict(diagnosis.parameters) if not model.rivals else {}
+        for candidate in diagnosis.ranking if model.rivals else ():
+            found |= _of_effect(candidate.effect, candidate.parameters, named)
+        for cause in diagnosis.causes:
+            found |= _of_effect(cause.effect, cause.parameters, named)
+    for b in model.assembly.parameters:
+        interval = found.get(b.full_name)
+        if interval is None or interval.low is None or interval.high is None:
+            continue
+        size = (interval.high - interval.low) * b.factor / (2.0 * NORMAL_975)
+        if np.isfinite(size) and size > 0.0:
+            yield b.key, float(size)
+
+
+def _of_effect(
+    label: str, parameters: Mapping[str, Interval], named: Collection[str]
+) -> dict[str, Interval]:
+    """Intervals of an effect by full name, where the model has it."""
+    return {f"{label}:{k}": value for k, value in parameters.items()} if label in named else {}
+
+
+def _places(model: Identified) -> Mapping[str, Mapping[str, str]]:
+    """Where a parameter stands in the model file, or the effect that it belongs to."""
+    found = {
+        b.key: {"effect": b.owner} for b in model.assembly.parameters if b.owner and not b.nuisance
+    }
+    mechanism = getattr(model.assembly.rig, "mechanism", None)
+    if isinstance(mechanism, Mechanism):
+        for p in mechanism.parameters:
+            found[p.parameter.name] = {
+                "element": p.element, "of": p.of, "attribute": p.attribute,
+            }  # fmt: skip
+    return found
