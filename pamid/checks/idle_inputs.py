@@ -14,7 +14,7 @@ from pamid.simulation.input_effects import IDLE_CURE, idle_text, input_effects
 from pamid.simulation.tracks import stated_noise
 
 
-def idle_inputs(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
+def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Inputs that move in the recording and whose term in the equations moves nothing."""
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
     found = []

@@ -129,7 +129,7 @@ def _against(
     """What only the rig can tell, and where it has judged, so that nothing need be guessed from the
     values alone: kind of issue -> columns. thorough: also what takes many runs of the model."""
     # the engine is needed only here
-    from pamid.checks.idle_inputs import idle_inputs
+    from pamid.checks.idle_inputs import idle_input_issues
     from pamid.checks.input_echo import echoed_inputs
     from pamid.checks.rig_consistency import clock, contradictions
     from pamid.checks.sheet_comparison import compared_with_sheet
@@ -141,7 +141,7 @@ def _against(
         return echoes, {}  # signs and units would mislead
     found, judged = contradictions(recording, rig, evidence, thorough=thorough)
     if thorough and evidence is not None:
-        found += idle_inputs(recording, rig, evidence)
+        found += idle_input_issues(recording, rig, evidence)
     return found, judged
 
 
