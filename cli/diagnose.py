@@ -148,7 +148,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     if found.get("remark"):
         return "\n".join(
             [
-                found["remark"],
+                found["sentence"],
                 "",
                 *_how_far(found),
                 *failed_text(found),

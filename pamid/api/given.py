@@ -132,9 +132,10 @@ def evidence_of(
             warn(f"{recording.path}: {text}")
     evidence = split_recordings(made, read[: len(fitted)], read[len(fitted) :])
     made = evidence.rig
+    doubts: dict[str, None] = {}
     for recording in evidence.recordings:
         if check:
-            require_sound(recording, made)
+            doubts |= dict.fromkeys(require_sound(recording, made))
         for text in _between_remarks(made, recording) if check else ():
             warn(text)
         if lacks := evidence.lacking(recording):
@@ -148,6 +149,7 @@ def evidence_of(
             f"{', '.join(unused)} cannot be judged and is left out: at rest in every recording, or "
             "not both fitted and held out."
         )
+    evidence = replace(evidence, doubts=tuple(doubts))
     kept = {name: content for _, files in taken for name, content in files.items()}
     in_files = [recording.path for recording, files in taken if not files]
     inputs = tuple(file for path in in_files for file in _with_toml(path))

@@ -27,7 +27,7 @@ from pamid.checks.hold_or_line import figures as between_json
 from pamid.checks.hold_or_line import tried_both_ways
 from pamid.checks.recording_quality import (
     QualityIssue,
-    blocking,
+    before_a_fit,
     channel_figures,
     examine,
     signals_of,
@@ -126,13 +126,15 @@ def inspect(
     return Inspection(result.CheckFile(**said, findings=listed).as_json(), recording, issues)
 
 
-def require_sound(recording: Recording, rig: Rig) -> None:
+def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
     """Refuse a recording with which any fit of this rig is nonsense, naming everything that
     `inspect` calls wrong in its values: DataError for a sensor that shows nothing, else FileError.
+    Returns sentences about what a fit would put down to the machine: an offset, another scale.
     """
-    found = blocking(recording, rig)
+    issues = before_a_fit(recording, rig)
+    found = [issue for issue in issues if issue.severity == "wrong"]
     if not found:
-        return
+        return tuple(f"{issue.message.partition(': ')[0]}." for issue in issues)
     first = found[0]
     more = "".join(f"; {i.kind}: {i.message}" for i in found[1:])
     hint = f"{first.hint} `pamid check` says more; --no-check fits it as it is.".lstrip()

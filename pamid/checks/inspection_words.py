@@ -7,6 +7,8 @@ from typing import Any
 from pamid.base.units import NONE
 from pamid.model.port_guide import TOLERANCES, folded, ports_text
 
+# kinds of issues after which a note is no small matter
+DOUBTS = ("unit", "sign", "exchanged", "absolute-pressure", "offset", "gain", "far-off")
 FEW_PLACES = 4  # of one check that are told one by one
 
 
@@ -42,11 +44,12 @@ def inspection_text(said: dict[str, Any]) -> str:
         lines += [folded(f"ok     {check}: {detail}") for detail in told]
     wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
+    doubtful = any(i["kind"] in DOUBTS for i in said.get("quality", {}).get("issues", []))
     counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""
     lines.append(
         counted
         + (
-            "nothing is wrong"
+            ("the rig does not explain the recording as it is" if doubtful else "nothing is wrong")
             if said["ok"]
             else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
         )

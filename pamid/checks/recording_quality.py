@@ -103,9 +103,17 @@ def examine(
 
 def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     """The issues with which any fit is nonsense, and no others, which is quicker."""
+    return tuple(issue for issue in before_a_fit(recording, rig) if issue.severity == "wrong")
+
+
+def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
+    """The issues with which a fit is nonsense (wrong), or that it would put down to the machine
+    (advice)."""
+    from pamid.checks.rig_consistency import SLIP_WORDS
+
     absurd = _absurd(recording)
     found = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
-    return tuple(issue for issue in found if issue.severity == "wrong")
+    return tuple(i for i in found if i.severity == "wrong" or i.kind in SLIP_WORDS)
 
 
 def _absurd(recording: Recording) -> QualityIssue | None:

@@ -4,7 +4,8 @@ or that the rig does not explain at all.
 
     finding              statistic and threshold
     clock                period beyond FAR_CLOCK of the one that the rig states
-    unit, sign, exchanged, absolute-pressure, far-off, clock of a rig that states no period
+    unit, sign, exchanged, absolute-pressure, offset, gain, far-off, clock of a rig that states no
+    period
                          the slip that explains the recording best: see `slips`
     delay                lag of the largest cross-correlation of the rates, at least LATE_SAMPLES
                          and LATE correlation times of the recording, that raises the correlation
@@ -21,7 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import motion
-from pamid.base.units import NONE, duration_text, from_si, quantity_of, split_column, with_unit
+from pamid.base.units import (
+    NONE,
+    duration_text,
+    from_si,
+    quantity_of,
+    split_column,
+    unit,
+    with_unit,
+)
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
 from pamid.checks.sheet_comparison import SheetComparison, blind_sides, recorded_as, shapes
 from pamid.checks.slips import (
@@ -152,10 +161,11 @@ def _slip_issues(
 def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> QualityIssue:
     first = max(group, key=lambda one: one.gain)
     slip, names = first.slip, tuple(name for one in group for name in one.slip.names)
-    message, hint = _SLIP_WORDS[slip.kind](slip, names, before, rig)
+    message, hint = SLIP_WORDS[slip.kind](slip, names, before, rig)
     figures = first.figures
-    others = [other.words for other in first.others][:MOST_NAMED_SLIPS]
-    if others and slip.kind == "unit":
+    rivals = [o for o in first.others if (o.kind, o.names) != ("scale", slip.names)]
+    others = [_other_words(other) for other in rivals][:MOST_NAMED_SLIPS]
+    if others and slip.kind in ("unit", "offset", "gain"):
         hint += f" Or {', or '.join(others)} explains it as well."
     if first.wrong:
         evidence = (
@@ -169,6 +179,13 @@ def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> 
         evidence += f"; as recorded its data sheet would be {bend:.2g} tolerances off"
     severity = "wrong" if first.wrong else "advice"
     return QualityIssue(slip.kind, names, severity, f"{message}: {evidence}", hint, (), figures)
+
+
+def _other_words(slip: Slip) -> str:
+    if slip.kind != "offset":
+        return slip.words
+    value, unit_ = _in_column_unit(-slip.offset, slip.names[0])
+    return f"{slip.names[0]} offset by {value:.4g}{unit_}"
 
 
 def _unit_words(
@@ -200,11 +217,46 @@ def _sign_words(
     other = ""
     if len(before.names) == 1 and names[0] not in before.names:
         other = f" (or that of {before.names[0]})"
+    offset, entry = "", "sign = -1"
+    if slip.offset:
+        value, unit_ = _in_column_unit(slip.offset, names[0])
+        offset = f" and is then offset by {-value:.4g}{unit_} against rig {rig.name!r}"
+        entry += f" and offset = {value:.4g}"
     return (
-        f"{names[0]} has the opposite sign{other}",
-        "Turn its sign, or set sign = -1 for it in the mapping of `pamid ingest`; if rig "
+        f"{names[0]} has the opposite sign{other}{offset}",
+        f"Turn its sign, or set {entry} for it in the mapping of `pamid ingest`; if rig "
         f"{rig.name!r} really is built so, change the rig file.",
     )
+
+
+def _offset_words(
+    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+) -> tuple[str, str]:
+    value, unit_ = _in_column_unit(slip.offset, names[0])
+    return (
+        f"{names[0]} is offset by {-value:.4g}{unit_} against rig {rig.name!r}",
+        f"Zero it, or set offset = {value:.4g} for it in the mapping of `pamid ingest`; else a "
+        f"constant is missing from rig {rig.name!r}.",
+    )
+
+
+def _gain_words(
+    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+) -> tuple[str, str]:
+    others = [c for c in before.names if c not in names]
+    source = f"from {listed(others)}" if others else "from its inputs"
+    return (
+        f"{names[0]} reads {1.0 / slip.factor:.2g} times what rig {rig.name!r} predicts {source}",
+        f"Multiply its scale in the mapping of `pamid ingest` by {slip.factor:.4g}, or correct the "
+        f"ratio in rig {rig.name!r}.{slip.cause_words}",
+    )
+
+
+def _in_column_unit(size: float, column: str) -> tuple[float, str]:
+    """A difference in SI in the unit of a column, and that unit after a space."""
+    symbol = split_column(column)[1]
+    value = size / unit(symbol).factor
+    return value, "" if symbol == NONE else f" {symbol}"
 
 
 def _exchange_words(
@@ -231,11 +283,13 @@ def _pressure_words(
     )
 
 
-_SLIP_WORDS = {
+SLIP_WORDS = {
     "unit": _unit_words,
     "sign": _sign_words,
     "exchanged": _exchange_words,
     "absolute-pressure": _pressure_words,
+    "offset": _offset_words,
+    "gain": _gain_words,
 }
 
 

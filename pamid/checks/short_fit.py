@@ -232,6 +232,20 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         left = (Y - self.trial.track.y[window.start : window.stop]) * weight
         return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
 
+    def residuals(self, at: FitPoint) -> Array:
+        """Model less measurement in the channels' units: windows x samples x channels; NaN where
+        the model runs away."""
+        channels, weight = len(self.trial.names), self.trial.weight
+        p, slopes = self.parameters(at.s)
+        fresh, length = self.runner.memory(p), self.trial.windows[0].stop
+        length -= self.trial.windows[0].start
+        left = np.full((len(at.x), length, channels), np.nan)
+        for k, window in enumerate(self.trial.windows):
+            rows = self._rows(fresh.copy(), window, at.x[k], p, slopes)
+            if rows is not None:
+                left[k] = rows[2].reshape(-1, channels) / weight
+        return left
+
     def reached(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
         """Root mean square errors, one per way of feeding `program` the inputs, once parameters and
         start states have followed to first order. inputs: those of the track with their rises; the

@@ -44,7 +44,7 @@ from pamid.checks.sheet_comparison import (
     recorded_as,
     shapes,
 )
-from pamid.checks.short_fit import FitData, fit_data_of
+from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, fit_data_of
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
@@ -59,6 +59,10 @@ UNIT_RATIOS = {
     180.0 / math.pi: "degrees and radians",
     2.0 * math.pi: "revolutions and radians",
 }
+# edges per line of an encoder that are counted, or not
+QUADRATURE = (2.0, 4.0)
+COUNTED = ("angle", "angular velocity", "length", "velocity")
+NEAR_COUNT = 0.1  # of a factor: what a free gain may be off by to be named after a whole one
 LARGE_FACTORS = sorted((*(10.0**p for p in range(1, 7)), *UNIT_RATIOS))
 FACTORS = (*(1.0 / f for f in reversed(LARGE_FACTORS)), *LARGE_FACTORS)
 CLOCKS = {
@@ -69,10 +73,24 @@ CLOCKS = {
     3600.0: "hours: multiply them by 3600",
 }
 ATMOSPHERE_PA = 101325.0
-ORDER = ("clock", "sign", "exchanged", "absolute-pressure", "unit", "scale", "parameter")
+ORDER = (
+    "clock",
+    "sign",
+    "exchanged",
+    "absolute-pressure",
+    "unit",
+    "offset",
+    "gain",
+    "scale",
+    "parameter",
+)
 UNNAMED = ORDER[-2:]  # kinds of slips that are no other unit
 INVENTED = 3.0  # times as near to the data sheet's run: a factor that is as likely as a unit
-HARMLESS = (*UNNAMED, "absolute-pressure")  # kinds that stop no fit
+HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that stop no fit
+# weight of a channel that the others predict: it shows its residuals and moves nothing
+UNSEEN_WEIGHT = 1e-6
+# of the motion of a channel: an offset that is worth a fit; log factor of a free gain that is
+LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
 PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
@@ -109,7 +127,8 @@ MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
 class Slip:
     """One thing that a recording, or the data sheet of its rig, may have wrong.
 
-    kind            "unit", "sign", "exchanged", "absolute-pressure", "clock"; "scale": a factor
+    kind            "unit", "sign", "exchanged", "absolute-pressure", "clock"; "offset" and "gain":
+                    those of an output against the other outputs; "scale": a factor of the table
                     that is no unit of the column; "parameter"
     names           columns as recorded, or one parameter
     factor, offset  what sets it right: factor * value + offset, SI
@@ -127,6 +146,11 @@ class Slip:
         """Is it more than a data sheet could be off by?"""
         size = abs(math.log(abs(self.factor)))
         return self.kind in ("sign", "exchanged") or bool(self.offset) or size >= math.log(GROSS)
+
+    @property
+    def shifts_zero(self) -> bool:
+        """Does it exchange kelvin and degrees Celsius?"""
+        return self.kind == "unit" and self.factor == 1.0 and bool(self.offset)
 
     @property
     def readable(self) -> bool:
@@ -149,6 +173,19 @@ class Slip:
             if math.isclose(unit(other).factor / unit(symbol).factor, abs(self.factor)):
                 return f"{text} (as if written in {other})"
         return f"{text} (as between {UNIT_RATIOS[ratio]})" if ratio in UNIT_RATIOS else text
+
+    @property
+    def cause_words(self) -> str:
+        """A usual cause of a free gain, as a question after a space; empty where none is near."""
+        ratio = max(self.factor, 1.0 / self.factor)
+        counted = quantity_of(split_column(self.names[0])[1]) in COUNTED
+        for edges in QUADRATURE if counted else ():
+            if abs(ratio / edges - 1.0) < NEAR_COUNT:
+                return f" Counts per turn x{edges:g}?"
+        for other, units in UNIT_RATIOS.items():
+            if abs(ratio / other - 1.0) < NEAR_COUNT:
+                return f" As between {units}?"
+        return ""
 
     @property
     def meaning_words(self) -> str:
@@ -256,7 +293,10 @@ class Explanation:
     @property
     def wrong(self) -> bool:
         """Can the recording not be as it is?"""
-        return self.slip.gross and self.slip.kind not in HARMLESS and self.gain >= SURE_GAIN
+        # 273 K are beyond any fault of a machine, and in either direction: below absolute zero the
+        # error is endless, but far above the room a fit bends its losses
+        sure = CLEAR_GAIN if self.slip.shifts_zero else SURE_GAIN
+        return self.slip.gross and self.slip.kind not in HARMLESS and self.gain >= sure
 
     @property
     def figures(self) -> dict[str, float]:
@@ -470,8 +510,11 @@ def _next(
 ) -> list[Explanation]:
     """The slip that explains the recording best; where none does, two that do together; none of a
     recording that is as it should be."""
-    ranked = _best(recording, e, before, slips_of_recording(e, recording))
+    ranked = _best(recording, before, _nearer(recording, e, slips_of_recording(e, recording)))
     first = _first(ranked)
+    if first is None or first.slip.kind in UNNAMED:
+        ranked = _best(recording, before, _predicted_slips(recording, e), ranked)
+        first = _first(ranked)
     if first is not None and first.slip.kind not in UNNAMED:
         return [first]
     if float(distances(e).min(axis=0).max()) <= 0.0:
@@ -480,7 +523,8 @@ def _next(
     if pairs:
         return max(pairs, key=lambda pair: pair[1].gain)
     if thorough:
-        first = _first(_best(recording, e, before, slips_of_sheet(e), ranked))
+        sheet = _nearer(recording, e, slips_of_sheet(e))
+        first = _first(_best(recording, before, sheet, ranked))
     return [] if first is None else [first]
 
 
@@ -493,25 +537,26 @@ def _pairs(
     for slip in named:
         fixed, after = slip.corrected(recording), slip.compared(e, recording)
         if after is not None:
-            second = _first(_best(fixed, after, before, slips_of_recording(after, fixed)))
+            further = _nearer(fixed, after, slips_of_recording(after, fixed))
+            second = _first(_best(fixed, before, further))
             if second is not None and second.slip.kind not in UNNAMED:
                 yield [replace(second, slip=slip, others=()), second]
 
 
 def _best(
     recording: Recording,
-    e: SheetComparison,
     before: Judgement,
-    slips: Iterable[Slip],
+    slips: Sequence[tuple[Slip, SheetComparison]],
     rivals: Sequence[Explanation] = (),
 ) -> list[Explanation]:
-    """The slips that explain the recording clearly, best first, with those that do already."""
+    """The slips that explain the recording clearly, best first, with those that do already.
+    slips: each with the comparison with it set right."""
     scored = list(rivals)
-    for slip, after in _nearer(recording, e, slips):
-        judgement = judged(slip.corrected(recording), after, slip.sheet(e))
+    for slip, after in slips:
+        judgement = judged(slip.corrected(recording), after, after.p)
         if judgement.errors.keys() != before.errors.keys():
             continue
-        recorded = zip(e.names, recorded_as(e.names, recording), strict=True)
+        recorded = zip(after.names, recorded_as(after.names, recording), strict=True)
         named, left = [n for n, c in recorded if c in slip.names], judgement.over(before)
         least = HARDLY_EXPLAINED if left <= MENDED else UNEXPLAINED_MOTION
         if left <= NO_WORSE and judgement.least(named) <= least:
@@ -528,6 +573,58 @@ def _first(ranked: Sequence[Explanation]) -> Explanation | None:
     first = min(ties, key=lambda one: (round(one.unlikely, 1), ORDER.index(one.slip.kind)))
     others = sorted((one for one in ties if one is not first), key=lambda one: one.unlikely)
     return replace(first, others=tuple(one.slip for one in others))
+
+
+def _predicted_slips(
+    recording: Recording, e: SheetComparison
+) -> list[tuple[Slip, SheetComparison]]:
+    """Offset, opposite sign and factor of every output, as the other outputs predict it.
+
+    The rig is fitted without the channel, which is then regressed on its prediction,
+
+        y = gain * model + offset
+
+    the gain by what moves within the windows, the offset by the median of their levels. A table of
+    factors knows neither the counts of an encoder nor the place where a gauge was zeroed.
+    """
+    slips = []
+    try:
+        data = fit_data_of(recording, e.assembly.rig, WINDOW_TIMESCALES)
+        if data is None:
+            return []
+        for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
+            y, model = _prediction(data, k)
+            (column,) = recorded_as((name,), recording)
+            slips += list(_regressed(column, y, model, float(motion_)))
+    except (PamidError, FloatingPointError, np.linalg.LinAlgError):
+        return []
+    compared = [(slip, slip.compared(e, recording)) for slip in slips]
+    return [(slip, after) for slip, after in compared if after is not None]
+
+
+def _prediction(data: FitData, k: int) -> tuple[Array, Array]:
+    """Channel k as measured, and as the other channels predict it: windows x samples."""
+    weight = data.weight.copy()
+    weight[k] *= UNSEEN_WEIGHT
+    fit = replace(data, weight=weight).fitted(data.rig, steps=JUDGING_STEPS)
+    y = np.array([data.track.y[w.start : w.stop, k] for w in data.windows])
+    model = y + fit.problem.residuals(fit.point)[:, :, k]
+    ran = np.isfinite(model).all(axis=1)
+    return y[ran], model[ran]
+
+
+def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Slip]:
+    """What sets a column right whose prediction is `model`; moves: its motion."""
+    if len(y) < FEWEST_WINDOWS:
+        return
+    ours, theirs = (a - a.mean(axis=1, keepdims=True) for a in (y, model))
+    gain = float((ours * theirs).sum()) / max(float((theirs * theirs).sum()), 1e-300)
+    for sign in (1.0, -1.0):
+        offset = float(np.median((model - sign * y).mean(axis=1)))
+        if abs(offset) > LEAST_OFFSET * moves:
+            yield Slip("offset" if sign > 0.0 else "sign", (column,), sign, offset)
+    if gain > 0.0 and abs(math.log(gain)) > LEAST_GAIN:
+        yield Slip("gain", (column,), 1.0 / gain)
 
 
 def _nearer(

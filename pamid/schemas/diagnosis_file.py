@@ -398,6 +398,11 @@ class DiagnosisFile(Model):
         description="what to check first, where the recordings show nothing of the model; else "
         "empty",
     )
+    doubts: ListOf[Text] = Field(
+        (),
+        description="what `pamid check` doubts about the recordings and a fit would put down to "
+        "the machine: an offset, another scale; part of the sentence",
+    )
     causes: ListOf[Cause] = Field(
         (),
         description="effects that the verdict adds, strongest first; for ambiguous the members "

@@ -93,6 +93,7 @@ class DataSplit:
     lead_most: float = np.inf  # correlation times before a held-out part, for what keeps memories
     per_run: int = 1  # held-out windows that a model predicts from one estimated state
     left_out: tuple[IdleTerm, ...] = ()  # background terms that the fitted recordings leave open
+    doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may take up
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each. Models with

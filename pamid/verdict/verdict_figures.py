@@ -42,6 +42,7 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
         remark=remark(d),
+        doubts=d.evidence.doubts,
         causes=causes,
         remainder=remainder,
         ranking=(*(_ranked(d, c) for c in d.ranking), *map(_unfitted, d.failed)),

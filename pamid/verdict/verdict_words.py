@@ -31,7 +31,13 @@ AS_IN_FILE = Spelling()
 
 
 def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """The verdict in a few sentences, shares first; a remark takes their place."""
+    """The verdict in a few sentences, shares first, and what is doubtful about the recordings; a
+    remark takes the place of the verdict."""
+    doubts = f" First mend the recording: {' '.join(found.doubts)}" if found.doubts else ""
+    return f"{_verdict_text(found, spelling)}{doubts}"
+
+
+def _verdict_text(found: DiagnosisFile, spelling: Spelling) -> str:
     if found.remark:
         return found.remark
     if found.verdict == "no-structural-gap":
@@ -114,7 +120,7 @@ def finding_text(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS
     unplaced = first.port and "@" not in first.effect
     place = f" at the {spelling.port(first.port)} port" if unplaced else ""
     ports = joined((spelling.port(port) for port in first.or_at), "or")
-    elsewhere = f", or equally at the {ports} port," if ports else ""
+    elsewhere = f" (or equally at the {ports} port)" if ports else ""
     return f"{label}{place}{elsewhere}"
 
 

@@ -78,5 +78,5 @@ def test_both_places_are_named(found: RunData) -> None:
     (cause,) = found.diagnosis.causes
     assert cause.family == "offset"
     assert {cause.port, *cause.or_at} == {"drive", "rail"}
-    assert f", or equally at the {cause.or_at[0]} port, removes" in found.diagnosis.sentence
+    assert f" (or equally at the {cause.or_at[0]} port) removes" in found.diagnosis.sentence
     assert "these recordings cannot separate them" in where_answer(found).lead

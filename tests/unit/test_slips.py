@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.checks.inspection import inspect, require_sound
+from pamid.checks.inspection_words import inspection_text
 from pamid.checks.recording_quality import QualityIssue, blocking, examine
-from pamid.checks.slips import Slip
+from pamid.checks.slips import CLEAR_GAIN, SURE_GAIN, Explanation, Judgement, Slip
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
-SLIPS = ("unit", "sign", "exchanged", "clock", "far-off")
+SLIPS = ("unit", "sign", "exchanged", "clock", "offset", "gain", "far-off")
 
 
 def record(
@@ -37,6 +39,13 @@ def motor() -> Recording:
     volts = np.repeat(np.random.default_rng(4).uniform(-12.0, 12.0, 20), 150)
     truth = {"inertia_kg_m2": 0.04}
     return record("dc-motor", "voltage_v", volts, 0.002, truth, "coulomb-friction")
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    """A geared motor with an encoder on either side, which fix each other."""
+    volts = np.repeat(np.random.default_rng(4).uniform(-12.0, 12.0, 20), 150)
+    return record("geared-motor", "voltage_v", volts, 0.002, {}, "coulomb-friction@motor")
 
 
 @pytest.fixture(scope="module")
@@ -147,9 +156,69 @@ def test_what_a_data_sheet_may_be_off_by_is_not_refused(factor: float, motor: Re
     assert not blocking(recording, rig_named("dc-motor"))
 
 
+@pytest.mark.parametrize("shift", [273.15, -273.15])
+def test_kelvin_and_degrees_are_as_wrong_either_way(shift: float) -> None:
+    """However little a fit gains where it bends its losses."""
+    slip = Slip("unit", ("temperature_degc",), 1.0, shift)
+    before, after = Judgement({"t": 1.0}, 0.0), Judgement({"t": 0.2}, 0.0)
+    one = Explanation(slip, before, after)
+    assert CLEAR_GAIN < one.gain < SURE_GAIN and one.wrong
+    assert not replace(one, slip=replace(slip, factor=2.0)).wrong
+
+
 def test_right_recordings_have_no_slip(motor: Recording, oven: Recording) -> None:
     assert not slips_of(motor, "dc-motor") and not slips_of(oven, "thermal-block")
     assert not blocking(motor, rig_named("dc-motor"))
+
+
+@pytest.mark.parametrize("column", ["motor_angle_deg", "load_angle_deg"])
+@pytest.mark.parametrize("factor", [4.0, 2.0, 0.5, 0.25, 5.56])
+def test_any_factor_between_two_encoders_is_found(
+    column: str, factor: float, drive: Recording
+) -> None:
+    """The ratio of the gear fixes both scales exactly; no table holds what a counter may count."""
+    recording = changed(drive, lambda c: {column: factor * c[column]})
+    (issue,) = slips_of(recording, "geared-motor")
+    assert (issue.kind, issue.columns, issue.severity) == ("gain", (column,), "advice")
+    assert f"reads {factor:.2g} times what rig 'geared-motor' predicts from" in issue.message
+    edges = max(factor, 1.0 / factor)
+    assert (f"Counts per turn x{edges:g}?" in issue.hint) == (edges in (2.0, 4.0))
+    assert not blocking(recording, rig_named("geared-motor"))
+
+
+@pytest.mark.parametrize("column", ["motor_angle_deg", "load_angle_deg"])
+def test_a_channel_that_was_not_zeroed_is_found(column: str, drive: Recording) -> None:
+    by = 3.0 * float(np.ptp(drive.columns[column]))
+    (issue,) = slips_of(changed(drive, lambda c: {column: c[column] + by}), "geared-motor")
+    assert (issue.kind, issue.columns, issue.severity) == ("offset", (column,), "advice")
+    size = float(issue.message.partition(" is offset by ")[2].split()[0])
+    assert size == pytest.approx(by, rel=0.02)
+    other = ({"motor_angle_deg", "load_angle_deg"} - {column}).pop()
+    assert f"Or {other} offset by -" in issue.hint
+
+
+@pytest.mark.parametrize("column", ["motor_angle_deg", "load_angle_deg"])
+def test_an_opposite_sign_is_found_with_an_offset(column: str, drive: Recording) -> None:
+    """A draw wire counts down from where it hangs."""
+    by = 3.0 * float(np.ptp(drive.columns[column]))
+    recording = changed(drive, lambda c: {column: by - c[column]})
+    (issue,) = slips_of(recording, "geared-motor")
+    assert (issue.kind, issue.columns, issue.severity) == ("sign", (column,), "wrong")
+    assert "has the opposite sign and is then offset by -" in issue.message
+    assert "sign = -1 and offset = " in issue.hint
+
+
+def test_right_encoders_have_no_slip(drive: Recording) -> None:
+    assert not slips_of(drive, "geared-motor")
+
+
+def test_a_doubt_does_not_stop_a_fit_and_is_stated(drive: Recording) -> None:
+    recording = changed(drive, lambda c: {"load_angle_deg": c["load_angle_deg"] + 9e3})
+    rig = rig_named("geared-motor")
+    (doubt,) = require_sound(recording, rig)
+    assert doubt.startswith("load_angle_deg is offset by ") and doubt.endswith("'geared-motor'.")
+    text = inspection_text(inspect(recording, rig).said)
+    assert text.endswith("the rig does not explain the recording as it is")
 
 
 def test_an_encoder_before_the_gear_is_offered_as_such(motor: Recording) -> None:

@@ -72,7 +72,20 @@ def test_what_is_set_aside_is_neither_the_next_family_nor_the_leader() -> None:
 def test_a_place_that_the_recordings_cannot_separate_stands_with_the_cause() -> None:
     causes = [cause("coulomb-friction", 0.86, 0.91, or_at=["motor"])]
     assert sentence(changed("explained", causes=causes)).startswith(
-        "coulomb-friction at the joint port, or equally at the motor port, removes 86 % of the gap"
+        "coulomb-friction at the joint port (or equally at the motor port) removes 86 % of the gap"
+    )
+
+
+def test_a_place_stands_before_the_share_of_the_second_of_a_set() -> None:
+    causes = [cause("offset", 0.86, 0.68), cause("gain-drift", 0.78, 0.47, or_at=["motor"])]
+    text = sentence(changed("ambiguous", causes=causes))
+    assert "(or equally at the motor port), 78 % (P 0.47)." in text and ",," not in text
+
+
+def test_a_doubt_about_the_recording_follows_the_verdict() -> None:
+    doubt = "height_mm is offset by -1850 mm against rig 'hoist'."
+    assert sentence(changed("explained", doubts=[doubt])).endswith(
+        f" First mend the recording: {doubt}"
     )
 
 
