@@ -241,7 +241,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         length -= self.trial.windows[0].start
         left = np.full((len(at.x), length, channels), np.nan)
         for k, window in enumerate(self.trial.windows):
-            rows = self._rows(fresh.copy(), window, at.x[k], p, slopes)
+            rows = self.weighted_rows(fresh.copy(), window, at.x[k], p, slopes)
             if rows is not None:
                 left[k] = rows[2].reshape(-1, channels) / weight
         return left
