@@ -193,8 +193,8 @@ def _decided(d: Diagnosis) -> WithheldExperiment | None:
     families = families_of(d.cause)
     others = [c for c in d.ranking if not families_of(c) & families and c.label not in d.set_aside]
     behind = (
-        f" ({others[0].label}, the nearest, is {d.comparison.removed(d.cause, others[0]).z:.3g} "
-        "standard errors behind)"
+        f" ({others[0].label}, the nearest, is "
+        f"{times_text(d.comparison.removed(d.cause, others[0]).z)} standard errors behind)"
         if others
         else ""
     )

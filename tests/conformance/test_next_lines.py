@@ -23,8 +23,11 @@ from small_cart import others, record_cart
 import pamid.api.trial_cases as trial_work
 from pamid.authoring.column_match import examples
 from pamid.base.errors import PamidError
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.tournament import Diagnosis
 from pamid.excitation.experiments import MENU, Bench, Experiment, menu
 from pamid.model.registry import rig_named
+from pamid.planning import next_experiment
 from pamid.planning.experiment_ways import NEXT_FILES
 from pamid.planning.next_experiment import Proposal, bench_of, sent_with
 from pamid.recording.recording import Recording, read_recording, write_recording
@@ -363,7 +366,18 @@ def cart(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
-def test_after_a_diagnosis(cart: Path, here: Path, run: Run) -> None:
+@pytest.fixture
+def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Diagnoses in which the next family is in question, however far it is behind."""
+
+    def pairs(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
+        assert d.cause is not None
+        return [(d.cause, next(c for c in d.ranking if c.family != d.cause.family))]
+
+    monkeypatch.setattr(next_experiment, "pairs_to_separate", pairs)
+
+
+def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) -> None:
     """What it recommends is sent, and both recordings are diagnosed together."""
     text = run(
         "diagnose", str(cart), "--rig", "cart.py", *others(), "--jobs", "1", "--output", "run"
@@ -586,7 +600,9 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
 
 
 @pytest.mark.slow
-def test_the_example_of_the_readme_and_what_it_recommends(here: Path, run: Run) -> None:
+def test_the_example_of_the_readme_and_what_it_recommends(
+    here: Path, run: Run, undecided: None
+) -> None:
     """Diagnosed, what it recommends sent at both pressures, and all three recordings diagnosed
     together."""
     example = ROOT / "data" / "example" / "joint.csv"
