@@ -73,10 +73,20 @@ def _follow(file: Path, rig: str | None, kind: str, said: dict[str, Any]) -> str
     if kind == "effect":
         return f"pamid diagnose rec.csv --effect {path}"
     if kind != "recording":
-        return f"pamid check rec.csv --rig {path}"
+        return f"pamid check {_recording_of(file)} --rig {path}"
     if rig or said["rig"]:
         return f"pamid diagnose {path}{named}"
     return f"pamid new-rig {path}   (writes a rig for it; --rig names one that there is)"
+
+
+def _recording_of(rig: Path) -> str:
+    """The recording whose columns a rig file names, where it is near; else a place for one."""
+    text = rig.read_text(encoding="utf-8", errors="replace") if rig.suffix == ".py" else ""
+    if named := re.search(r"with the columns of ([\w./-]+\.csv)\.$", text, re.MULTILINE):
+        for path in (Path(named[1]), rig.parent / named[1]):
+            if path.is_file():
+                return quoted(path)
+    return "rec.csv"
 
 
 def _stages(file: Path) -> tuple[WorkStage, ...]:

@@ -101,6 +101,11 @@ class Match:
         return f"none of its outputs: {', '.join(map(_told, self.rig.outputs))}"
 
 
+def _left_over(one: Match) -> tuple[int, int, int]:
+    """Recorded columns without a place, columns of the rig that were not recorded, its states."""
+    return len(one.unused), len(one.unrecorded), len(one.rig.states)
+
+
 def _side(column: str) -> str:
     """ "load" of a force or torque, "motion" of a way, an angle or a speed, else what it is."""
     quantity = quantity_of(split_column(column)[1])
@@ -287,7 +292,8 @@ def best_match(
     every.sort(key=lambda one: -one.score)
     # a column without a place may be what drives a machine: nothing drives a rig without inputs
     fitting = [one for one in every if one.fits and (one.rig.inputs or not one.unused)]
-    guessed = [one for one in fitting if not one.named]
+    # by units alone the leanest machine is the likeliest: what a larger one has was not recorded
+    guessed = sorted((one for one in fitting if not one.named), key=_left_over)
     fitting = [one for one in fitting if one.named]
     whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
     if whole and whole not in examples() and not any(map(_by_names, fitting)):

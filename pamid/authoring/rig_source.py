@@ -35,6 +35,12 @@ from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
 _FACE = ("Loop", "Parameter", "Port", "Rig", "RoughMap", "State")
+#: units in which a column is written and no equation sees it
+_SEEN_AS = {
+    "percent": "the equations see a fraction, 0.6 for 60 %",
+    "degC": "the equations see kelvin",
+    "degF": "the equations see kelvin",
+}
 GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
 SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -104,7 +110,9 @@ class RigSource:
         tree = ast.parse(text)
         imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
         body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
-        return self._docstring() + self._imports(imports, body) + body.lstrip("\n")
+        # what was cut out of a line leaves its indent
+        body = re.sub(r"[ \t]+$", "", body.lstrip("\n"), flags=re.MULTILINE)
+        return self._docstring() + self._imports(imports, body) + body
 
     # ---- what changes ---------------------------------------------------------------------------
 
@@ -308,6 +316,11 @@ class RigSource:
         lines += [
             f"    # state {name}: left out, for no recorded column depends on it"
             for name in self.unobserved
+        ]
+        lines += [
+            f"    # {column}: {_SEEN_AS[symbol]}"
+            for column in map(self._found, self.columns)
+            if (symbol := split_column(column)[1]) in _SEEN_AS
         ]
         for name in self.match.unused:
             values = self.recording.columns[name]

@@ -66,6 +66,7 @@ AT_LIMITS = 0.6  # of the time
 VACUUM_PA = -105e3  # gauge: below there is nothing
 # what an absolute sensor shows of a vented volume, up to 600 m above the sea
 VENTED_PA = (94e3, 106e3)
+COLD_K = 200.0  # what stays below is kept cold by a cryostat, or is no kelvin
 PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
 
 
@@ -89,7 +90,7 @@ def examine(
     found += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
     found += standstill(measured, sent)
     found += _levels(measured, sent, rig)
-    found += _pressures(measured) + _sent(recording, rig)
+    found += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
     if rig is not None:
         against, judged = _against(recording, rig, thorough=True)
         found = [f for f in found if not judged.get(f.kind, set()) & set(f.columns)] + against
@@ -375,6 +376,23 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
         else:
             found += _vented(s, y)
     return found
+
+
+def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
+    """Columns in kelvin that no room or machine reaches."""
+    return [
+        QualityIssue(
+            "unit",
+            (s.name,),
+            "advice",
+            f"{s.name} stays below {COLD_K:g} K, unusual for a machine in a room",
+            "Are its values in degrees Celsius?",
+            (),
+            {"high_k": float(s.values.max())},
+        )
+        for s in signals
+        if split_column(s.name)[1] == "K" and 0.0 < float(s.values.max()) < COLD_K
+    ]
 
 
 def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:

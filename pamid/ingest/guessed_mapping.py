@@ -314,7 +314,13 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
         if counts_rows(channel.values):
             return NONE, "it counts rows"
         said = f"the log says {toml_string(logged)}; " if logged else ""
-        return UNANSWERED, f'{said}"deg" makes {column} a column {column}_deg; "1" is a ratio'
+        values = channel.values[np.isfinite(channel.values)]
+        whole = values.size and not logged and bool((values == np.round(values)).all())
+        counts = f"; counts: [signals.{column}_deg] and scale = 360 / (4 * lines)" if whole else ""
+        return (
+            UNANSWERED,
+            f'{said}"deg" makes {column} a column {column}_deg; "1" is a ratio{counts}',
+        )
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if not logged and suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
@@ -393,6 +399,8 @@ def _tail(
         lines.append("# channels that are not mapped:")
         lines += [f"#   {toml_string(channel.name)}: {_about(channel)}" for channel in left]
     lines += [
+        "# made = sign * (scale * source) + offset; keys of a signal: sign = -1, scale = 0.18 (in",
+        "#   place of unit, in the unit at the end of its name), offset = 12.0 (in that unit)",
         "# [atmosphere]                # taken off absolute pressures",
         "# pressure_kpa = 101.325",
         '# [between]                   # inputs: "held" until the next sample, or "linear" to it;',

@@ -224,6 +224,14 @@ def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
     for column, one in mapping.signals.items():
         symbol = NONE
         plain = split_column(column)[1] == NONE and column not in stems
+        if plain and one.scale is not None and one.unit != NONE:
+            raise FileError(
+                f"signals.{column} has a scale, but its name does not say in which unit the result "
+                "is.",
+                f"Name it with that unit, for example [signals.{column}_deg] where scale is "
+                'degrees per count: 360 / (4 * lines) of an encoder. Of a ratio say unit = "1".',
+                code="unit",
+            )
         if plain and one.unit is not None and one.scale is None and is_readable(one.unit):
             symbol = column_unit(one.unit) if any(read_unit(one.unit).dimension) else NONE
         name = with_unit(column, symbol)
@@ -263,6 +271,7 @@ def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str
             )
             raise FileError(f"{place}.unit is missing.", hint, code="mapping")
         source = _read(text, symbol, place)
+        _require_agreement(source, logged, symbol, place)
     elif one.scale == 0.0:
         raise FileError(f"{place}.scale is 0: nothing of the source would be left.", code="mapping")
     said = source.pressure if source is not None else ""
@@ -308,6 +317,19 @@ _EXAMPLES = {
     "torque": '"N m"',
     "time": '"s", "ms"',
 }
+
+
+def _require_agreement(source: SourceUnit, logged: str, symbol: str, place: str) -> None:
+    """Refuse a unit of another quantity than the one that the log states."""
+    if logged.strip() in ("", "1", "-") or not is_readable(logged):
+        return
+    if read_unit(logged).dimension != source.dimension:
+        raise FileError(
+            f"{place}.unit is {source.text!r}, but the log says {logged!r}.",
+            f"Give scale, {symbol} per {logged}, in place of unit; where the log is wrong, "
+            "scale = 1.0.",
+            code="unit",
+        )
 
 
 def _read(text: str, symbol: str, place: str) -> SourceUnit:

@@ -202,6 +202,8 @@ def require_same_quantity(source: SourceUnit, symbol: str) -> None:
         hint = "For turns per minute write rpm, for turns per second rev/s."
     elif source.text.strip() in ("", NONE):
         hint = f"Say the unit of the source, as {', '.join((symbol, *kindred_units(symbol)[:3]))}."
+    elif source.dimension == unit(NONE).dimension:
+        hint = f"Give scale, {symbol} per {source.text}, in place of unit; for example scale = 15."
     elif symbol == NONE:
         hint = (
             "Name the signal with its unit at the end, as in [signals.temperature_degc]; of a "

@@ -360,7 +360,8 @@ def _check_column(what: str, column: str, declared: str) -> None:
         )
     if not compatible(written, declared) or seen.factor != 1.0 or seen.offset:
         raise FileError(
-            f"{what} ends in {written!r}, but is declared in {declared!r}: the equations see SI",
+            f"{what}: declare it in {si_symbol(written)!r}, not in {declared!r}; the equations see "
+            f"SI, and recordings are converted from {written!r}",
             f'"{column}": "{si_symbol(written)}"',
             code="unit",
         )

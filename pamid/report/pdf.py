@@ -15,7 +15,7 @@ from pamid.base.errors import FileError
 
 #: the last line of every PDF written here, behind its end, where readers ignore it: by this a PDF
 #: of ours is known from somebody's file
-MARK = b"\n% pamid.report/1\n"
+PDF_MARK = b"\n% pamid.report/1\n"
 _ON_PATH = (
     "chromium",
     "chromium-browser",
@@ -32,7 +32,7 @@ _ELSEWHERE = (
     r"C:\Program Files\Google\Chrome\Application\chrome.exe",
     r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
 )
-_OPTIONS = (
+_PRINT_OPTIONS = (
     "--headless",
     "--disable-gpu",
     "--disable-background-networking",
@@ -62,7 +62,7 @@ def printed(html: bytes) -> bytes:
     with tempfile.TemporaryDirectory(prefix="pamid-") as folder:
         page, pdf = Path(folder) / "report.html", Path(folder) / "report.pdf"
         page.write_bytes(html)
-        command = [browser, *_OPTIONS, f"--user-data-dir={folder}/profile"]
+        command = [browser, *_PRINT_OPTIONS, f"--user-data-dir={folder}/profile"]
         if os.name == "posix" and os.geteuid() == 0:
             command.append("--no-sandbox")  # Chromium refuses to start for root with it
         command += [f"--print-to-pdf={pdf}", page.as_uri()]
@@ -77,4 +77,4 @@ def printed(html: bytes) -> bytes:
                 "Open the page in a browser and print it there.",
                 code="not-printed",
             )
-        return pdf.read_bytes() + MARK
+        return pdf.read_bytes() + PDF_MARK

@@ -40,8 +40,7 @@ from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.motion import NO_POSE, rig_of_run
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
-from pamid.report.pdf import MARK as PDF_MARK
-from pamid.report.pdf import printed
+from pamid.report.pdf import PDF_MARK, printed
 from pamid.report.recording_errors import held_out_errors
 from pamid.report.rig_figure import rig_drawing
 from pamid.report.run_page import run_document

@@ -197,6 +197,27 @@ def test_other_units_are_converted(here: Path) -> None:
     assert sheet["preload"].spread == 60.0
 
 
+def test_what_no_equation_sees_is_said_and_no_line_ends_in_spaces(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns = {
+        "heater_percent": 60.0 * np.abs(wave(1)),
+        "room_degf": 70.0 + wave(2),
+        "boiler_degc": 50.0 + 9.0 * wave(3),
+    }
+    with pytest.raises(FileError) as caught:
+        best_match(columns)
+    assert "for example --like thermal-block." in str(caught.value)
+    write_recording(small(columns), here / "boiler.csv")
+    run(capsys, "new-rig", "boiler.csv", "--like", "thermal-block", "--output", "boiler.py")
+    text = (here / "boiler.py").read_text()
+    assert "# heater_percent: the equations see a fraction, 0.6 for 60 %" in text
+    assert "# room_degf: the equations see kelvin" in text
+    assert not [line for line in text.splitlines() if line != line.rstrip()]
+    assert frame.run(["check", "boiler.py"]) == 0
+    assert "Next: pamid check boiler.csv --rig boiler.py" in capsys.readouterr().out
+
+
 def test_a_controller_takes_the_unit_of_its_reading(here: Path) -> None:
     given = small({"voltage_v": 30.0 * wave(1), "angle_rad": wave(2), "reference_rad": wave(3)})
     pamid.new_rig(given, like="servo-pendulum", output=here / "servo.py")

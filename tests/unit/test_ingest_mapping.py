@@ -14,7 +14,14 @@ from pamid.base.units import unit
 from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.guessed_mapping import Answers, guess_of
-from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, settle, unknown_to
+from pamid.ingest.mapping import (
+    Mapping,
+    load_mapping,
+    mapping_of,
+    named_by_units,
+    settle,
+    unknown_to,
+)
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
 
@@ -109,6 +116,27 @@ def test_a_wrong_unit_is_named_with_its_path(text: str, tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         settle(load(tmp_path, text), ONE_DOF, {}, "map.toml")
     assert str(caught.value).startswith("map.toml: ") and WRONG_UNITS[text] in str(caught.value)
+
+
+def test_a_scale_needs_the_unit_of_its_result(tmp_path: Path) -> None:
+    """Counts times 0.18 are degrees, or anything else."""
+    counts = '[signals.encoder]\nsource = "enc"\nunit = "counts"\nscale = 0.18\n'
+    with pytest.raises(FileError, match=r"\[signals\.encoder_deg\].*360 / \(4 \* lines\)"):
+        named_by_units(load(tmp_path, counts), None)
+    ratio = load(tmp_path, counts.replace("counts", "1"))
+    assert list(named_by_units(ratio, None).signals) == ["encoder"]
+    named = load(tmp_path, counts.replace("encoder]", "encoder_deg]"))
+    assert list(named_by_units(named, None).signals) == ["encoder_deg"]
+
+
+def test_a_unit_that_contradicts_the_log_is_refused(tmp_path: Path) -> None:
+    heater = load(tmp_path, '[signals.heater_w]\nsource = "h"\nunit = "W"\n')
+    with pytest.raises(FileError, match=r"but the log says '%'\.\s+Give scale, W per %"):
+        settle(heater, None, {"h": "%"}, "map.toml")
+    settle(heater, None, {"h": "kW"}, "map.toml")
+    share = load(tmp_path, '[signals.heater_w]\nsource = "h"\nunit = "percent"\n')
+    with pytest.raises(FileError, match="scale, W per percent"):
+        settle(share, None, {}, "map.toml")
 
 
 def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> None:

@@ -166,6 +166,14 @@ def test_kelvin_and_degrees_are_as_wrong_either_way(shift: float) -> None:
     assert not replace(one, slip=replace(slip, factor=2.0)).wrong
 
 
+def test_kelvin_that_no_room_has_is_noted_without_a_rig(oven: Recording) -> None:
+    cold = {"block_k": oven.columns["temperature_degc"]}
+    (issue,) = [i for i in examine(replace(oven, columns=cold)) if i.kind == "unit"]
+    assert "stays below 200 K" in issue.message and issue.severity == "advice"
+    warm = {"block_k": cold["block_k"] + 273.15}
+    assert not [i for i in examine(replace(oven, columns=warm)) if i.kind == "unit"]
+
+
 def test_right_recordings_have_no_slip(motor: Recording, oven: Recording) -> None:
     assert not slips_of(motor, "dc-motor") and not slips_of(oven, "thermal-block")
     assert not blocking(motor, rig_named("dc-motor"))
