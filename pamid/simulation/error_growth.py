@@ -26,14 +26,14 @@ from pamid.simulation.windows import Runner, Window, cut
 Array = NDArray[np.float64]
 
 # of the errors over twice the time: more than t^4 gives, and errors grow 1000-fold over the whole
-MOST_GROWTH = 30.0
+GROWTH_LIMIT = 30.0
 PLACES = 12  # windows looked at, evenly spread over all recordings
 
 
 def growth_time_s(
     assembly: Assembly, tracks: Sequence[Track], noise: Array, most_s: float
 ) -> float:
-    """Longest time (s), up to `most_s`, within which errors grow by less than `MOST_GROWTH`
+    """Longest time (s), up to `most_s`, within which errors grow by less than `GROWTH_LIMIT`
     from its first half to its end.
 
     Every window looked at begins in the state that its readings show. The shortest time of all is
@@ -82,5 +82,5 @@ def _time_in(runner: Runner, window: Window, noise: Array) -> float:
     size = np.maximum.accumulate(size[:, size[0] > 0.0])
     later = np.arange(2, len(size))
     # a model that has run away shows no number: it has grown, too
-    grown = ~(size[later] < MOST_GROWTH * size[later // 2]).all(axis=1)
+    grown = ~(size[later] < GROWTH_LIMIT * size[later // 2]).all(axis=1)
     return float(later[grown][0] * track.period_s) if grown.any() else np.inf

@@ -18,7 +18,7 @@ from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import FIT_WINDOW, split_recordings
-from pamid.simulation.error_growth import MOST_GROWTH, growth_time_s
+from pamid.simulation.error_growth import GROWTH_LIMIT, growth_time_s
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.initial_state import estimate_initial_state
 from pamid.simulation.tracks import track_of
@@ -146,7 +146,7 @@ def test_growth_time_is_that_of_the_exponential(rate: float) -> None:
     model = Assembly(Unstable())
     track = track_of(model, held_back(rate), ("read",))
     track.p[model.index_of("rate")] = rate
-    expected = 2.0 * np.log(MOST_GROWTH) / rate if rate > 0.0 else np.inf
+    expected = 2.0 * np.log(GROWTH_LIMIT) / rate if rate > 0.0 else np.inf
     found = growth_time_s(model, [track], np.array([NOISE]), 1.0)
     assert found == pytest.approx(min(expected, 1.0), abs=2.0 * PERIOD_S)
 
@@ -161,7 +161,7 @@ def test_windows_of_a_model_whose_errors_grow_are_shorter() -> None:
         splits.append(split_recordings(rig, [recording], []))
     decaying, growing = splits
     assert growing.correlation_s == decaying.correlation_s == decaying.timescale_s
-    limit = 2.0 * np.log(MOST_GROWTH) / 30.0
+    limit = 2.0 * np.log(GROWTH_LIMIT) / 30.0
     assert FIT_WINDOW * growing.timescale_s == pytest.approx(limit, abs=2.0 * PERIOD_S)
     assert FIT_WINDOW * decaying.timescale_s > 1.5 * limit
 
