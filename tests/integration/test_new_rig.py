@@ -208,7 +208,7 @@ def test_what_no_equation_sees_is_said_and_no_line_ends_in_spaces(
     with pytest.raises(FileError) as caught:
         best_match(columns)
     assert "for example --like thermal-block." in str(caught.value)
-    write_recording(small(columns), here / "boiler.csv")
+    write_recording("boiler.csv", 0.01 * np.arange(len(wave(1))), columns)
     run(capsys, "new-rig", "boiler.csv", "--like", "thermal-block", "--output", "boiler.py")
     text = (here / "boiler.py").read_text()
     assert "# heater_percent: the equations see a fraction, 0.6 for 60 %" in text
