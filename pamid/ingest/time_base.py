@@ -19,7 +19,7 @@ neighbouring samples are not independent.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -36,8 +36,10 @@ from pamid.ingest.stamps import (
     rough_period,
 )
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
+from pamid.recording.noise import noise_level
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
+SHOWN = 0.5  # resolutions of a signal: a smaller change does not show
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
 
 LEAST_LATENCY_QUANTILE = 0.01  # quantile of the latency that stands for none
@@ -285,8 +287,26 @@ def _by_signals(
         return StampDiagnosis(
             "jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard)
         )
+    if _immaterial(signals.values(), float(high - low), period):
+        why = f"{shape}, in which no signal changes by more than its resolution"
+        return StampDiagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
     why = f"{shape}; the signals do not decide: {correlations} {scale}"
     return StampDiagnosis("undecided", None, why, period, numbers, tuple(heard))
+
+
+def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> bool:
+    """Do all signals change by less than their resolution in the time by which stamps stray? Then
+    it does not matter how they are read."""
+    for values in signals:
+        changes = np.abs(np.diff(values[np.isfinite(values)]))
+        moves = changes[changes > 0.0]
+        if not moves.size:
+            continue
+        noise = float(noise_level(values[np.isfinite(values)][:, None])[0])
+        resolution = max(float(moves.min()), noise)
+        if math.sqrt(float(np.mean(changes**2))) / period * spread > SHOWN * resolution:
+            return False
+    return True
 
 
 def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witness | None:

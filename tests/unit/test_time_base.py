@@ -12,7 +12,13 @@ from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.resampling import hold, smooth
 from pamid.ingest.stamps import IntArray, Rows, count_samples, usable_rows
-from pamid.ingest.time_base import Cure, StampDiagnosis, diagnose_stamps, reconstructed_time_base
+from pamid.ingest.time_base import (
+    Cure,
+    StampDiagnosis,
+    _immaterial,
+    diagnose_stamps,
+    reconstructed_time_base,
+)
 
 T, N = 0.003, 12000
 K = np.arange(N)
@@ -320,3 +326,13 @@ def test_samples_that_coincide_are_kept_to_the_bit() -> None:
     there[[0, -1]] = True
     made = smooth(t[there], y[there], 17.3 + np.arange(1000) * T, T)
     assert (made[there] == y[there]).all() and np.isfinite(made).all()
+
+
+def test_stamps_that_stray_by_less_than_a_signal_shows_need_no_answer() -> None:
+    """11 ms on a clock of 2 s are 2 mK at 0.2 K/s, of a sensor that shows 0.25 K."""
+    warm = 60.0 + 30.0 * np.sin(np.arange(600) / 90.0)
+    shown = np.round(warm / 0.25) * 0.25
+    assert _immaterial([shown], 0.011, 2.0)
+    assert not _immaterial([shown], 2.0, 2.0)
+    ramp = 0.2 * np.arange(600)  # no noise and no steps in which it could hide
+    assert not _immaterial([ramp, shown], 1.5, 2.0)
