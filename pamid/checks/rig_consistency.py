@@ -244,9 +244,9 @@ def _gain_words(
     slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
 ) -> tuple[str, str]:
     others = [c for c in before.names if c not in names]
-    source = f"from {listed(others)}" if others else "from its inputs"
     return (
-        f"{names[0]} reads {1.0 / slip.factor:.2g} times what rig {rig.name!r} predicts {source}",
+        f"{names[0]} reads {1.0 / slip.factor:.2g} times what rig {rig.name!r} predicts from "
+        f"{listed(others)}",
         f"Multiply its scale in the mapping of `pamid ingest` by {slip.factor:.4g}, or correct the "
         f"ratio in rig {rig.name!r}.{slip.cause_words}",
     )

@@ -182,9 +182,6 @@ class Slip:
         for edges in QUADRATURE if counted else ():
             if abs(ratio / edges - 1.0) < NEAR_COUNT:
                 return f" Counts per turn x{edges:g}?"
-        for other, units in UNIT_RATIOS.items():
-            if abs(ratio / other - 1.0) < NEAR_COUNT:
-                return f" As between {units}?"
         return ""
 
     @property
@@ -595,7 +592,9 @@ def _predicted_slips(
         for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
             y, model = _prediction(data, k)
             (column,) = recorded_as((name,), recording)
-            slips += list(_regressed(column, y, model, float(motion_)))
+            of_column = _regressed(column, y, model, float(motion_))
+            # of a lone output the data sheet alone predicts the size: the table of factors serves
+            slips += [slip for slip in of_column if slip.kind != "gain" or len(data.names) > 1]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
     compared = [(slip, slip.compared(e, recording)) for slip in slips]
@@ -623,7 +622,8 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
         offset = float(np.median((model - sign * y).mean(axis=1)))
         if abs(offset) > LEAST_OFFSET * moves:
             yield Slip("offset" if sign > 0.0 else "sign", (column,), sign, offset)
-    if gain > 0.0 and abs(math.log(gain)) > LEAST_GAIN:
+    listed = gain > 0.0 and any(abs(gain * factor - 1.0) < NEAR_COUNT for factor in FACTORS)
+    if gain > 0.0 and abs(math.log(gain)) > LEAST_GAIN and not listed:
         yield Slip("gain", (column,), 1.0 / gain)
 
 
