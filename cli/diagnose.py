@@ -25,7 +25,7 @@ from .terminal import progress_line, quoted, warning
 
 PLACE = 80
 _SETTLED = 0.95
-HOLD_OR_RELEASE = "(TOML next to the recording: [known] holds one, [free] fits one that is held)"
+_HOLD_HINT = "(TOML next to the recording: [known] holds one, [free] fits one that is held)"
 EXAMPLE = """
 pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 """
@@ -207,7 +207,7 @@ def _refitted(parameters: dict[str, Any]) -> list[str]:
     from pamid.verdict.refitted_parameters import refitted_parameters
 
     texts = refitted_parameters({k: read(Estimate, v) for k, v in parameters.items()}).texts()
-    texts = [*texts, HOLD_OR_RELEASE] if texts else []
+    texts = [*texts, _HOLD_HINT] if texts else []
     return [("Refitted  " if i == 0 else "          ") + text for i, text in enumerate(texts)]
 
 
