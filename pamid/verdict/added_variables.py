@@ -57,6 +57,7 @@ def _compared(d: Diagnosis) -> Iterator[tuple[CandidateModel, list[tuple[Candida
         for label, below in d.selection.without.items():
             if len(below.attached) == len(d.cause.attached) - 1:
                 yield below, [(d.cause, label)]
+    # what an effect at several ports adds is all of it
     yield d.budget.baseline, [(c, c.label) for c in d.ranking]
 
 
@@ -111,14 +112,14 @@ def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> Linea
 def _with_and_without(fitted: Fit, model: CandidateModel, label: str) -> tuple[Array, Array]:
     """Rows of a model, and of it without one of its effects; of the data sheet those of the other
     parameters."""
-    p = model.fit.p.copy()
+    p, labels = model.fit.p.copy(), label.split(" + ")
     for i, bound in enumerate(model.assembly.parameters):
-        if bound.owner == label and bound.null is not None:
+        if bound.owner in labels and bound.null is not None:
             p[i] = bound.null
     bounds = [model.assembly.parameters[i] for i in model.fit.problem.free]
     with_effect, without = (_rows(fitted, model.fit, values).away for values in (model.fit.p, p))
     counted = np.ones(len(without), bool)
-    counted[len(without) - len(bounds) :] = [bound.owner != label for bound in bounds]
+    counted[len(without) - len(bounds) :] = [bound.owner not in labels for bound in bounds]
     return with_effect[counted], without[counted]
 
 

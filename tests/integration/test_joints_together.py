@@ -21,6 +21,7 @@ from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
+from pamid.verdict.added_variables import added_variables
 
 mujoco: Any = mechanisms.needs_mujoco()
 
@@ -158,6 +159,9 @@ def test_a_bare_model_of_an_arm_that_rubs_lacks_friction(truth: ModuleType, tmp_
     first, second = machine.links
     planted = {first.joint: 0.05 * first.limit, second.joint: 0.06 * second.limit}
     assert levels(d) == pytest.approx(planted, rel=0.15)
+    # what both add together is drawn as one
+    joints = " + ".join(f"coulomb-friction@{link.joint}" for link in machine.links)
+    assert joints in {plot.effect for plot in added_variables(d).plots}
 
 
 @pytest.mark.slow
