@@ -93,8 +93,8 @@ def plain_check(
     model: Identified, mechanism: Mechanism, new: MujocoFile, new_mechanism: Mechanism
 ) -> PlainCheck | None:
     """Run the old file and the new one on the held-out part of the model's run; None where the run
-    holds nothing out, or the model was not read from a run."""
-    if model.folder is None:
+    holds nothing out, or no residual.csv, or the model was not read from a run."""
+    if model.folder is None or not (model.folder / RESIDUAL_FILE).exists():
         return None
     fit = need_result(model.folder / FIT_FILE, FitFile)
     horizon, stated = _stated(model, fit)

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pamid.base.errors import FileError
-from pamid.simulators.mechanism import Mechanism, MechanismJoint, ModelParameter
+from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, ModelParameter
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_forms import (
     TINY_SPRING,
@@ -169,6 +170,8 @@ class _Writer:
         self.left: list[str] = []
         self.notes: list[str] = []
         self.passive: list[str] = []
+        self.motors: set[str] = set()
+        self.added_joints: list[tuple[int, int]] = []  # places of their position and velocity
         self.dynamics: dict[int, dict[str, float]] = {}
         angles = [t.attributes.get("angle") for t in self.tags if t.name == "compiler"]
         self.degrees = not self.is_urdf and "radian" not in angles
@@ -195,6 +198,7 @@ class _Writer:
                 self._parameter(one)
         self._add_passive()
         self._add_dynamics()
+        self._extend_keyframes()
         return self.edits.made(self.tags)
 
     def _parameter(self, one: ModelParameter) -> None:
@@ -218,8 +222,19 @@ class _Writer:
             return self._urdf_joint(tag, one.attribute, value)
         if one.element == "actuator":
             return self._actuator(tag, one, value)
-        self.edits.set(tag, one.attribute, number(value))
+        powers: tuple[float, ...] = ()
+        if one.element == "joint" and one.attribute in ("damping", "stiffness"):
+            powers = self._powers(one.attribute, self.mechanism.joints[one.number])
+        self.edits.set(tag, one.attribute, _trimmed(np.array([value, *powers])))
         return ""
+
+    def _powers(self, attribute: str, joint: MechanismJoint) -> tuple[float, ...]:
+        """Coefficients of the second and third power of a joint's damper or spring."""
+        array, row = ("dof_dampingpoly", joint.dof)
+        if attribute == "stiffness":
+            array, row = "jnt_stiffnesspoly", self.mechanism.joints.index(joint)
+        stated = getattr(self.file.model, array, None)
+        return (0.0, 0.0) if stated is None else tuple(map(float, stated[row]))
 
     # ---- elements of the text --------------------------------------------------------------------
 
@@ -267,7 +282,7 @@ class _Writer:
 
     def _joint(self, j: int, terms: JointTerms) -> set[str]:
         """Write the terms at a joint; the names of the parameters that are written with them."""
-        joint, m = self.mechanism.joints[j], self.file.model
+        joint = self.mechanism.joints[j]
         friction = self._number_of("joint", j, "frictionloss", joint.friction_loss)
         damping = self._number_of("joint", j, "damping", joint.damping)
         if self.is_urdf:
@@ -281,10 +296,7 @@ class _Writer:
             written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
             self._soften(tag, joint, friction, terms)
         if terms.damping.any():
-            poly = np.array(
-                [damping, *getattr(m, "dof_dampingpoly", np.zeros((m.nv, 2)))[joint.dof]]
-            )
-            total = poly + terms.damping
+            total = np.array([damping, *self._powers("damping", joint)]) + terms.damping
             written |= self._set_value(tag, j, "damping", float(total[0]), _trimmed(total))
         if terms.spring.any():
             written |= self._spring(tag, j, joint, terms)
@@ -292,13 +304,12 @@ class _Writer:
             self._stop(tag, joint, terms)
         if terms.behind is not None:
             written |= self._behind(tag, j, joint, terms.behind)
-        name = self.file.name("joint", j)
         for b in terms.bristles:
             values = numbers([b.stiffness, b.damping, b.sliding, b.static, b.velocity])
-            self.passive.append(self._passive(name, "friction", f'lugre="{values}"'))
+            self._add_motor(tag, j, "friction", f'lugre="{values}"')
         for w in terms.waves:
             values = numbers([w.amplitude, w.poles, w.phase])
-            self.passive.append(self._passive(name, "cogging", f'cogging="{values}"'))
+            self._add_motor(tag, j, "cogging", f'cogging="{values}"')
         return written
 
     def _set_value(
@@ -321,7 +332,7 @@ class _Writer:
         if not terms.onset:
             self.edits.set(tag, "solreffriction", numbers([finest, 1.0]))
             return
-        weight = self.weights.get(joint.name, float(m.dof_invweight0[joint.dof]))
+        weight = self._weight(joint)
         # b / R = 2 / (time constant * (1 - impedance) * weight)
         wanted = 2.0 * terms.onset / (weight * terms.friction)
         impedance, least = SOFT, 2.0 * float(m.opt.timestep)
@@ -330,6 +341,11 @@ class _Writer:
             constant, impedance = least, min(max(1.0 - wanted / least, SOFT), 0.9999)
         self.edits.set(tag, "solreffriction", numbers([constant, 1.0]))
         self.edits.set(tag, "solimpfriction", numbers([impedance, impedance, 0.001]))
+
+    def _weight(self, joint: MechanismJoint) -> float:
+        """Inverse inertia at a joint."""
+        name = self.file.name("joint", self.mechanism.joints.index(joint))
+        return self.weights.get(name, float(self.file.model.dof_invweight0[joint.dof]))
 
     def _is_safe(self) -> bool:
         """Does MuJoCo keep time constants of constraints above two steps by itself?"""
@@ -342,15 +358,13 @@ class _Writer:
 
     def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> set[str]:
         """The whole polynomial about one of its zeros, which is the spring's reference."""
-        m = self.file.model
         old = JointTerms()
         first = self._number_of("joint", j, "stiffness", joint.stiffness)
         rest = joint.spring_reference
         old.add_spring(first, 0.0, rest)
-        if hasattr(m, "jnt_stiffnesspoly"):
-            square, cube = map(float, m.jnt_stiffnesspoly[j])
-            old.spring += square * np.array([rest**2, -2.0 * rest, 1.0, 0.0])
-            old.add_spring(0.0, cube, rest)
+        square, cube = self._powers("stiffness", joint)
+        old.spring += square * np.array([rest**2, -2.0 * rest, 1.0, 0.0])
+        old.add_spring(0.0, cube, rest)
         total = np.polynomial.Polynomial(old.spring + terms.spring)
         if not total.coef[1:].any():  # a constant: a weak spring, relaxed far away
             weak = TINY_SPRING * abs(float(total.coef[0]))
@@ -369,14 +383,14 @@ class _Writer:
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """The range within which both the file's own limits and the buffers leave the joint."""
         assert terms.stop is not None
-        stop, m = terms.stop, self.file.model
+        stop = terms.stop
         low, high = joint.range or (-np.inf, np.inf)
         if low > stop.low and high < stop.high:
             return  # never reached
         if joint.range is not None and (low > stop.low or high < stop.high):
             self.notes.append(f"{joint.name}: one of its limits stays the file's own, as soft")
         ends = [max(low, stop.low), min(high, stop.high)]
-        weight = self.weights.get(joint.name, float(m.dof_invweight0[joint.dof]))
+        weight = self._weight(joint)
         self.edits.set(tag, "limited", "true")
         self.edits.set(tag, "range", " ".join(self._angle(joint, end) for end in ends))
         for attribute, value in _as_limit(stop.stiffness, stop.damping, weight).items():
@@ -387,7 +401,8 @@ class _Writer:
         name = self.file.name("joint", j)
         load = max(joint.typical_inertia - joint.armature, 1e-12)
         share = 1.0 if behind.share >= MOSTLY_BEHIND else behind.share
-        if share < 1.0:
+        body = self._body_to_divide(tag, joint) if share < 1.0 else None
+        if share < 1.0 and body is None:
             self.notes.append(
                 f"{name}: all of the load is behind the second joint, not {share:.0%} of it; the "
                 "rest is an armature"
@@ -396,7 +411,8 @@ class _Writer:
         stiffness = behind.share * load * w * w
         damping = 2.0 * behind.damping_ratio * w * behind.share * load
         armature = self._number_of("joint", j, "armature", joint.armature)
-        needed = max(armature + (1.0 - share) * load, LEAST_ARMATURE * load)
+        near = (1.0 - share) * load
+        needed = max(armature + (near if body is None else 0.0), LEAST_ARMATURE * load)
         words = {
             "name": f"{name}_behind",
             "type": joint.kind,
@@ -412,7 +428,7 @@ class _Writer:
             "actuatorfrclimited": "false",
         }
         if behind.half_gap > 0.0:
-            weight = self.weights.get(words["name"], 1.0 / load + 1.0 / needed)
+            weight = self.weights.get(words["name"], 1.0 / load + 1.0 / (needed + near))
             gap = behind.half_gap
             words["limited"] = "true"
             words["range"] = " ".join(self._angle(joint, end) for end in (-gap, gap))
@@ -420,20 +436,76 @@ class _Writer:
         else:
             words |= {"stiffness": number(stiffness), "damping": number(damping)}
         told = " ".join(f'{key}="{value}"' for key, value in words.items())
-        self.edits.add_after(tag, f"<joint {told}/>")
-        for key in (t for t in self.tags if t.name == "key"):
-            for attribute, at in (("qpos", joint.qpos + 1), ("qvel", joint.dof + 1)):
-                if stated := key.attributes.get(attribute):
-                    parts = stated.split()
-                    self.edits.set(key, attribute, " ".join([*parts[:at], "0", *parts[at:]]))
+        self.added_joints.append((joint.qpos + 1, joint.dof + 1))
+        written = set()
+        if body is None:
+            self.edits.add_after(tag, f"<joint {told}/>")
+        else:
+            written |= self._divide(tag, body, joint, near, f"<joint {told}/>")
         if needed > armature:
-            return self._set_value(tag, j, "armature", needed)
-        return set()
+            written |= self._set_value(tag, j, "armature", needed)
+        return written
 
-    def _passive(self, joint: str, word: str, attribute: str) -> str:
+    def _body_to_divide(self, tag: Tag, joint: MechanismJoint) -> Tag | None:
+        """The <body> of a joint, where it has no other joint."""
+        alone = sum(other.body == joint.body for other in self.mechanism.joints) == 1
+        parent = self.tags[tag.parent] if tag.parent >= 0 else tag
+        has_mass = self.mechanism.bodies[joint.body].mass_kg > 0.0
+        return parent if alone and has_mass and parent.name == "body" else None
+
+    def _divide(
+        self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
+    ) -> set[str]:
+        """Part a body: what turns with the motor, of this inertia about the joint, and the rest in
+        a body of its own behind the second joint, with all that follows the joint in the text."""
+        body = self.mechanism.bodies[joint.body]
+        mass = self._number_of("body", joint.body, "mass", body.mass_kg)
+        ratio = mass / body.mass_kg
+        part = min(near / (ratio * _inertia_about(body, joint)), MOSTLY_BEHIND)
+        place = {"pos": numbers(body.centre), "quat": numbers(body.inertia_quaternion)}
+
+        def inertial(share: float) -> str:
+            words = {
+                **place,
+                "mass": number(share * mass),
+                "diaginertia": numbers([share * ratio * v for v in body.inertia]),
+            }
+            told = " ".join(f'{k}="{v}"' for k, v in words.items())
+            return f"<inertial {told}/>"
+
+        stated = self._inside(outer, "inertial")
+        if stated is not None:
+            self.edits.remove(stated)
+        name = f"{self.file.name('body', joint.body)}_behind"
+        self.edits.add_after(
+            tag, f'{inertial(part)}<body name="{name}">{second}{inertial(1.0 - part)}'
+        )
+        self.edits.add_last(outer, "</body>")
+        return {self.names["body", joint.body, "mass"]}
+
+    def _extend_keyframes(self) -> None:
+        """Positions and velocities of added joints in the keyframes: zero."""
+        for key in (t for t in self.tags if t.name == "key"):
+            for place, attribute in enumerate(("qpos", "qvel")):
+                parts = key.attributes.get(attribute, "").split()
+                if parts and self.added_joints:
+                    for at in sorted((pair[place] for pair in self.added_joints), reverse=True):
+                        parts.insert(at, "0")
+                    self.edits.set(key, attribute, " ".join(parts))
+
+    def _add_motor(self, tag: Tag, j: int, word: str, attribute: str) -> None:
         """A motor without a command that only has friction or a torque with a period."""
-        return (
-            f'<dcmotor name="{joint}_{word}" joint="{joint}" input="none" gear="1" armature="0" '
+        joint = self.file.name("joint", j)
+        self.edits.set(tag, "name", joint)
+        taken = {t.attributes.get("name") for t in self.tags} | self.motors
+        name = next(
+            name
+            for name in (f"{joint}_{word}{k}" for k in ("", *map(str, range(2, 1000))))
+            if name not in taken
+        )
+        self.motors.add(name)
+        self.passive.append(
+            f'<dcmotor name="{name}" joint="{joint}" input="none" gear="1" armature="0" '
             f'damping="0" motorconst="0" resistance="1" {attribute}/>'
         )
 
@@ -676,6 +748,17 @@ class _Writer:
                 values = {"damping": 0.0, "friction": 0.0} | found
                 told = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
                 self.edits.add_inside(tag, f"<dynamics {told}/>")
+
+
+def _inertia_about(body: Body, joint: MechanismJoint) -> float:
+    """Inertia of a body about a hinge, kg m2; its mass at a slide."""
+    if joint.kind == "slide":
+        return body.mass_kg
+    axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+    turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
+    own = float((turn.inv().apply(axis) ** 2) @ body.inertia)
+    arm = np.cross(axis, np.array(body.centre) - joint.anchor)
+    return own + body.mass_kg * float(arm @ arm)
 
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:

@@ -75,6 +75,7 @@ class Edits:
         self._attributes: dict[int, dict[str, str | None]] = {}
         self._names: dict[int, str] = {}
         self._added: dict[int, list[str]] = {}  # place -> lines
+        self._removed: list[Tag] = []
 
     def set(self, tag: Tag, attribute: str, value: str | None) -> None:
         """Give a tag's attribute another value; None takes it away."""
@@ -83,6 +84,10 @@ class Edits:
     def rename(self, tag: Tag, name: str) -> None:
         """Give an element another name."""
         self._names[tag.begin] = name
+
+    def remove(self, tag: Tag) -> None:
+        """Take an element away, with all that it holds."""
+        self._removed.append(tag)
 
     def add_inside(self, tag: Tag, text: str) -> None:
         """Write an element as the first one of another, on a line of its own."""
@@ -100,8 +105,11 @@ class Edits:
 
     def made(self, tags: list[Tag]) -> bytes:
         """The text with all changes."""
-        changes: list[tuple[int, int, str]] = []
+        changes = [(tag.begin, tag.after, "") for tag in self._removed]
+        gone = {tag.begin for tag in self._removed}
         for tag in tags:
+            if tag.begin in gone:
+                continue
             values, name = self._attributes.get(tag.begin, {}), self._names.get(tag.begin, "")
             if values or name:
                 new = _changed(self.text[tag.begin : tag.end].decode(), values)

@@ -174,10 +174,12 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(
         ({"maxwell-slip-hysteresis@a": {"level": 0.2, "reach": 0.1},
           "bouc-wen-hysteresis@b": {"level": 0.1, "reach": 0.1, "shape": 0.7}}, 0.35),
         ({"end-stop@a": {"stiffness": 60.0, "limit": 0.2, "speed": 3.0}}, 0.2),
+        ({"two-mass@b_transmission": {"share": 0.7, "frequency": 6.0, "damping": 0.05}}, 0.15),
+        ({"two-mass@a_transmission": {"share": 0.9, "frequency": 4.0, "damping": 0.05}}, 0.15),
         ({"backlash@b_transmission":
           {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}}, 0.1),
     ],
-    ids=["friction", "stribeck", "hysteresis", "end-stop", "backlash"],
+    ids=["friction", "stribeck", "hysteresis", "end-stop", "last-body", "inner-body", "backlash"],
 )  # fmt: skip
 def test_other_effects_are_written_in_their_nearest_form(
     effects: Mapping[str, Mapping[str, float]], share: float, tmp_path: Path
@@ -389,6 +391,29 @@ def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path
     assert model.key_qpos.tolist() == [[0.1, 0.0, 0.2]] and model.key_qvel.tolist() == [[1, 0, 2]]
     assert model.jnt_range[1] == pytest.approx([-0.02, 0.02])
     assert model.qpos_spring[2] == pytest.approx(0.3) and model.jnt_stiffness[2] == 2.0
+
+
+def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
+    """Two motors at a joint that the file does not name, and a damper with a cubic term."""
+    text = (
+        ARM.replace('<joint name="b" ', "<joint ")
+        .replace('damping="0.02"', 'damping="0.02 0 0.3"')
+        .replace('    <position name="mb" joint="b" kp="8" kv="0.4"/>\n', "")
+        .replace('    <jointpos name="qb" joint="b"/>\n', "")
+    )
+    mechanism = read_mechanism(written(tmp_path, text))
+    port = next(p for p in mechanism.ports if (p.kind, p.number) == ("motion", 1))
+    values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
+    dahl = {"level": 0.2, "reach": 0.02}
+    done = write_back(
+        mechanism,
+        {**values, "joint_1_damping": 0.04},
+        [mujoco_forms.FoundEffect(k, "dahl-friction", dahl, (port,)) for k in ("one", "other")],
+    )
+    model = done.file.model
+    assert model.dof_damping[1] == 0.04 and model.dof_dampingpoly[1].tolist() == [0.0, 0.3]
+    assert (model.nu, model.nactuator, model.na) == (1, 3, 2)
+    assert model.actuator_trnid[1:, 0].tolist() == [1, 1] and not done.left
 
 
 def test_a_written_file_with_bristles_is_a_rig_again(tmp_path: Path) -> None:
