@@ -411,8 +411,14 @@ class _Writer:
         stiffness = behind.share * load * w * w
         damping = 2.0 * behind.damping_ratio * w * behind.share * load
         armature = self._number_of("joint", j, "armature", joint.armature)
-        near = (1.0 - share) * load
+        # with all other joints giving way, as the effect has it
+        felt = 1.0 / max(float(self.file.model.dof_invweight0[joint.dof]), 1e-12)
+        near = (1.0 - share) * max(felt - joint.armature, 1e-12)
         needed = max(armature + (near if body is None else 0.0), LEAST_ARMATURE * load)
+        if body is not None:
+            self.notes.append(
+                f"{name}: {share:.0%} of its load is written as a body behind a second joint"
+            )
         words = {
             "name": f"{name}_behind",
             "type": joint.kind,

@@ -174,8 +174,8 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(
         ({"maxwell-slip-hysteresis@a": {"level": 0.2, "reach": 0.1},
           "bouc-wen-hysteresis@b": {"level": 0.1, "reach": 0.1, "shape": 0.7}}, 0.35),
         ({"end-stop@a": {"stiffness": 60.0, "limit": 0.2, "speed": 3.0}}, 0.2),
-        ({"two-mass@b_transmission": {"share": 0.7, "frequency": 6.0, "damping": 0.05}}, 0.15),
-        ({"two-mass@a_transmission": {"share": 0.9, "frequency": 4.0, "damping": 0.05}}, 0.15),
+        ({"two-mass@b_transmission": {"share": 0.9, "frequency": 6.0, "damping": 0.05}}, 0.4),
+        ({"two-mass@a_transmission": {"share": 0.9, "frequency": 4.0, "damping": 0.05}}, 0.6),
         ({"backlash@b_transmission":
           {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}}, 0.1),
     ],
