@@ -99,7 +99,10 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
             code="no-numbers",
         )
     _refuse_signals_in_rows(path, lines, guesses)
-    best = max(guesses, key=lambda guess: (guess.count, guess.header_fits, guess.width))
+    # a remark in a few rows costs a reading these rows
+    most = max(guess.count for guess in guesses)
+    near = [guess for guess in guesses if guess.count >= SHARE_OF_ROWS * most]
+    best = max(near, key=lambda guess: (guess.header_fits, guess.count, guess.width))
     _refuse_thousands(path, best)
     cells = [
         cell.strip()

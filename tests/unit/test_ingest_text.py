@@ -11,6 +11,7 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
+from pamid.ingest.dialect import find_dialect
 from pamid.ingest.log_reader import read_log
 
 N = 60
@@ -364,3 +365,16 @@ def test_a_long_log_with_decimal_commas(tmp_path: Path) -> None:
     text = (tmp_path / "long.csv").read_text().replace(".", ",")
     log = read(tmp_path, text)
     np.testing.assert_allclose(log.channel("d").values, table[:, 4], rtol=1e-8)
+
+
+def test_a_remark_in_a_few_rows_hides_no_semicolons(tmp_path: Path) -> None:
+    """Decimal commas and a column of remarks, empty but for some rows."""
+    lines = ["Zeitstempel;Heizung;T_Kessel;T_Raum;Durchfluss;Bemerkung", ";%;°C;°F;ml/min;"]
+    for k in range(200):
+        kettle = f"{22.5 + k / 4:.2f}".replace(".", ",")
+        remark = "Bezug" if k % 60 == 30 else ""
+        stamp = f"05.11.2026 14:{k // 60:02d}:{k % 60:02d},208"
+        lines.append(f"{stamp};60;{kettle};72,{k % 3};0;{remark}")
+    found = find_dialect(tmp_path / "log.csv", lines)
+    assert (found.delimiter, found.decimal) == (";", ",")
+    assert found.names[1:5] == ("Heizung", "T_Kessel", "T_Raum", "Durchfluss")
