@@ -136,7 +136,9 @@ def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(
 
 
 def test_every_effect_tells_its_story(capsys: pytest.CaptureFixture[str]) -> None:
-    rigs = [library.rig_named("one-dof"), library.rig_named(str(RIGS / "emps.py")), EveryPortRig()]
+    servo = Path(__file__).parents[1] / "rigs" / "geared_servo.py"
+    files = [library.rig_named(str(path)) for path in (RIGS / "emps.py", servo)]
+    rigs = [library.rig_named("one-dof"), *files, EveryPortRig()]
     known = library.effects()
     for name, effect in known.items():
         said = catalogue.effect_story(effect, rigs, known.values())
