@@ -25,11 +25,15 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
             f"The rig {model.name!r} was not made of a model file, so there is none to write into.",
             "fmu, c, onnx and matlab write any model.",
         )
-    own = LANGUAGES.get(Path(mechanism.path).suffix.lower(), "mjcf")
-    if own != language:
-        raise FileError(f"{mechanism.path} is not {language.upper()}.", f"Take --to {own}.")
+    language_of_rig = LANGUAGES.get(Path(mechanism.path).suffix.lower(), "mjcf")
+    if language_of_rig != language:
+        raise FileError(
+            f"{mechanism.path} is not {language.upper()}.", f"Take --to {language_of_rig}."
+        )
     keys, values = model.assembly.keys, model.values
-    found = {p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters}
+    parameters = {
+        p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters
+    }
     effects = [
         FoundEffect(
             a.label,
@@ -39,17 +43,17 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
         )
         for a in model.effects
     ]
-    made = write_back(mechanism, found, effects)
+    written = write_back(mechanism, parameters, effects)
     tell("running the file in MuJoCo")
-    check = plain_check(model, mechanism, made.file, made.mechanism)
-    notes = [*made.notes, *made.left]
+    check = plain_check(model, mechanism, written.file, written.mechanism)
+    notes = [*written.notes, *written.left]
     if model.network is not None:
         notes.append("the network is not in the file: no model file can hold one")
     if check is None:
         notes.append("it was not run: the run holds nothing out")
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
-    return Written({files[0]: made.text}, notes=tuple(notes), check=check)
+    return Written({files[0]: written.text}, notes=tuple(notes), check=check)
 
 
 def _rivals_note(model: Identified) -> str:

@@ -123,11 +123,11 @@ def plain_check(
         tried.append((settings, errors(new, new_mechanism, settings)))
     reached = _reached(tried[-1][1], wanted)
     # of several that come about as near the cheapest
-    least = NEARLY * min(_total(found, spread) for _, found in tried)
+    least = NEARLY * min(_total(errors_there, spread) for _, errors_there in tried)
     best, nearest = next(
-        (settings, found)
-        for settings, found in tried
-        if (_reached(found, wanted) if reached else _total(found, spread) <= least)
+        (settings, errors_there)
+        for settings, errors_there in tried
+        if (_reached(errors_there, wanted) if reached else _total(errors_there, spread) <= least)
     )
     shown = [c for c in units if not np.isnan(now[c])]
     channels = {
@@ -143,12 +143,12 @@ def plain_check(
     return PlainCheck(channels, own, best, best_errors, reached if wanted else None)
 
 
-def _total(found: Mapping[str, float], spread: Mapping[str, float]) -> float:
-    return sum(found[c] / size for c, size in spread.items() if not np.isnan(found[c]))
+def _total(errors: Mapping[str, float], spread: Mapping[str, float]) -> float:
+    return sum(errors[c] / size for c, size in spread.items() if not np.isnan(errors[c]))
 
 
-def _reached(found: Mapping[str, float], wanted: Mapping[str, float]) -> bool:
-    return all(found[c] <= REACHED * value for c, value in wanted.items())
+def _reached(errors: Mapping[str, float], wanted: Mapping[str, float]) -> bool:
+    return all(errors[c] <= REACHED * value for c, value in wanted.items())
 
 
 def _size(value: float, unit: str) -> float:
@@ -177,15 +177,15 @@ def _stated(model: Identified, fit: FitFile) -> tuple[float, dict[str, float]]:
     if not path.exists():
         rows = {c: row.get("refitted") for c, row in fit.mae.items()}
         return 0.0, {c: float(v) for c, v in rows.items() if v is not None}
-    found = need_result(path, DiagnosisFile)
+    diagnosis = need_result(path, DiagnosisFile)
     labels = tuple(a.label for a in model.effects)
-    horizon = found.horizon_s or 0.0
+    horizon = diagnosis.horizon_s or 0.0
     if model.chosen:
-        ranked = next((c for c in found.ranking if (c.effect,) == labels), None)
+        ranked = next((c for c in diagnosis.ranking if (c.effect,) == labels), None)
         held = ranked.held_out if ranked else {}
         return horizon, {c: h.mae_after for c, h in held.items() if h.mae_after is not None}
     kind = "mae_with_cause" if labels else "mae_refitted"
-    errors = {c: getattr(reach, kind) for c, reach in found.how_far.items()}
+    errors = {c: getattr(reach, kind) for c, reach in diagnosis.how_far.items()}
     return horizon, {c: float(v) for c, v in errors.items() if v is not None}
 
 

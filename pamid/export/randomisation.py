@@ -73,10 +73,10 @@ def _posterior(model: Identified) -> Posterior:
     saved = fit.cause if model.effects else None
     if model.rivals and fit.rivals:
         saved = fit.rivals[model.chosen].model
-    found = saved.posterior if saved else fit.posterior
-    if found is None:
+    posterior = saved.posterior if saved else fit.posterior
+    if posterior is None:
         raise FileError("The run holds no posterior of this model.", REFIT_REMEDY, code="missing")
-    return found
+    return posterior
 
 
 def _fit(model: Identified) -> FitFile:
@@ -89,18 +89,18 @@ def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
     """(key, standard deviation, SI) of the parameters with an interval."""
     assert model.folder is not None
     path = model.folder / DIAGNOSIS_FILE
-    found: dict[str, Interval] = dict(_fit(model).parameters)
+    intervals: dict[str, Interval] = dict(_fit(model).parameters)
     if path.exists():
         diagnosis = need_result(path, DiagnosisFile)
         named = {a.label for a in model.effects}
         # intervals of the rig's parameters are those next to the causes
-        found = dict(diagnosis.parameters) if not model.rivals else {}
+        intervals = dict(diagnosis.parameters) if not model.rivals else {}
         for candidate in diagnosis.ranking if model.rivals else ():
-            found |= _of_effect(candidate.effect, candidate.parameters, named)
+            intervals |= _of_effect(candidate.effect, candidate.parameters, named)
         for cause in diagnosis.causes:
-            found |= _of_effect(cause.effect, cause.parameters, named)
+            intervals |= _of_effect(cause.effect, cause.parameters, named)
     for b in model.assembly.parameters:
-        interval = found.get(b.full_name)
+        interval = intervals.get(b.full_name)
         if interval is None or interval.low is None or interval.high is None:
             continue
         size = (interval.high - interval.low) * b.factor / (2.0 * NORMAL_975)
@@ -117,13 +117,13 @@ def _of_effect(
 
 def _places(model: Identified) -> Mapping[str, Mapping[str, str]]:
     """Where a parameter stands in the model file, or the effect that it belongs to."""
-    found = {
+    places = {
         b.key: {"effect": b.owner} for b in model.assembly.parameters if b.owner and not b.nuisance
     }
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if isinstance(mechanism, Mechanism):
         for p in mechanism.parameters:
-            found[p.parameter.name] = {
+            places[p.parameter.name] = {
                 "element": p.element, "of": p.of, "attribute": p.attribute,
             }  # fmt: skip
-    return found
+    return places

@@ -139,10 +139,10 @@ def forms_of(mechanism: Mechanism, effects: Sequence[FoundEffect]) -> Forms:
     """All effects in MuJoCo's terms, for the installed version of it."""
     forms = Forms()
     for effect in effects:
-        told: list[str] = []
+        notes: list[str] = []
         for port in effect.ports:
-            told.append(_at_port(forms, mechanism, effect, port))
-        forms.notes += [f"{effect.label} {note}" for note in dict.fromkeys(told) if note]
+            notes.append(_at_port(forms, mechanism, effect, port))
+        forms.notes += [f"{effect.label} {note}" for note in dict.fromkeys(notes) if note]
     return forms
 
 

@@ -14,7 +14,7 @@ def schema() -> dict[str, frozenset[str]]:
     """Attributes by element, as "actuator/motor" and "body/joint", of the installed MuJoCo."""
     import mujoco
 
-    found: dict[str, set[str]] = {}
+    attributes: dict[str, set[str]] = {}
     section = element = ""
     for line in mujoco.mj_printSchema(False, False).splitlines():
         words = line.split()
@@ -26,8 +26,8 @@ def schema() -> dict[str, frozenset[str]]:
             element = f"{section}/{name}" if depth == 2 else name if depth < 2 else ""
             words = words[2:]
         if element:
-            found.setdefault(element, set()).update(words)
-    return {name: frozenset(words) for name, words in found.items()}
+            attributes.setdefault(element, set()).update(words)
+    return {name: frozenset(words) for name, words in attributes.items()}
 
 
 def reads(element: str, attribute: str) -> bool:

@@ -112,11 +112,11 @@ class PlainModel:
         total = dict.fromkeys(noise, 0.0)
         count = dict.fromkeys(noise, 0)
         for stretch in stretches:
-            (found,) = self.simulate(stretch, self.start_of(stretch, noise)[None])
+            (simulated,) = self.simulate(stretch, self.start_of(stretch, noise)[None])
             for k, column in enumerate(stretch.readings):
-                miss = np.abs(stretch.readings[column] - found[:, k])[stretch.scored]
+                miss = np.abs(stretch.readings[column] - simulated[:, k])[stretch.scored]
                 seen = ~np.isnan(stretch.readings[column][stretch.scored])
-                bad = ~np.isfinite(found[stretch.scored, k]).all()
+                bad = ~np.isfinite(simulated[stretch.scored, k]).all()
                 total[column] += np.inf if bad else float(miss[seen].sum())
                 count[column] += int(seen.sum())
         return {c: total[c] / count[c] if count[c] else np.nan for c in noise}
@@ -149,28 +149,28 @@ class PlainModel:
         share = np.clip(at - first, 0.0, 1.0)[:, None]
         share[share < 1e-6] = 0.0
         rows = self._read(states[:, :count], sensed, list(stretch.readings))
-        found: Array = rows[:, first] + share * (rows[:, after] - rows[:, first])
-        return found
+        readings: Array = rows[:, first] + share * (rows[:, after] - rows[:, first])
+        return readings
 
     def _read(self, states: Array, sensed: Array, columns: Sequence[str]) -> Array:
         """Readings per step, (starts x steps x columns)."""
         m, named = self.mechanism, {s.column: s for s in self.mechanism.sensors}
-        found = []
+        readings = []
         for column in columns:
             sensor = named[column]
             if sensor.adr >= 0:
-                found.append(sensed[:, :, sensor.adr])
+                readings.append(sensed[:, :, sensor.adr])
                 continue
             joint = m.joints[sensor.of]
             velocity = sensor.kind == "jointvel"
             place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
-            found.append(states[:, :, place])
-        return np.stack(found, axis=2)
+            readings.append(states[:, :, place])
+        return np.stack(readings, axis=2)
 
     def _control(self, stretch: RecordedStretch, times: Array, samples: int) -> Array:
         """Commands and applied forces per step, (steps x both)."""
         m = self.model
-        found = np.zeros((len(times), m.nu + m.nv))
+        control = np.zeros((len(times), m.nu + m.nv))
         held = np.searchsorted(stretch.times[:samples], times * (1.0 + 1e-9) + 1e-9, "right") - 1
         for a in self.mechanism.actuators:
             if a.column not in stretch.inputs:
@@ -179,8 +179,8 @@ class PlainModel:
             linear = a.column in self.linear
             row = np.interp(times, stretch.times[:samples], values) if linear else values[held]
             place = a.adr if a.adr >= 0 else m.nu + self.mechanism.joints[a.joint].dof
-            found[:, place] = row
-        return found
+            control[:, place] = row
+        return control
 
     def _begin(self, stretch: RecordedStretch) -> Array:
         """A whole state of MuJoCo in which delays hold what was sent and read before."""
@@ -229,8 +229,8 @@ class PlainModel:
         x = self._guess(stretch)
 
         def residuals(starts: Array) -> Array:
-            found = self.simulate(stretch, starts, n)
-            return ((found - y) * weight).reshape(len(starts), -1)
+            simulated = self.simulate(stretch, starts, n)
+            return ((simulated - y) * weight).reshape(len(starts), -1)
 
         by = STATE_DIFFERENCE * np.maximum(1.0, np.abs(x))
         rows = residuals(x + np.concatenate([np.zeros((1, len(x))), np.diag(by)]))
