@@ -39,7 +39,7 @@ from pamid.recording.file_checks import HUGE, UNIFORM_TO
 from pamid.recording.noise import noise_level
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
-SHOWN = 0.5  # resolutions of a signal: a smaller change does not show
+LEAST_VISIBLE = 0.5  # resolutions of a signal: a smaller change does not show
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
 
 LEAST_LATENCY_QUANTILE = 0.01  # quantile of the latency that stands for none
@@ -304,7 +304,7 @@ def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> 
             continue
         noise = float(noise_level(values[np.isfinite(values)][:, None])[0])
         resolution = max(float(moves.min()), noise)
-        if math.sqrt(float(np.mean(changes**2))) / period * spread > SHOWN * resolution:
+        if math.sqrt(float(np.mean(changes**2))) / period * spread > LEAST_VISIBLE * resolution:
             return False
     return True
 

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 START_ITERATIONS = 12  # of the search for a start; the damping is raised where a step does not help
 STATE_DIFFERENCE = 1e-6  # of a state, for the slopes of the search
 SLOPE_SAMPLES = 9  # readings to whose slope the first velocity is set
-LEAST_GAIN = 1e-4  # share of the cost below which the search ends
+LEAST_DESCENT = 1e-4  # share of the cost below which the search ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +247,7 @@ class PlainModel:
             new = float(rows[0] @ rows[0]) if np.isfinite(rows).all() else np.inf
             if new < cost:
                 gain, cost, x, damping = 1.0 - new / cost, new, tried, max(0.1 * damping, 1e-9)
-                if gain < LEAST_GAIN:
+                if gain < LEAST_DESCENT:
                     break
             else:
                 damping *= 30.0

@@ -1,7 +1,8 @@
 """The parameters that the answer's own model moved off the data sheet, for terminal, page and card.
 
 Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift is
-more than a rounding of its tolerance. The others are counted.
+more than a rounding of its tolerance, or of the value where the tolerance is wide. The others are
+counted.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from dataclasses import dataclass
 from pamid.base.units import split_column
 from pamid.schemas.estimates import Estimate
 
-LEAST_SHIFT = 0.1  # prior standard deviations: precise data resolve smaller ones, nobody acts on it
+# of a prior standard deviation, and of the value: precise data resolve smaller shifts, which matter
+# to nobody
+LEAST_SHIFT, LEAST_PART = 0.1, 0.05
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,10 @@ def refitted_parameters(parameters: Mapping[str, Estimate]) -> RefittedParameter
 def _moved(one: Estimate) -> bool:
     if one.prior is None or one.low is None or one.high is None:
         return one.prior is None
-    significant = not one.low <= one.prior <= one.high
-    return significant and (one.strain is None or abs(one.strain) >= LEAST_SHIFT)
+    if one.low <= one.prior <= one.high:
+        return False
+    strained = one.strain is None or abs(one.strain) >= LEAST_SHIFT
+    return strained or abs(one.value - one.prior) >= LEAST_PART * abs(one.prior)
 
 
 def _shift_text(name: str, one: Estimate) -> str:
