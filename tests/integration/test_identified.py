@@ -132,7 +132,9 @@ def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
     _, recording, fitted = made
     plain = fitted_run(tmp_path / "plain", recording.path)
     cause = SimpleNamespace(assembly=fitted.assembly, fit=fitted.fit, replays=fitted.held_out)
-    found: Any = SimpleNamespace(budget=SimpleNamespace(model=plain), cause=cause, seed=0)
+    found: Any = SimpleNamespace(
+        budget=SimpleNamespace(model=plain), cause=cause, seed=0, answer=None
+    )
     write_json(tmp_path / "plain" / "fit.json", models_json(found))
     best, refitted = (load_identified(tmp_path / "plain", which=w) for w in ("best", "refitted"))
     np.testing.assert_array_equal(best.values, agreed(fitted.fit))
