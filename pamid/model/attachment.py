@@ -70,19 +70,19 @@ class Addition:
         return self.members[0].family(rig)
 
 
-# each by itself: behind a transmission stands another machine, and rigs derive what stands there
-# for one of them (`behind`)
-SEPARATE_KINDS = ("transmission",)
+# kinds of ports at which an effect acts everywhere: all joints of a robot rub; stores, sensors and
+# commands have their faults one by one
+JOINT_KINDS = ("motion",)
 
 
 def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
-    """Attachments as candidates add them: the same effect at ports of one kind and unit is one
-    addition. Ports that are kin are tried by themselves and, with one set of parameters, together.
+    """Attachments as candidates add them: the same effect at joints of one unit is one addition.
+    Ports that are kin are tried by themselves and, with one set of parameters, together.
     """
     found: dict[tuple[str, ...], list[Attachment]] = {}
     for a in attached:
         port = rig.ports[a.ports[0]]
-        alone = len(a.ports) > 1 or port.kin or port.kind in SEPARATE_KINDS
+        alone = len(a.ports) > 1 or port.kin or port.kind not in JOINT_KINDS
         key = (a.label,) if alone else (a.effect.name, port.kind, port.unit)
         found.setdefault(key, []).append(a)
     return [Addition(tuple(members)) for members in found.values()]

@@ -17,7 +17,7 @@ from pamid.diagnosis.screening import starting_points
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.effects.saturation import Saturation
 from pamid.estimation.grey_box import fit_model, model_with
-from pamid.model.attachment import attachments
+from pamid.model.attachment import Addition, attachments
 from pamid.model.effect import Hints, State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects
@@ -120,7 +120,7 @@ def test_the_extremes_of_a_reading_are_where_a_limit_is_sought() -> None:
     assert hints.at("drive").extremes == ()
     a = next(a for a in attachments(evidence.rig, [Saturation]) if a.ports == ("sensor",))
     made = model_with(evidence, (a,), model.assembly.sizes)
-    _, points = starting_points(made, a, hints.at("sensor"))
+    _, points = starting_points(made, Addition((a,)), hints)
     limits = [first["saturation@sensor:limit"] for first in points if len(first) == 2]
     assert -part.min() in limits and -part.max() in limits
     assert Saturation().starts(Hints()) == []

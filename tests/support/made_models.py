@@ -25,7 +25,8 @@ class _AnyPorts(dict[str, Any]):
     """A port of every name; numbered ones ("joint_1") are like each other."""
 
     def __missing__(self, name: str) -> Any:
-        return SimpleNamespace(kind=name.rpartition("_")[0] or name, unit="", kin="")
+        kind = name.rpartition("_")[0] or name
+        return SimpleNamespace(kind="motion" if kind == "joint" else kind, unit="", kin="")
 
 
 RIG = SimpleNamespace(name="made-up", ports=_AnyPorts(), group_of=lambda port: port)
