@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mechanisms
@@ -22,7 +23,15 @@ AT_THE_FLOOR = 1.6
 
 
 def fitted(model: Path, recording: Recording) -> GreyBox:
-    return fit_model(split_recordings(rig_named(str(model)), [recording], []))
+    """With armature and damping known to be zero: a free armature trades with the masses."""
+    rig = rig_named(str(model))
+    zeros = {
+        p.outside_name: 0.0
+        for p in rig.parameters
+        if p.fitted and not p.outside_name.endswith("_mass_kg")
+    }
+    known = replace(recording, known={**recording.known, **zeros})
+    return fit_model(split_recordings(rig, [known], []))
 
 
 def error_over_floor(found: GreyBox) -> float:

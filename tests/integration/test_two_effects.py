@@ -13,6 +13,7 @@ from small_cart import FEW, cart_evidence, record_cart
 from pamid.diagnosis import selection
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.model.attachment import Addition
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
 from pamid.parallel.result_store import Store
@@ -85,7 +86,10 @@ def acting(label: str, family: str = "friction", *ports: str) -> Any:
 def model(*attached: Any, left: float = 0.0) -> Any:
     """A model with these effects that leaves so much of the gap."""
     label = " + ".join(a.label for a in attached)
-    return SimpleNamespace(attached=attached, label=label, left=left, finite=True)
+    additions = tuple(Addition((a,)) for a in attached)
+    return SimpleNamespace(
+        attached=attached, additions=additions, label=label, left=left, finite=True
+    )
 
 
 #: material is a tenth of the gap, as in `model`
@@ -130,7 +134,7 @@ def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch)
     names = iter(range(100))
     evidence: Any = SimpleNamespace(most=1e9, classes=(("guide",),))
 
-    def one_step(comparison: Any, guards: Any, reference: Any, models: Any) -> Any:
+    def one_step(comparison: Any, guards: Any, reference: Any, models: Any, reduce: Any) -> Any:
         return selection.SelectionStep(reference, (), tuple(models))
 
     for name, stand_in in {
@@ -140,7 +144,7 @@ def test_an_exchange_of_effects_ends_the_search(monkeypatch: pytest.MonkeyPatch)
         "responses_of": lambda *given: None,
         "_larger": lambda *given: [model(acting("first"), acting("second"), left=0.3)],
         "_needed_effects": lambda *given: model(acting(f"other {next(names)}"), left=0.3),
-        "_with_rivals": lambda search, comparison, guards, found: found,
+        "_with_rivals": lambda search, comparison, guards, located, found: found,
     }.items():
         monkeypatch.setattr(selection, name, stand_in)
     search: Any = SimpleNamespace(

@@ -261,7 +261,7 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def model(label: str) -> Any:
-        return SimpleNamespace(assembly=label, fit=label)
+        return SimpleNamespace(assembly=label, fit=label, replays=())
 
     def named(label: str) -> Any:
         figures = {"removed": 0.9 if label == "one" else 0.2}

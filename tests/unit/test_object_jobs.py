@@ -111,8 +111,9 @@ def test_a_diagnosis_converts_recordings_once_per_model(
     once = dict(count)
     models = len(alone["ranking"])
     assert once["track_of"] <= 4 * models + 8
-    # of each model, of the free forms at each port, and of a few without effects
-    assert once["trace"] <= models + 2 * len(evidence.rig.ports) + 10
+    # of each model, of the free forms at each port, and of some without effects: the baseline, its
+    # ways of feeding inputs and its checks
+    assert once["trace"] <= models + 2 * len(evidence.rig.ports) + 11
     for _ in range(2):
         pool = WorkerPool(2, Store(tmp_path))
         assert answer(pool) == alone
