@@ -91,6 +91,8 @@ HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that stop 
 UNSEEN_WEIGHT = 1e-6
 # of the motion of a channel: an offset that is worth a fit; log factor of a free gain that is
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
+# of the variance within windows: a column that shares less with its prediction is no copy of it
+LEAST_SHARED = 0.25
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
 PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
@@ -617,7 +619,10 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
     if len(y) < FEWEST_WINDOWS:
         return
     ours, theirs = (a - a.mean(axis=1, keepdims=True) for a in (y, model))
-    gain = float((ours * theirs).sum()) / max(float((theirs * theirs).sum()), 1e-300)
+    common, power = float((ours * theirs).sum()), float((theirs * theirs).sum())
+    if common**2 < LEAST_SHARED * power * float((ours * ours).sum()):
+        return  # a dead channel follows no prediction, whatever its scale
+    gain = common / max(power, 1e-300)
     for sign in (1.0, -1.0):
         offset = float(np.median((model - sign * y).mean(axis=1)))
         if abs(offset) > LEAST_OFFSET * moves:
