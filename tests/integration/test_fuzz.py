@@ -128,7 +128,8 @@ def test_fault_is_recognised(fault: str, tmp_path: Path, monkeypatch: pytest.Mon
         patience=0.2,
         allocation=1 << 29,
     )
-    number = next(n for n in range(999) if (signal_after("kind", n) or 9.0) < 0.01)
+    # late: a command is deaf once it runs, and a busy machine is slow to run it
+    number = next(n for n in range(999) if (signal_after("kind", n) or 0.0) > 1.0)
     (outcome,) = run_inputs(
         [("kind", number)],
         {"kind": lambda site: [("config",)]},
