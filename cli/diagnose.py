@@ -130,7 +130,7 @@ def command(
 
 
 def _figures(found: dict[str, Any]) -> dict[str, float | None]:
-    """What --fail-if may name: the share that remains, the probability of the leading cause, and
+    """Figures for --fail-if: the share that remains, the probability of the leading cause, and
     the error of every channel with the causes."""
     causes, rest = found["causes"], found["remainder"]
     gap = found["verdict"] != "no-structural-gap"

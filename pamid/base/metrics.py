@@ -90,9 +90,10 @@ def independent_samples(first: ArrayLike, second: ArrayLike) -> float:
     cycle of a sine. Bartlett (1935), JRSS 98:536; for the end of the sum Geyer (1992), Statistical
     Science 7:473. 0 where a signal rests.
     """
-    correlations = [_autocorrelation(values) for values in (first, second)]
-    if any(r is None for r in correlations):
+    signals = [np.asarray(values, dtype=float) for values in (first, second)]
+    if any(signal.size < 2 or motion(signal) == 0.0 for signal in signals):
         return 0.0
+    correlations = [autocorrelation(signal / np.ptp(signal)) for signal in signals]
     r, s = (np.asarray(c) for c in correlations)
     ended = np.flatnonzero(np.minimum(r, s) <= 0.0)
     last = int(ended[0]) if ended.size else r.size
@@ -110,15 +111,14 @@ def adjusted_share(share: float, parts: int, independent: float) -> float:
     return max(1.0 - (1.0 - share) * (independent - 1.0) / (independent - parts), 0.0)
 
 
-def _autocorrelation(values: ArrayLike) -> FloatArray | None:
+def autocorrelation(values: FloatArray) -> FloatArray | None:
     """Sample autocorrelation (n,) at the lags 0 .. n - 1; None of a signal that rests."""
-    signal = np.asarray(values, dtype=float)
-    if signal.size < 2 or motion(signal) == 0.0:
-        return None
-    deviation = (signal - signal.mean()) / np.ptp(signal)
-    spectrum = np.fft.rfft(deviation, 2 * signal.size)
-    sums = np.fft.irfft(spectrum * spectrum.conj(), 2 * signal.size)[: signal.size]
-    return np.asarray(sums / sums[0])
+    n = len(values)
+    # from the power spectrum, with zeros so that the end does not meet the start
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(values - values.mean(), size)
+    sums = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
+    return np.asarray(sums / sums[0]) if sums[0] > 0.0 else None
 
 
 def relative(part: float, whole: float, least: float = 1e-9) -> float:

@@ -23,7 +23,8 @@ def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> lis
     ).items():
         values = e.u[:, e.inputs.index(name)]
         if text := idle_text(name, values, change, e.names, noise):
-            low, high = (float(from_si(x, split_column(name)[1])) for x in np.sort(values)[[0, -1]])
+            symbol = split_column(name)[1]
+            low, high = (float(from_si(x, symbol)) for x in (values.min(), values.max()))
             found.append(
                 QualityIssue(
                     "idle-input",

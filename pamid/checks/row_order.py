@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
-from pamid.base.units import NONE, from_si, split_column
+from pamid.base.units import NONE, size_from_si, split_column
 from pamid.checks.short_fit import FitData, FittedWindows, fit_data_of
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import between_of, stated
@@ -128,7 +128,7 @@ def _goes_along(data: FitData, base: FittedWindows, channel: int) -> bool:
     """Does what is left of the channel go along with its change to the next row, or from the one
     before?"""
     lefts, changes = [], []
-    for window, left in zip(data.windows, _left(data, base, channel), strict=True):
+    for window, left in zip(data.windows, _left(base, channel), strict=True):
         change = np.diff(data.track.y[window.start : window.stop, channel])
         lefts.append(left[1:-1])
         changes.append(np.column_stack([change[:-1], change[1:]]))
@@ -142,16 +142,16 @@ def _best_order(
 ) -> Iterator[RowOrder]:
     """The orders that explain the channel, if one does."""
     fits = dict(_orders(data, base, channel))
-    errors = {order: _rms(data, fit, channel) for order, fit in fits.items()}
-    here, least = _rms(data, base, channel), min(errors.values())
+    errors = {order: _rms(fit, channel) for order, fit in fits.items()}
+    here, least = _rms(base, channel), min(errors.values())
     if least >= MENDED * here:
         return
     alike = [order for order in fits if errors[order] <= AS_GOOD * least]
     alike.sort(key=lambda order: fits[order].strain)
     column = match_column(recording.columns, data.names[channel]) or data.names[channel]
     symbol = split_column(column)[1]
-    size = float(from_si(1.0, symbol)) - float(from_si(0.0, symbol))
-    yield RowOrder(column, tuple(alike), here * size, errors[alike[0]] * size)
+    recorded, mended = (float(size_from_si(e, symbol)) for e in (here, errors[alike[0]]))
+    yield RowOrder(column, tuple(alike), recorded, mended)
 
 
 def _orders(
@@ -170,20 +170,13 @@ def _orders(
         yield order, moved.fitted(rig, base.point, stepping=stepping)
 
 
-def _left(data: FitData, fit: FittedWindows, channel: int) -> list[Array]:
-    """What the fit leaves of the channel in every window, SI."""
-    problem, n = fit.problem, len(data.names)
-    p, slopes = problem.parameters(fit.point.s)
-    fresh, lefts = problem.runner.memory(p), []
-    for window, x in zip(data.windows, fit.point.x, strict=True):
-        rows = problem.weighted_rows(fresh.copy(), window, x, p, slopes)
-        left = np.full((window.stop - window.start, n), np.inf) if rows is None else rows[2]
-        lefts.append(left.reshape(-1, n)[:, channel] / data.weight[channel])
-    return lefts
+def _left(fit: FittedWindows, channel: int) -> Array:
+    """Residuals of the channel, windows x samples, SI; infinite where the model runs away."""
+    left = fit.problem.residuals(fit.point)[:, :, channel]
+    return np.where(np.isnan(left), np.inf, left)
 
 
-def _rms(data: FitData, fit: FittedWindows, channel: int) -> float:
+def _rms(fit: FittedWindows, channel: int) -> float:
     """Root mean square error of the channel, SI, without the first row of each window: there the
     row before is not known."""
-    left = np.concatenate([left[1:] for left in _left(data, fit, channel)])
-    return float(np.sqrt(np.mean(left**2)))
+    return float(np.sqrt(np.mean(_left(fit, channel)[:, 1:] ** 2)))

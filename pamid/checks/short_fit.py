@@ -207,7 +207,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         gains, own_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         errors = np.zeros((len(x), channels))
         for k, window in enumerate(trial.windows):
-            rows = self.weighted_rows(fresh.copy(), window, x[k], p, slopes)
+            rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes)
             if rows is None:
                 return FitPoint(s, x, np.inf, H, g, gains, own_steps, np.full_like(errors, np.inf))
             A, B, r = rows
@@ -219,7 +219,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             cost += float(r @ r)
         return FitPoint(s, x, cost, H, g, gains, own_steps, errors)
 
-    def weighted_rows(
+    def _weighted_rows(
         self, memory: Memory, window: Window, x: Array, p: Array, slopes: Array
     ) -> tuple[Array, Array, Array] | None:
         """Of one window derivatives by parameters and by its start, and residuals, weighted; None
@@ -241,7 +241,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         length -= self.trial.windows[0].start
         left = np.full((len(at.x), length, channels), np.nan)
         for k, window in enumerate(self.trial.windows):
-            rows = self.weighted_rows(fresh.copy(), window, at.x[k], p, slopes)
+            rows = self._weighted_rows(fresh.copy(), window, at.x[k], p, slopes)
             if rows is not None:
                 left[k] = rows[2].reshape(-1, channels) / weight
         return left
@@ -257,7 +257,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         H, g = np.eye(len(at.s)), np.tile(at.s[:, None], len(inputs))
         reduced = []
         for window, x in zip(self.trial.windows, at.x, strict=True):
-            rows = self.weighted_rows(fresh.copy(), window, x, p, slopes)
+            rows = self._weighted_rows(fresh.copy(), window, x, p, slopes)
             if rows is None:
                 return np.full(len(inputs), np.nan)
             A, B, r = rows

@@ -615,7 +615,7 @@ def _prediction(data: FitData, k: int) -> tuple[Array, Array]:
 
 
 def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Slip]:
-    """What sets a column right whose prediction is `model`; moves: its motion."""
+    """Corrections of a column whose prediction is `model`; moves: its motion."""
     if len(y) < FEWEST_WINDOWS:
         return
     ours, theirs = (a - a.mean(axis=1, keepdims=True) for a in (y, model))

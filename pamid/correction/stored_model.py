@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.correction.residual_data import REFIT_REMEDY
 from pamid.engine.program import Stepping
-from pamid.estimation.baseline_repair import rig_without
+from pamid.estimation.baseline_repair import rig_with_background
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.between_samples import stated
@@ -37,7 +37,7 @@ def stored_model(
     its steps; FileError, with the path of the file, where it is of another rig."""
     periods = [one.period_s for one in recordings if one.period_s]
     rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
-    rig = _with_background_of(rig, saved)
+    rig = rig_with_background(rig, {key.partition(":")[0] for key in saved.values})
     assembly = Assembly(
         rig, tuple(attach(rig, label, catalogue) for label in saved.effects), background=True
     )
@@ -50,15 +50,6 @@ def stored_model(
     if not 1 <= step.substeps <= MOST_STORED_SUBSTEPS:
         refuse(path, "the number of its steps is out of range")
     return assembly, p, step
-
-
-def _with_background_of(rig: Rig, saved: FittedModel) -> Rig:
-    """The rig without the background terms that the fit left out."""
-    owners = {key.partition(":")[0] for key in saved.values}
-    for owner, term in Assembly(rig, background=True).background_terms.items():
-        if owner not in owners:
-            rig = rig_without(rig, term)
-    return rig
 
 
 def refuse(path: Path, fault: str) -> NoReturn:

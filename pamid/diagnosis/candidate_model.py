@@ -82,7 +82,7 @@ class CandidateModel:
 
     @cached_property
     def additions(self) -> tuple[Addition, ...]:
-        """Its effects; the same at several ports of a kind is one."""
+        """Its effects; the same in several joints is one."""
         return tuple(additions_of(self.assembly.rig, self.attached))
 
     @property

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.engine.program import Stepping
-from pamid.estimation.baseline_repair import rig_without
+from pamid.estimation.baseline_repair import rig_with_background
 from pamid.estimation.grey_box import GreyBox, model_with
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import Weights
@@ -63,13 +63,7 @@ def grey_box_plain(g: GreyBox) -> Plain:
 
 
 def grey_box_restored(evidence: DataSplit, found: Plain) -> GreyBox:
-    dropped = [
-        term
-        for owner, term in model_with(evidence, (), {}).background_terms.items()
-        if owner not in found["background"]
-    ]
-    for term in dropped:
-        evidence = replace(evidence, rig=rig_without(evidence.rig, term))
+    evidence = replace(evidence, rig=rig_with_background(evidence.rig, found["background"]))
     assembly = model_with(
         evidence, (), {(port, signal): size for port, signal, size in found["sizes"]}
     )

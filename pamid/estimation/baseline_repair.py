@@ -10,7 +10,7 @@ prediction worse are dropped.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -187,6 +187,14 @@ def _without(refit: Refit, term: Effect, iterations: int) -> Refit:
         iterations=iterations,
     )
     return Refit.of(evidence, assembly, fitted)
+
+
+def rig_with_background(rig: Rig, owners: Collection[str]) -> Rig:
+    """A copy of the rig with those background terms alone that these owners name."""
+    for owner, term in Assembly(rig, background=True).background_terms.items():
+        if owner not in owners:
+            rig = rig_without(rig, term)
+    return rig
 
 
 def rig_without(rig: Rig, term: Effect) -> Rig:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import seen_mean
+from pamid.base.metrics import autocorrelation, seen_mean
 
 Array = NDArray[np.float64]
 
@@ -49,13 +49,8 @@ def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) ->
 def correlation_length(r: Array) -> float:
     """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05, from
     where on their estimates are little but noise."""
-    n = len(r)
-    # autocorrelations from the power spectrum, with zeros so that the end does not meet the start
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(r - r.mean(), size)
-    auto = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
-    if auto[0] <= 0.0:
+    auto = autocorrelation(r)
+    if auto is None:
         return 1.0
-    auto = auto / auto[0]
     below = np.flatnonzero(auto < 0.05)
-    return float(max(1.0, 1.0 + 2.0 * auto[1 : int(below[0]) if len(below) else n].sum()))
+    return float(max(1.0, 1.0 + 2.0 * auto[1 : int(below[0]) if len(below) else len(r)].sum()))

@@ -227,7 +227,7 @@ def usual_half(rig: Rig, column: str) -> float | None:
 
 
 def usual_centre(rig: Rig, column: str, half: float) -> float:
-    """What a column swings about by `half`, in its unit: the rig's centre, moved by as much as
+    """Centre of a swing by `half`, in the unit of the column: the rig's centre, moved by as much as
     keeps the swing within the column's bounds where it fits between them at all."""
     (low, high), centre = bounds_of(rig, column), rig.centre.get(column, 0.0)
     return min(max(centre, low + half), high - half) if 2.0 * half <= high - low else centre

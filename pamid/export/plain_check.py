@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
-from pamid.base.units import from_si, split_column, to_si
+from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.correction.identified_model import Identified
 from pamid.correction.residual_data import read_columns
 from pamid.schemas.diagnosis_file import DiagnosisFile
@@ -102,7 +102,7 @@ def plain_check(
     if not stretches:
         return None
     units = {c: split_column(c)[1] for c in stretches[0].readings}
-    noise = {c: _size(fit.noise.get(c, 0.0), units[c]) for c in units}
+    noise = {c: size_to_si(fit.noise.get(c, 0.0), units[c]) for c in units}
     spread = {c: _spread(stretches, c) for c in units}
     noise = {c: max(value, 1e-6 * spread[c]) for c, value in noise.items()}
     linear = tuple(model.equations.linear)
@@ -115,7 +115,7 @@ def plain_check(
     before = errors(open_mujoco(mechanism.path), mechanism)
     own = PlainModel(new, new_mechanism).settings
     now = errors(new, new_mechanism)
-    wanted = {c: _size(stated[c], units[c]) for c in units if c in stated}
+    wanted = {c: size_to_si(stated[c], units[c]) for c in units if c in stated}
     tried = [(own, now)]
     while not _reached(tried[-1][1], wanted) and len(tried) <= len(TRIED_SETTINGS):
         integrator, part = TRIED_SETTINGS[len(tried) - 1]
@@ -132,14 +132,14 @@ def plain_check(
     shown = [c for c in units if not np.isnan(now[c])]
     channels = {
         c: PlainErrors(
-            _outside(before[c], units[c]),
-            _outside(now[c], units[c]),
+            size_from_si(before[c], units[c]),
+            size_from_si(now[c], units[c]),
             stated.get(c),
-            _outside(spread[c], units[c]),
+            size_from_si(spread[c], units[c]),
         )
         for c in shown
     }
-    best_errors = {c: _outside(nearest[c], units[c]) for c in shown}
+    best_errors = {c: size_from_si(nearest[c], units[c]) for c in shown}
     return PlainCheck(channels, own, best, best_errors, reached if wanted else None)
 
 
@@ -149,15 +149,6 @@ def _total(errors: Mapping[str, float], spread: Mapping[str, float]) -> float:
 
 def _reached(errors: Mapping[str, float], wanted: Mapping[str, float]) -> bool:
     return all(errors[c] <= REACHED * value for c, value in wanted.items())
-
-
-def _size(value: float, unit: str) -> float:
-    """A difference in a unit, in SI."""
-    return float(to_si(value, unit) - to_si(0.0, unit))
-
-
-def _outside(value: float, unit: str) -> float:
-    return float(from_si(value, unit) - from_si(0.0, unit))
 
 
 def _spread(stretches: Sequence[RecordedStretch], column: str) -> float:

@@ -14,6 +14,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE
 from pamid.correction.identified_model import Identified
 from pamid.correction.residual_data import REFIT_REMEDY
+from pamid.estimation.intervals import NORMAL_95
 from pamid.export.plain_check import DIAGNOSIS_FILE
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.estimates import Interval
@@ -21,8 +22,6 @@ from pamid.schemas.fit_file import FitFile, Posterior
 from pamid.simulators.mechanism import Mechanism
 
 Array = NDArray[np.float64]
-
-NORMAL_975 = 1.959964  # standard deviations from the middle to an end of a 95 % interval
 
 
 def randomisation_yaml(model: Identified) -> bytes:
@@ -103,7 +102,7 @@ def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
         interval = intervals.get(b.full_name)
         if interval is None or interval.low is None or interval.high is None:
             continue
-        size = (interval.high - interval.low) * b.factor / (2.0 * NORMAL_975)
+        size = (interval.high - interval.low) * b.factor / (2.0 * NORMAL_95)
         if np.isfinite(size) and size > 0.0:
             yield b.key, float(size)
 

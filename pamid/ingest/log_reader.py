@@ -160,7 +160,7 @@ def _head(path: Path) -> bytes:
 
 
 def _other_format(path: Path, head: bytes) -> tuple[str, str]:
-    """What is often mistaken for a log, and what to do; "" of anything else."""
+    """Name of a kind of file that is often mistaken for a log, and the cure; "" of others."""
     if head.startswith(b"PK\x03\x04"):
         member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
         return next((what, hint) for part, what, hint in _ARCHIVES if part in member)

@@ -38,9 +38,9 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Addition:
-    """What a candidate adds to a model: one effect, or the same effect at every port of a kind.
+    """Contribution of a candidate to a model: one effect, or the same effect in several joints.
 
-    Each port has parameters of its own: the joints of a robot all rub, but not alike.
+    Each joint has parameters of its own: the joints of a robot all rub, but not alike.
     """
 
     members: tuple[Attachment, ...]

@@ -228,7 +228,7 @@ class MechanismEquations:
         return force
 
     def joint_drive(self, j: int) -> Expr:
-        """What the actuators of one joint exert at it, those that pull at tendons left out."""
+        """Torque or force of the actuators of one joint, without those that pull at tendons."""
         found = ZERO
         for i, a in enumerate(self.m.actuators):
             if a.tendon < 0 and a.joint == j:
@@ -386,8 +386,7 @@ class MechanismEquations:
         return tree, passed
 
     def driven(self, j: int, angle: Expr, rate: Expr) -> Expr:
-        """What the actuators of joint j exert more where their side stands behind it by an
-        angle."""
+        """Change of the drive of joint j where its side stands behind it by an angle."""
         before = self.joint_drive(j)
         q, qd = self.q[j], self.qd[j]
         self.q[j], self.qd[j] = q - angle, qd - rate

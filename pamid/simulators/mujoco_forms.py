@@ -106,7 +106,7 @@ class JointTerms:
 
 @dataclass
 class CommandTerms:
-    """What becomes of a command: delayed (s), limited, scaled, shifted, lagged (s)."""
+    """Terms on the way of a command: delayed (s), limited, scaled, shifted, lagged (s)."""
 
     delay: float = 0.0
     low: float = -math.inf
@@ -118,7 +118,7 @@ class CommandTerms:
 
 @dataclass
 class ReadingTerms:
-    """What becomes of a reading: delayed (s), limited."""
+    """Terms on the way of a reading: delayed (s), limited."""
 
     delay: float = 0.0
     cutoff: float = math.inf

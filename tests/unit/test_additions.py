@@ -1,4 +1,4 @@
-"""The same effect at every port of a kind as one candidate: which ports count as alike, where its
+"""The same effect in several joints as one candidate: which ports count as alike, where its
 fits begin, and which of its ports are needed."""
 
 from __future__ import annotations
