@@ -90,7 +90,7 @@ def _recording_of(rig: Path) -> str:
 
 
 def _stages(file: Path) -> tuple[WorkStage, ...]:
-    """What a file of this kind goes through; an effect is counted by the places where it fits."""
+    """Work stages of a file of this kind; an effect counts one per place where it fits."""
     from pamid.base.work_stages import WORK_STAGES
 
     if file.suffix == ".csv":

@@ -82,7 +82,7 @@ def command(
 
 
 def demo_text(found: dict[str, Any], output: Path) -> str:
-    """What was withheld beside what was named."""
+    """Withheld effect and diagnosed cause, as text."""
     truth = found["withheld"]
     judged = {
         "right": "Right: the withheld effect's family is the one named.",

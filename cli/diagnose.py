@@ -219,7 +219,7 @@ def _removed(share: dict[str, float]) -> str:
 
 
 def _left(found: dict[str, Any]) -> list[str]:
-    """What remains: how much, whether it is more than tolerances, where, and what it looks like."""
+    """Lines about the remaining error: its size, place and description."""
     from pamid.schemas.diagnosis_file import Remainder
     from pamid.schemas.model import read
     from pamid.verdict.verdict_words import advice_of, amount_of, size_of, weight_of
@@ -280,7 +280,7 @@ def _ranking(found: dict[str, Any]) -> list[str]:
 
 
 def _further(found: dict[str, Any], output: Path) -> list[str]:
-    """What to measure next."""
+    """Lines about the next experiment."""
     from pamid.base.share_words import minutes_text
 
     lines = [""]

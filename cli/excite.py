@@ -1,5 +1,4 @@
-"""What `pamid generate-aprbs` makes of its options: the columns to send, what to note of them, and
-what to say."""
+"""Columns, notes and text of `pamid generate-aprbs`, from its options."""
 
 from __future__ import annotations
 
@@ -103,7 +102,7 @@ def settled(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def make(request: dict[str, Any]) -> PlannedExcitation:
-    """What the options ask for."""
+    """Build the excitation that the options describe."""
     return {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}[
         request["experiment"]
     ](request)
@@ -194,7 +193,7 @@ def _about_signals(
     columns: dict[str, NDArray[Any]],
     meta: dict[str, Any],
 ) -> dict[str, Any]:
-    """What to note: of one column beside the settings, of several in a list."""
+    """Notes on the signals: of one column in the settings, of several in a list."""
     alone = each[0] if len(each) == 1 else {}
     return {
         "signal": request["signal"],
@@ -297,7 +296,7 @@ def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], Rig | No
 
 
 def _sending(request: dict[str, Any]) -> _Sending:
-    """What to write, and between which values."""
+    """Columns to drive and their ranges."""
     from pamid.base.errors import UsageError, nearest
     from pamid.excitation.experiments import bounds_of, rest_level, usual_centre
     from pamid.model.rig import Rig

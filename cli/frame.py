@@ -37,9 +37,8 @@ _EPILOG = (
 
 @dataclass(frozen=True)
 class Result:
-    """What a command found: `json` for scripts (a model of pamid.schemas, or what was written of
-    one), `text` for people; exit_code 0, or 4 to 7 when the result is written and yet falls short.
-    """
+    """Result of a command: `json` for scripts (a model of pamid.schemas, or its written form),
+    `text` for people; exit_code 0, or 4 to 7 where the result is written but falls short."""
 
     json: Model | dict[str, Any] = field(default_factory=dict)
     text: str = ""
@@ -395,8 +394,7 @@ _MENDS = {
 
 
 def _refused(error: OSError) -> dict[str, str]:
-    """What the operating system did not do, and with which file: whatever it is, it is no fault of
-    pamid's."""
+    """Error entry for a failed call to the operating system, with the file concerned."""
     name = str(error.filename or "")
     shown = name if len(name) <= 200 else f"{name[:80]}...{name[-40:]}"
     return _error(

@@ -1,5 +1,4 @@
-"""What the lines to be copied name: outputs that nothing has taken yet, and rigs that can be sent
-what was made."""
+"""Names for the "Next:" lines: free output folders, and rigs that accept an excitation."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ def unused(name: str, read: Iterable[Path] = ()) -> str:
 
 
 def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
-    """What keeps `pamid simulate` from sending these columns to a rig, "" where nothing does. A rig
+    """Reason why `pamid simulate` cannot send these columns to a rig, "" where there is none. A rig
     is only noted, and need not be there, for columns that were named by hand."""
     import numpy as np
 

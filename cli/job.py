@@ -1,4 +1,4 @@
-"""What commands share that do many independent jobs: who does them."""
+"""Shared parts of commands that run many independent jobs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ cluster_option = click.option(
 
 
 def said_of(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
-    """What a run holds, and its text; FileError where it is not what was once written there, as an
-    earlier run may have been changed that --resume finds done."""
+    """JSON and text of a finished run; FileError where an earlier run, which --resume takes as
+    done, was changed."""
     from pamid.base.errors import FileError
     from pamid.base.json_file import read_json
 

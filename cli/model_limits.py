@@ -1,5 +1,4 @@
-"""What `pamid generate-aprbs` sends to a MuJoCo or URDF model: the signal within the model's own
-limits."""
+"""Excitation of a MuJoCo or URDF model within the model's own limits."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ class LimitedSignals:
     found: SafeExcitation | None = None
 
     def samples(self, column: str, one: Sent) -> NDArray[Any]:
-        """What is sent in a column."""
+        """Samples of a column."""
         return one.samples if self.found is None else self.found.columns[column]
 
     def reach(self, column: str, centre: float, amplitude: float) -> tuple[float, float]:
@@ -41,7 +40,7 @@ class LimitedSignals:
 
     @property
     def noted(self) -> dict[str, Any]:
-        """What the note beside the excitation says of it."""
+        """Entry of the excitation's note."""
         if self.found is None:
             return {}
         return {

@@ -109,7 +109,7 @@ def cures() -> tuple[str, ...]:
 
 
 def _line_of(file: Path) -> str:
-    """What the docstring of a file says behind its name."""
+    """Summary line of a file's docstring."""
     head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
     return head.partition("\n\n")[0].partition(": ")[2].removesuffix(".").replace("\n", " ")
 

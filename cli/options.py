@@ -1,4 +1,4 @@
-"""What several commands take: recordings and run folder, NAME=VALUE pairs, noise factors."""
+"""Options that several commands share: recordings, run folder, NAME=VALUE pairs, noise factors."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def run_output_option(default: str, what: str = "Run folder to make.") -> Callab
 
 
 def recording_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """What is fitted, with which rig, and what only judges."""
+    """Options for the fitted and held-out recordings and their rig."""
     for option in (
         click.option(
             "--held-out",

@@ -219,7 +219,7 @@ def _words(name: str, option: click.Option, value: Any) -> list[str]:
 
 
 def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
-    """What [defaults] names has to be an option of some command."""
+    """Raise unless every name in [defaults] is an option of some command."""
     if not shared:
         return
     known = {name for command in every_command() for name in options_of(command)}

@@ -1,5 +1,5 @@
-"""What reaches the terminal: names out of a file are shown and cannot steer it; a stream that is
-closed costs nothing."""
+"""Output to the terminal: control characters in names from files are shown, not executed; a closed
+stream raises nothing."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def aside(text: str) -> None:
 
 
 def warning(text: str) -> None:
-    """What is odd but not wrong, beside the result."""
+    """Warn of an oddity that is no error, in addition to the result."""
     aside(f"Warning: {text}")
 
 

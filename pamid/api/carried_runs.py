@@ -39,7 +39,7 @@ def open_run(
 
 @dataclass(frozen=True)
 class HowToRun:
-    """What a fit and a diagnosis are asked alike, beside the recordings; see `pamid.fit`."""
+    """Settings that a fit and a diagnosis share, apart from the recordings; see `pamid.fit`."""
 
     seed: int
     jobs: int

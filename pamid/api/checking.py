@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What was looked at, and what is wrong with it.
+    """Result of a check.
 
     kind: "recording", "rig", "effect" or "python"; ok: nothing is wrong (notes aside); findings:
     (check, ok, detail, advice), advice: worth saying, but nothing wrong; recording: what was read,
@@ -44,16 +44,16 @@ class CheckResult:
 
     @property
     def problems(self) -> tuple[CheckOutcome, ...]:
-        """What is wrong."""
+        """Findings that are errors."""
         return tuple(f for f in self.findings if f.wrong)
 
     @property
     def notes(self) -> tuple[CheckOutcome, ...]:
-        """What is worth saying, but not wrong."""
+        """Findings worth knowing that are no errors."""
         return tuple(f for f in self.findings if not f.ok and f.advice)
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json."""
+        """JSON object of the command."""
         return dict(self._inspection.said)
 
     def summary(self) -> str:

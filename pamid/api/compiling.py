@@ -1,4 +1,4 @@
-"""What the first command would compile, compiled ahead: the integration in time, the networks, the
+"""Ahead-of-time compilation for the first command: the integration in time, the networks, the
 shipped rigs' equations.
 
     python -m pamid.api.compiling

@@ -1,4 +1,4 @@
-"""What to send to a rig in two experiments that no random signal stands in for."""
+"""Excitations for two experiments that a random signal cannot replace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user may give: rigs, effects and recordings by name, by path or as Python objects."""
+"""Resolution of user input: rigs, effects and recordings by name, by path or as Python objects."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ RECORDINGS_FOLDER = "recordings"  # folder of a run with the recordings that cam
 
 
 def warn_in_python(text: str) -> None:
-    """What is odd but not wrong, as a UserWarning at the line that called pamid."""
+    """Raise a UserWarning at the line that called pamid."""
     warnings.warn(text, stacklevel=4)
 
 

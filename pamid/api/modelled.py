@@ -1,4 +1,4 @@
-"""What a run has found, on an excitation."""
+"""Simulation of a run's model on an excitation."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class NewRig:
     _others: tuple[Match, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json."""
+        """JSON object of the command."""
         match = self._match
         columns = tuple(
             said.TakenColumn(
@@ -71,7 +71,7 @@ class NewRig:
         ).as_json()
 
     def summary(self) -> str:
-        """What every column became, as lines of text."""
+        """Role of every column, as lines of text."""
         lines = [f"{self.path}: rig {self.name!r}, after {self.like}."]
         for q in self._match.pairs:
             scaled = "; a gain stands between the two" if q.scaled else ""
@@ -92,8 +92,7 @@ class NewRig:
         return "\n".join(lines)
 
     def _directions(self) -> list[str]:
-        """What was taken as cause and as effect, which a recording does not say, and how to turn it
-        round."""
+        """Lines that state the assumed causes and effects, and how to swap them."""
         sent, read = (", ".join(self._match.taken_as(role)) for role in ("input", "output"))
         lines = [f"  Taken as cause: {sent or 'nothing'}; as effect: {read}."]
         if self._match.turned:
@@ -154,7 +153,7 @@ def new_rig(
 
 
 def _rig_name(name: str) -> str:
-    """What `Rig` calls a class of this name."""
+    """Name that `Rig` gives a class of this name."""
     from pamid.model.rig import Rig
 
     made: type[Rig] = type(name, (Rig,), {})

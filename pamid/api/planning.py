@@ -27,7 +27,7 @@ HEAD: tuple[str, ...] = ("effect", "shows from", "usual", "alone by", "taken for
 
 @dataclass(frozen=True)
 class PowerResult:
-    """What an experiment would show.
+    """Detectability of effects in an experiment.
 
     effects: plainest first; showing: labels of those that show at their usual size; hidden: of
     those that do not.
@@ -68,7 +68,7 @@ class PowerResult:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json."""
+        """JSON object of the command."""
         p = self._found
         return said.PowerFile(
             rig=self.rig,

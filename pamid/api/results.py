@@ -1,5 +1,5 @@
-"""What a run has found, as typed nouns. Every result is read from its run folder, so that one of
-today and one that is opened years later show the same."""
+"""Results of runs as typed objects. Every result is read from its run folder, so that one of today
+and one that is opened years later show the same."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class FitResult:
         return {row.channel: row for row in errors_of(self.data)}
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json: fit.json."""
+        """JSON object of the command."""
         found: dict[str, Any] = read_json(self.folder / "fit.json")
         return found
 
@@ -201,8 +201,7 @@ class FitResult:
         noise: float = 0.0,
         seed: int = 0,
     ) -> Recording:
-        """What the found model's sensors would record on an excitation, by its own integration
-        steps.
+        """Simulate the sensors of the run's model on an excitation, by its own integration steps.
 
         excitation: columns that are sent (references run the model in its control loop); which:
         "cause", "network" (with the model that it was trained on), "refitted", or "best": causes
@@ -312,7 +311,7 @@ class DiagnosisResult(FitResult):
     next_experiment: NextExperiment | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json: diagnosis.json."""
+        """JSON object of the command."""
         found: dict[str, Any] = read_json(self.folder / "diagnosis.json")
         return found
 
@@ -404,7 +403,7 @@ class DiagnosisResult(FitResult):
         return f"Refitted: {'; '.join(texts)}." if texts else ""
 
     def _left(self) -> str:
-        """What remains, and whether it is more than tolerances."""
+        """Remaining error, and whether it exceeds the tolerances."""
         if self.remainder is None:
             return ""
         size = size_of(self.remainder, beside=bool(self.causes))
@@ -487,7 +486,7 @@ def _parameters(estimates: Mapping[str, Interval]) -> ParameterTable:
 
 
 def _estimate(name: str, one: Interval) -> ParameterEstimate:
-    """What the file says of a parameter; of a cause's it says less."""
+    """Parameter estimate from an interval in a result file; a cause's has fewer fields."""
     stated = {key: getattr(one, key, None) for key in ("unit", "word", "at_bound", "source")}
     return ParameterEstimate(
         name,

@@ -28,7 +28,7 @@ from pamid.schemas.score_file import RecordingError, ScoreFile
 
 @dataclass(frozen=True)
 class ScoreResult:
-    """What the models of a run err by on recordings that it has not seen.
+    """Errors of a run's models on recordings that were not used before.
 
     rig: its name; models: "data_sheet", "refitted", "with_cause", "with_network", those that the
     run has; recordings: a row per recording, comparison ("replay", "loop") and channel, with `mae`
@@ -51,7 +51,7 @@ class ScoreResult:
         return self._found.rows
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json."""
+        """JSON object of the command."""
         return ScoreFile(
             run=str(self.folder),
             rig=self.rig,

@@ -29,7 +29,7 @@ def simulate(
     output: PathLike | None = None,
     overwrite: bool = False,
 ) -> Recording:
-    """What the sensors of a virtual rig would have recorded.
+    """Simulate the recording of a virtual rig.
 
     excitation   what is sent: a reference column runs the rig's controller (closed loop), a command
                  column is replayed (open loop)

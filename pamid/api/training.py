@@ -82,7 +82,7 @@ class NetworkResult:
         return load_run(self.folder)
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json: network.json."""
+        """JSON object of the command: network.json."""
         found: dict[str, Any] = read_json(self.folder / NETWORK_FILE)
         return found
 
@@ -249,7 +249,7 @@ def _damping(
 def _trainer(
     run: FitResult | PathLike, folder: Path, at: str, on: str, rig: str | Rig | None
 ) -> Trainer:
-    """What trains at the output or at a port. Wrong names are refused here."""
+    """Trainer for an output or for a port; raises for unknown names."""
     if at == "output":
         if rig is not None:
             raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")

@@ -90,7 +90,7 @@ class Match:
         )
 
     def why_not(self) -> str:
-        """What is lacking, in words."""
+        """Missing parts, in words."""
         rates = [(q, w) for w in self.missing for q in self.unused if _is_rate(q, w)]
         if rates:
             return "; ".join(

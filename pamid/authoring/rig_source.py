@@ -188,7 +188,7 @@ class RigSource:
             yield from self._parameters(node)
 
     def _parameters(self, node: ast.Assign) -> Iterator[_Edit]:
-        """What the example's data sheet says is a guess here, and its prior as wide."""
+        """Edits that turn the example's data-sheet values into guesses with priors as wide."""
         assert isinstance(node.value, ast.Tuple)
         for call in node.value.elts:
             assert isinstance(call, ast.Call)
@@ -284,8 +284,7 @@ class RigSource:
         return made
 
     def _gain(self, pair: Pair) -> _Gain | None:
-        """What stands between a column and the quantity of the example; its value from the ranges
-        of both."""
+        """Gain between a column and the example's quantity, from the ranges of both."""
         if not pair.scaled:
             return None
         symbol, own = (
@@ -301,7 +300,7 @@ class RigSource:
         return _Gain(name, _short(ratio), "" if made == NONE else made)
 
     def _usual_span(self, column: str) -> float:
-        """What a column of the example spans (SI), on its usual excitation."""
+        """Span of the example's column (SI) under its usual excitation."""
         trial = ExcitedRig(self.rig)
         if column in self.rig.inputs:
             return float(np.ptp(trial.u[:, list(self.rig.inputs).index(column)]))

@@ -20,7 +20,7 @@ RENAME = "Rename the column; letters, digits and _ are safe, as in angle_deg."
 
 
 def name_fault(name: str) -> str:
-    """What keeps a text from being the name of a column, in words; "" if nothing does."""
+    """Reason why a text cannot be the name of a column; "" if there is none."""
     if name[:1] in ("=", "+", "-", "@"):
         return f"begins with {name[:1]!r}, which a spreadsheet takes for a formula"
     if not name.isprintable():

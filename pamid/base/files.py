@@ -299,7 +299,7 @@ def sweep_stages(folder: Path, name: str) -> None:
 
 
 def _abandoned(folder: Path) -> list[Path]:
-    """What lies in a folder under a temporary name whose process is no longer alive."""
+    """Temporary files in a folder whose process no longer runs."""
     if folder.is_symlink():
         return []
     named = [(item, TEMPORARY_NAME.fullmatch(item.name)) for item in folder.glob(".*.tmp")]

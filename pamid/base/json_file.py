@@ -27,7 +27,7 @@ def write_json(path: str | Path, obj: Any) -> None:
 
 
 def json_bytes(obj: Any, name: str) -> bytes:
-    """What `write_json` writes into a file of this name."""
+    """Bytes that `write_json` writes into a file of this name."""
     return json_text(obj, name).encode()
 
 

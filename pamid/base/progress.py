@@ -26,8 +26,8 @@ _LISTENER: ContextVar[Progress] = ContextVar("pamid_progress", default=silent)
 
 
 def tell(text: str) -> None:
-    """What is being done, from any depth of a command: to whoever listens, which is nobody where
-    work is handed to other threads."""
+    """Report the current stage, from any depth of a command; without a listener, as in worker
+    threads, nothing happens."""
     _LISTENER.get()(text)
 
 

@@ -312,7 +312,7 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
 
 
 def _written(folder: Path) -> list[str]:
-    """What the run in a folder has written, by its own record; nothing else is ever taken away."""
+    """Files that the run in a folder lists as written; only these are ever deleted."""
     return [name for name in _listed(folder) or [] if name != "run.json"]
 
 

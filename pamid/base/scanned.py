@@ -1,5 +1,4 @@
-"""What there is one file for, found by scanning its folder: effects, rigs, kinds of network and of
-log, forms of export, papers."""
+"""Modules found by scanning a folder: effects, rigs, networks, log readers, exports, papers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may run, and whose files are believed.
+"""Rules for running code and trusting files.
 
 Code is run only where the user says so: by a rig or effect file named on the command line or in the
 environment, or in settings of the user's own (`cli/settings_files.py`). Everything else that is

@@ -223,9 +223,8 @@ def _same_size(symbol_a: str, symbol_b: str) -> bool:
 
 
 def divided_name(name: str) -> str:
-    """What a name was meant to be that multiplies by a time: "speed_m_s" is in metre seconds, in
-    which nobody measures, and reads "speed_m_per_s" in metres per second; "" where that is no
-    quantity either."""
+    """Probable intended name for one that multiplies by time: "speed_m_s" means metre seconds, and
+    "speed_m_per_s" was meant; "" where that is no quantity either."""
     stem, written = split_column(name)
     above, below = _split_fraction(written)
     moved = [(atom, n) for atom, n in above if unit(atom).dimension == unit("s").dimension]
@@ -316,8 +315,7 @@ def compatible(symbol_a: str, symbol_b: str) -> bool:
 
 
 def quantity_of(symbol: str) -> str:
-    """What is measured in this unit: "N m" -> "torque"; a unit without a name of its own gives its
-    symbol."""
+    """Quantity of a unit: "N m" -> "torque"; a unit without a quantity gives its symbol."""
     return unit(symbol).quantity
 
 

@@ -1,1 +1,1 @@
-"""What a fitted model leaves over, and networks that correct it at the output or at a port."""
+"""Residuals of a fitted model, and networks that correct it at the output or at a port."""

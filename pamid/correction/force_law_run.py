@@ -1,4 +1,4 @@
-"""What `pamid force-law` writes: the judged law of a measured force map as figures, a picture and a
+"""Files of `pamid force-law`: the judged law of a measured force map as figures, a picture and a
 rig file."""
 
 from __future__ import annotations

@@ -148,7 +148,7 @@ class ValidatedMap:
 
     @property
     def advice(self) -> list[str]:
-        """What follows where the ANFIS is not the better law."""
+        """Advice where the ANFIS is not the better law."""
 
         def worse(held: HeldOutForces) -> bool:
             return (self.rms_n(held) or 0.0) > (self.rms_n(held, self.best) or 0.0)
@@ -246,7 +246,7 @@ def _cells(path: Path, names: list[str], used: list[str]) -> Array:
 
 
 def forces(law: Law, at: ForceMap) -> Array:
-    """What a law says (points,), N; below zero where the muscle is slack."""
+    """Forces of a law at the points of a map (points,), N; negative where the muscle is slack."""
     contraction, pressure = symbol("state", "contraction"), symbol("state", "pressure")
     pull = [law(contraction, pressure)]
     return np.array(
@@ -331,7 +331,7 @@ def judge(
 
 
 def _constraint_words(points: ForceMap, law: TrainedNetwork, trained: TrainedNetwork) -> str:
-    """What constraining a law has mended, and what it costs."""
+    """Effect and cost of constraining a law, in words."""
     own, other = (rms(points.force_n, pulls(ForceLaw(one), points)) for one in (law, trained))
     return (
         " It is constrained to: as trained it moved the wrong way by "
@@ -341,7 +341,7 @@ def _constraint_words(points: ForceMap, law: TrainedNetwork, trained: TrainedNet
 
 
 def _guarded(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
-    """What the guard of force laws measures (N) and complains of."""
+    """Largest violation of the force-law guard (N), and its description."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         wrong_way = check_force_law(trained, strict=False)

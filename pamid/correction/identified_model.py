@@ -133,7 +133,7 @@ class Identified:
 
     @property
     def effects(self) -> tuple[Attachment, ...]:
-        """What was attached to the rig, the entry of a network left out."""
+        """Effects attached to the rig, without the entry of a network."""
         return (self.beside[0] if self.beside else self.assembly).attachments
 
     @cached_property
@@ -251,8 +251,8 @@ def record_identified(
     noise: float = 1.0,
     seed: int = 0,
 ) -> VirtualRecording:
-    """What the model's sensors would have recorded on an excitation; what is known, or what the
-    excitation states as known, holds.
+    """Simulate the model's sensors on an excitation, with its known parameters or those that the
+    excitation states.
 
     References run it in its control loop: the excitation's controller, else that of the run's
     recordings, else the rig's. Columns in their own units.

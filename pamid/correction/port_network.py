@@ -255,9 +255,8 @@ class _AtEntry(Smoother):
 
 
 def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tuple[Array, Array]:
-    """What is missing at an entry over these replays of the model, one after the other (samples,
-    SI), and all of the model's parameters beside it (SI); ConvergenceError where no path follows
-    the data."""
+    """Missing input at an entry over these replays, one after the other (samples, SI), and all of
+    the model's parameters (SI); ConvergenceError where no path follows the data."""
     smoother = _AtEntry(
         model.evidence,
         candidate_from(model.assembly, model.fit, replays),

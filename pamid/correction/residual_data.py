@@ -1,5 +1,4 @@
-"""What a fitted model leaves over of one channel, read from a run folder and laid out for a
-network.
+"""Residual of a fitted model in one channel, read from a run folder and laid out for a network.
 
 Where residual.csv holds the refitted model in its own control loop, that is the model to be
 corrected, as in the first paper: target = measured - angle_loop, inputs = reference, command_loop,

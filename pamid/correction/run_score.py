@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunScore:
-    """What the models of a run err by: rows per recording, comparison and channel."""
+    """Errors of a run's models: rows per recording, comparison and channel."""
 
     rig: str
     models: tuple[str, ...]

@@ -155,8 +155,8 @@ def _on_grid(trained: TrainedNetwork) -> Array:
 
 
 def _extended(of: Callable[[Array], Array]) -> Array:
-    """What follows linearly from the scaled inputs, on the grid (POINTS^2, ...): beyond the trained
-    range along its tangent plane at the edge."""
+    """Extend a function of the scaled inputs linearly on the grid (POINTS^2, ...): beyond the
+    trained range along its tangent plane at the edge."""
     table = np.stack(np.meshgrid(_steps(), _steps(), indexing="ij"), axis=-1).reshape(-1, 2)
     held = np.clip(table, -1.0, 1.0)
     nudge = NUDGE * (table - held)

@@ -65,7 +65,7 @@ class FreeForm:
 
     @property
     def known_by(self) -> str:
-        """What its family has in common, in words."""
+        """Common property of the family, in words."""
         return _form(self.attachment).known_by
 
 

@@ -83,7 +83,7 @@ def _is_limit(e: FittedParameter) -> bool:
 def _at_guesses(
     assembly: Assembly, fitted: Fit, label: str = ""
 ) -> list[tuple[FittedParameter, float]]:
-    """What ended at the end of a range that is a guess, and how hard it presses (nats per prior
+    """Parameters at the end of a range that is a guess, and their slope there (nats per prior
     spread)."""
     if not fitted.residuals or not assembly.attachments:
         return []

@@ -132,8 +132,8 @@ def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
 
 @dataclass(frozen=True, eq=False)
 class ScreeningBaseline:
-    """What candidates are screened against: the baseline over the part of every fitted recording
-    where it is worst.
+    """Reference for screening: the baseline over the part of every fitted recording where it fits
+    worst.
 
     spans: where that part begins and ends, starts: states at its windows, per track; p: parameters
     from which the baseline does best there, its own or the data sheet's (a gap can drive a fit into

@@ -114,7 +114,7 @@ class Coverage:
     bandwidth_hz: float | None = None
 
     def sentences(self) -> tuple[str, ...]:
-        """What the signal covers and what it cannot excite, in plain words."""
+        """Coverage and blind spots of the signal, as sentences."""
         said = [
             f"{self.steps} turns between {self.low:g} and {self.high:g}, "
             f"{self.shortest_hold_s:.3g} to "
@@ -142,7 +142,7 @@ class Coverage:
         return (*said, *self.blind_spots())
 
     def blind_spots(self) -> list[str]:
-        """What it cannot show, then what it hardly shows, a sentence each."""
+        """Effects that the signal cannot show, then those it hardly shows, a sentence each."""
         blind = []
         if self.even_condition is None or self.even_condition > _NO_EVEN:
             blind.append(

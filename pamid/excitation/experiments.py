@@ -38,7 +38,7 @@ EXTERNAL = "external_"
 
 @dataclass(frozen=True)
 class Bench:
-    """What can be sent to a rig, and how.
+    """Signals that a rig accepts.
 
     driven: columns to excite, with centre and half range in their own unit: references of a loop,
     or plain inputs. command: columns at rest where the loop stays open (empty on a rig without a
@@ -153,7 +153,7 @@ class Experiment:
 
 
 def menu(bench: Bench) -> list[Experiment]:
-    """What this bench can run."""
+    """Experiments that this bench can run."""
     return [e for e in (*bench.rig.experiments, *MENU) if e.fits(bench)]
 
 

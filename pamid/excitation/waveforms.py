@@ -354,7 +354,7 @@ class Plan:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What of it this signal takes, by name."""
+        """Settings that this kind of signal uses, by name."""
         return {name: getattr(self, name) for name in SIGNAL_SETTINGS[self.signal]}
 
 
@@ -455,7 +455,7 @@ def ramps(samples: Array) -> Array:
 
 
 def _own(plan: Plan, k: int) -> dict[str, Any]:
-    """What makes column k differ from those sent at the same time."""
+    """Settings in which column k differs from those sent at the same time."""
     if plan.signal == "prbs":
         return {"seed": plan.seed, "part": k * APART % 1.0}
     if plan.signal in ("aprbs", "multisine"):

@@ -53,8 +53,8 @@ class Format:
 
 @dataclass(frozen=True, eq=False)
 class SentSignals:
-    """What is sent: columns (n,) in the unit of their names, one sample every period_s; stem: of
-    the file to write; about: a line for its comments."""
+    """Excitation columns (n,) in the unit of their names, one sample every period_s; stem: of the
+    file to write; about: a line for its comments."""
 
     columns: Mapping[str, Array]
     period_s: float

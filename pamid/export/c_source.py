@@ -21,7 +21,7 @@ def asset(name: str) -> str:
 
 
 def model_name(step: SampleStep) -> str:
-    """What the exported files, functions and types are called: pamid_one_dof."""
+    """Name of the exported files, functions and types: pamid_one_dof."""
     return identifier(f"pamid_{step.name}")
 
 

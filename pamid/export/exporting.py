@@ -18,7 +18,7 @@ from pamid.export.step import step_of
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written; binary: the platform that an FMU was built for, "" for none; notes: what
+    """Result of an export; binary: the platform that an FMU was built for, "" for none; notes: what
     the user has to know; check: of a model file, its errors in the simulator that reads it."""
 
     files: tuple[Path, ...]

@@ -48,7 +48,7 @@ class Fmu:
 def write_fmu(
     model: Identified, step: SampleStep, files: tuple[Path, ...], *, version: int
 ) -> Written:
-    """What the file of an FMU is to hold, as a form of export is asked for it."""
+    """Build the content of an FMU, in the interface that forms of export share."""
     made = make_fmu(step, version)
     notes = (f"{made.why}; {_HOW_TO_BUILD}",) if made.why else ()
     return Written({files[0]: made.data}, made.binary, notes)

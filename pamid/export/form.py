@@ -1,4 +1,4 @@
-"""What a form of export is, and the forms there are, found by scanning `pamid.export.forms`."""
+"""Interface of a form of export, and the forms found by scanning `pamid.export.forms`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pamid.export.plain_check import PlainCheck
 
 @dataclass(frozen=True)
 class Written:
-    """What the files are to hold. binary: the platform that an FMU was built for, "" for none;
+    """Content of the exported files. binary: the platform that an FMU was built for, "" for none;
     notes: what the user has to know; check: of a model file, its errors in the simulator that reads
     it."""
 

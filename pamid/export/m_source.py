@@ -118,7 +118,7 @@ class _MatlabFunctions:
         )
 
     def derive(self) -> str:
-        """What follows from the parameters alone."""
+        """Quantities that depend on the parameters alone."""
         return _function(
             "d = derive(s)",
             [

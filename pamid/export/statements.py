@@ -18,7 +18,7 @@ _LONGEST_PART = 90
 
 @dataclass(frozen=True)
 class Dialect:
-    """What differs between the languages.
+    """Differences between the target languages.
 
     assign, truth (of a comparison as a number), choice: format strings; choice_binds: how tightly a
     choice binds; function: an operator's name as a function, "" where it is written with its sign.

@@ -70,7 +70,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Update:
-    """What a cell becomes; a delay line (line >= 0) takes `value` in and gives the cell the value
+    """New value of a cell; a delay line (line >= 0) takes `value` in and gives the cell the value
     `seconds` ago."""
 
     name: str

@@ -1,5 +1,5 @@
-"""What was done to a log, and writing it down: recordings, their TOML and <stem>.ingest.json, all
-of them or none."""
+"""Record of the conversion of a log, and its files: recordings, their TOML and <stem>.ingest.json,
+all of them or none."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def write_conversions(
 def accounts_of(
     conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path
 ) -> list[result.IngestFile]:
-    """What was done for each recording, by the files that it is for."""
+    """Conversion record of each recording, by file."""
     return [
         shared.model_copy(update={"recording": _of_recording(made, path, conversion)})
         for conversion, part in zip(conversions, outputs, strict=True)

@@ -1,5 +1,5 @@
-"""What laboratories call their channels, in several languages: from a name to what is measured, and
-which of several.
+"""Channel names of laboratories, in several languages: from a name to the measured quantity, and
+its index.
 
 A guess only: a mapping is looked through before it is used.
 """
@@ -243,7 +243,7 @@ def tokens(name: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=CACHED)
 def meanings(name: str) -> frozenset[str]:
-    """What a channel of this name may measure."""
+    """Possible meanings of a channel's name."""
     words = [word for word in tokens(name) if not word.isdigit()]
     found = frozenset(
         kind

@@ -1,5 +1,5 @@
-"""What a reader of raw logs hands on: channels, each with its unit and, where the log has them, its
-own stamps."""
+"""Output of a log reader: channels, each with its unit and, where the log has them, its time
+stamps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ANY = "*"  # stands in a name for the part of a log that a channel is in
 
 @dataclass(frozen=True)
 class RobotValue:
-    """What the log of a robot says itself that a channel is.
+    """Role of a channel as a robot's log states it.
 
     group     the topic, or the column of vectors, that it is a part of
     element   joint or motor by the log's name, "" where only the order tells
@@ -77,7 +77,7 @@ def rows_in_turns(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """What a reader found. details: what it decided, in words (encoding, delimiter, header lines,
+    """Content of a log. details: what it decided, in words (encoding, delimiter, header lines,
     which stamps). part: which of several recordings in the file it is, "" for all of it. stated:
     the sampling period that the text around the numbers states, if it does."""
 

@@ -227,7 +227,7 @@ def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:
 
 
 def _overlap(one: list[Stretch], other: list[Stretch]) -> list[Stretch]:
-    """What lies in stretches of both; each in order."""
+    """Intersection of two ordered lists of stretches."""
     both, i, j = [], 0, 0
     while i < len(one) and j < len(other):
         begin, end = max(one[i][0], other[j][0]), min(one[i][1], other[j][1])

@@ -123,7 +123,7 @@ class Gathering:
             names.append(name)
 
     def log(self, path: Path, kind: str) -> Log:
-        """What was gathered, every name once. FileError if there is no channel."""
+        """Log of the gathered channels, with unique names. FileError if there is no channel."""
         left = [
             f"left out, {why}: {listed(names, MOST_NAMED)}" for why, names in self.left_out.items()
         ]

@@ -71,9 +71,9 @@ class ChosenChannel:
 
 @dataclass(frozen=True)
 class Answers:
-    """What the user has said of all channels: pressures are "gauge" or "absolute", angles without a
-    unit are in "deg" or "rad"; period_s: sampling period of a log without a clock; "" and None
-    leave them open. known: parameters of the rig in these recordings."""
+    """Answers of the user that hold for all channels: pressures are "gauge" or "absolute", angles
+    without a unit are in "deg" or "rad"; period_s: sampling period of a log without a clock; "" and
+    None leave them open. known: parameters of the rig in these recordings."""
 
     pressures: str = ""
     angles: str = ""
@@ -368,7 +368,7 @@ def _about(channel: Channel, time: ClockGuess | None = None) -> str:
 
 
 def _pressure_hint(channel: Channel, guessed: str) -> str:
-    """What the values suggest; it is said, never used."""
+    """Kind of pressure that the values suggest; it is reported, never used."""
     values = channel.values[np.isfinite(channel.values)]
     if guessed == UNANSWERED or not values.size:
         return "A gauge sensor reads 0 with the air off, an absolute one about 101 kPa."

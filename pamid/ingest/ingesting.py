@@ -51,7 +51,7 @@ class IngestResult:
     _conversions: tuple[Conversion, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """What the command prints with --json."""
+        """JSON object of the command."""
         return IngestFile(recordings=self.accounts).as_json()
 
     def summary(self) -> str:

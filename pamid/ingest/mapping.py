@@ -67,7 +67,7 @@ class SignalMap(_Table):
 
 
 class Atmosphere(_Table):
-    """What absolute pressures lose to become gauge pressures."""
+    """Atmospheric pressure to subtract from absolute pressures."""
 
     pressure_kpa: PositiveFloat = STANDARD_ATMOSPHERE_KPA
 
@@ -192,8 +192,8 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
 def settle(
     mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str
 ) -> tuple[MappedSignal, ...]:
-    """What each signal becomes, once the channels' own units (channel -> unit, "" where the log
-    says none) are known.
+    """Complete the mapping of each signal with the channels' own units (channel -> unit, "" where
+    the log states none).
 
     FileError where a unit is missing, unknown or of another quantity, where a pressure is not said
     to be gauge or absolute, and where a column of the rig is named in a unit that pamid does not

@@ -82,7 +82,8 @@ def fits_by_name(channels: Sequence[Channel], rig: Rig) -> dict[tuple[int, str],
 
 
 def log_names(rig: Rig) -> dict[str, LogName]:
-    """What a robot's log calls the rig's columns: as the rig says, or by the columns' own words."""
+    """Names of the rig's columns in a robot's log: as the rig declares them, or by the words of the
+    columns."""
     if rig.log_names:
         return dict(rig.log_names)
     found = {}
@@ -95,7 +96,7 @@ def log_names(rig: Rig) -> dict[str, LogName]:
 
 
 def robot_values(channels: Sequence[Channel]) -> dict[int, RobotValue]:
-    """What channels are to a robot: as the log says, or by their names."""
+    """Roles of channels on a robot: as the log states them, or by their names."""
     vectors: dict[str, list[tuple[int, int]]] = {}
     found: dict[int, RobotValue] = {}
     for i, channel in enumerate(channels):
@@ -129,7 +130,7 @@ def _place(name: str) -> tuple[str, int] | None:
 
 
 def _spoken(name: str) -> RobotValue | None:
-    """What a plain name says: "shoulder_pos", "elbow command"."""
+    """Role by a plain name: "shoulder_pos", "elbow command"."""
     group, _, own = name.rpartition("/")
     words = tokens(split_column(own)[0])
     rest = [word for word in words if word not in _MEANT and not says_sent(word)]

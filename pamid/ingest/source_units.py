@@ -259,8 +259,8 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
 
 
 def _normal(text: str) -> str:
-    """What people write, in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is
-    a difference."""
+    """Unit symbol in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is a
+    difference."""
     for written, meant in _SPELLINGS:
         text = text.replace(written, meant)
     words = frozenset(_names())

@@ -62,9 +62,8 @@ GAP_PERIODS = 10
 
 @dataclass(frozen=True)
 class Witness:
-    """What one signal says: coefficient of y' d (0 late stamps, 1 jittered sampling) with standard
-    error, and how rough it is about its course if samples were even, over that if the stamps were
-    true."""
+    """Evidence of one signal: coefficient of y' d (0 late stamps, 1 jittered sampling) with
+    standard error, and its roughness if samples were even, over that if the stamps were true."""
 
     signal: str
     coefficient: float
@@ -74,7 +73,7 @@ class Witness:
 
 @dataclass(frozen=True)
 class StampDiagnosis:
-    """What the stamps of one clock look like. cure is None where the data do not decide; why is a
+    """Condition of the stamps of one clock. cure is None where the data do not decide; why is a
     sentence with the numbers; numbers the same for scripts (s, ppm, dimensionless)."""
 
     state: State
@@ -97,8 +96,8 @@ class TimeBase:
 
 
 def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
-    """What the stamps look like and which cure they need. signals: measured ones at the rows that
-    stay, (n,) each, NaN where the log has none."""
+    """Diagnose the stamps and choose their cure. signals: measured ones at the rows that stay, (n,)
+    each, NaN where the log has none."""
     clock = _even_clock(rows, None)
     samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])

@@ -61,8 +61,8 @@ def require_device(name: str) -> str:
 
 
 def engine_on(device: str, network: Network) -> "BatchedElman | None":
-    """What computes the passes of a training on a device; None on the processor, where the network
-    itself does."""
+    """Engine for the passes of a training on a device; None on the processor, where the network
+    computes them."""
     if device == "cpu":
         return None
     if not isinstance(network, Elman):

@@ -28,7 +28,7 @@ RESOLVED = 0.01
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the data say about noise and weights: `gamma` effective weights, weight decay `alpha`,
+    """Bayesian estimate of noise and weights: `gamma` effective weights, weight decay `alpha`,
     precision `beta`."""
 
     gamma: float

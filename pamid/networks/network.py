@@ -1,4 +1,5 @@
-"""What every network of this package is: five things of its own, and what follows from them.
+"""Interface of every network of this package: five methods to implement, and what derives from
+them.
 
 A kind of network is a module with a frozen dataclass derived from `Network`, its sizes as fields
 (`repr` ties a checkpoint to them, network.json holds them). Weights are one flat float64 vector,
@@ -128,7 +129,7 @@ class Network(ABC):
         return type(self).onnx_nodes is not Network.onnx_nodes
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
-        """What the weights `linear` multiply (N, number of these)."""
+        """Regressors of the weights `linear` (N, number of these)."""
         return np.empty((len(np.asarray(inputs)), 0))
 
     def growth(self, weights: ArrayLike, features: Array) -> float:

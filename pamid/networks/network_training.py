@@ -84,7 +84,7 @@ class Training:
 
     @property
     def remark(self) -> str:
-        """What the correlation of the residual means for gamma; "" where it means nothing."""
+        """Consequence of the residual's correlation for gamma; "" where there is none."""
         if self.effective_samples > 0.5 * self.samples or not len(self.trace["gamma"]):
             return ""
         return (
@@ -188,7 +188,7 @@ def train(
 
 @dataclass(frozen=True)
 class _Race:
-    """What all starts of a training share while they run in parallel."""
+    """Shared state of all starts of a training that run in parallel."""
 
     problem: TrainingProblem
     seed: int

@@ -1,5 +1,5 @@
-"""What a network's sample is built from where it is written as ONNX: nodes of operators, called by
-their ONNX names, between named tensors. `pamid.export.onnx_graph.Graph` is such a graph."""
+"""Building blocks of a network's ONNX graph: nodes of operators, called by their ONNX names,
+between named tensors. `pamid.export.onnx_graph.Graph` is such a graph."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ class RootSums:
             self.sse = np.inf
 
     def spectrum(self) -> Spectrum | None:
-        """What was summed; None where J'J itself is good enough, or where numbers overflowed."""
+        """Accumulated spectrum; None where J'J itself is good enough, or after an overflow."""
         if self.root is None or not np.isfinite(self.sse):
             return None
         self._take_up()

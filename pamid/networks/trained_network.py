@@ -168,7 +168,7 @@ def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
 
 
 def network_files(trained: TrainedNetwork, **about: Any) -> tuple[bytes, dict[str, Any]]:
-    """What stands in `network.npz` and in `network.json`; about: its fields on what it corrects."""
+    """Content of `network.npz` and of `network.json`; about: fields on the corrected quantity."""
     buffer = io.BytesIO()
     np.savez(buffer, weights=np.ascontiguousarray(trained.weights, dtype=np.float64))
     content = buffer.getvalue()

@@ -1,4 +1,4 @@
-"""What a training is asked to do: network, recordings, what counts, when to stop; all of it
+"""Problem of a training: network, recordings, weights of samples, stopping rules; all of it
 checked."""
 
 import hashlib
@@ -45,10 +45,9 @@ class Damping:
             raise DataError(f"Damping: mu begins at {self.start:g}, above {self.largest:g}.")
 
     def factor(self, gain: float) -> float:
-        """What mu is multiplied by after an accepted step that lowered F by `gain` times what it
-        promised: the nearer the quadratic came to the truth, the less the next step is damped (the
-        gain ratio of trust regions: Nocedal and Wright 2006, Numerical Optimization, ch. 4.1); or
-        `decrease`."""
+        """Factor of mu after an accepted step that lowered F by `gain` times its prediction: the
+        better the quadratic model, the less the next step is damped (the gain ratio of trust
+        regions: Nocedal and Wright 2006, Numerical Optimization, ch. 4.1); or `decrease`."""
         if self.decrease is not None:
             return self.decrease
         steps = ((0.98, 0.1), (0.75, 1.0 / 3.0), (0.5, 2.0 / 3.0), (0.25, 1.0))

@@ -105,8 +105,8 @@ async def _name_of(address: str) -> str:
 
 
 def fingerprint() -> dict[str, str]:
-    """What has to be alike on all machines for results to be; on other processors they differ by
-    rounding."""
+    """Properties in which all machines must agree for equal results; other processors round
+    differently."""
     return {"code": code_sha256(), "processor": f"{platform.system()} {platform.machine()}"}
 
 

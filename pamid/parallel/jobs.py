@@ -54,7 +54,7 @@ class Work(Generic[T, R]):
         raise NotImplementedError
 
     def name(self, item: T) -> str:
-        """What the item is called."""
+        """Name of the item."""
         return str(item)
 
     def cost(self, item: T) -> float:
@@ -214,7 +214,7 @@ def result_or_failure(work: Work[T, Any], item: T) -> Plain | Failed:
 
 
 def attempted(work: Work[T, Any], item: T, do: Callable[[], R]) -> R | Failed:
-    """What `do` returns, or why the job has no result."""
+    """Result of `do`, or the reason why there is none."""
     try:
         return do()
     except PamidError as error:

@@ -88,8 +88,8 @@ class Store:
             refuse_write(self.folder / JOURNAL, error)
 
     def journal(self) -> list[dict[str, str]]:
-        """What was worked out into this folder, in order: `key` and `what`. Lines that were cut
-        short are left out."""
+        """Results stored in this folder, in order: `key` and `what`. Lines that were cut short are
+        left out."""
         path = self.folder / JOURNAL
         lines = read_data(path, MAP).splitlines() if path.is_file() else []
         found = []

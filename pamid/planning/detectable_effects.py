@@ -1,4 +1,4 @@
-"""What an experiment would show, before anything is measured.
+"""Detectability of effects in an experiment, before anything is measured.
 
 The experiment is run on the rig of the data sheet, without any effect but with the sensors' noise,
 and fitted. With the weighted rows r of that fit (`pamid.estimation.linear_rows`), an effect e of
@@ -81,7 +81,7 @@ class Amount:
 
 @dataclass(frozen=True, eq=False)
 class EffectPower:
-    """What an experiment would show of an effect. errors: its size in standard errors at every one
+    """Detectability of an effect in an experiment. errors: its size in standard errors at every one
     of `Power.sizes`; visible: error of the refitted model over the noise floor there, in the worst
     channel; by_channel: the same at its usual size if that sensor were the only one; confused:
     effects of other families that would be taken for it at its usual size, the likeliest first;
@@ -143,7 +143,7 @@ def experiment_power(
     progress: Progress = silent,
     settings: PowerSettings = USUAL,
 ) -> Power:
-    """What the fitted part of the evidence would show of every effect: recordings of a rig that has
+    """Detectability of every effect in the fitted part of the data: recordings of a rig that has
     none of them. Whatever can act at a port of the rig is tried."""
     pool = pool or WorkerPool()
     progress("fitting the experiment without any effect")
@@ -232,7 +232,7 @@ def linearised(
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """What an effect changes in the rows, a column per size, then one per parameter of its own."""
+    """Change of the rows by an effect, a column per size, then one per parameter of its own."""
 
     columns: Array
     amount: Amount | None

@@ -249,8 +249,8 @@ def _ways(evidence: DataSplit, bench: Bench) -> Iterator[list[Bench]]:
 
 
 def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float]]:
-    """What is driven about its recorded mean, at which the rig stayed where it was recorded, and no
-    further than before."""
+    """Excitation about the recorded mean, where the rig stayed in its recorded range, and no larger
+    than before."""
     found = {}
     for name, (centre, half) in bench.driven.items():
         mean = float(np.concatenate([r.signal(name) for r in evidence.recordings]).mean())

@@ -1,4 +1,4 @@
-"""What to measure next: the experiment that best discriminates between the models still tied.
+"""The next experiment: the one that best discriminates between the models still tied.
 
 For a pair (i, j) model i simulates the experiment without noise; the separation is the rms residual
 of model j in noise standard deviations, after j was re-adjusted to it as far as the recordings that
@@ -352,8 +352,8 @@ class _RivalModel:
         return tuple(out)
 
     def readjusted(self) -> tuple[Array, ...]:
-        """What is left after some steps of a fit to the new recordings and a stretch of the old
-        ones, which counts as much as all of them."""
+        """Residual after some steps of a fit to the new recordings and a stretch of the old ones,
+        which has the weight of all of them."""
         f, known = self.model.fit, self.model.fit.problem.tracks
         longest = OLD_STRETCH * known[0].timescale_s
         old = [t.part(0, min(len(t), round(longest / t.period_s))) for t in known]
@@ -416,7 +416,7 @@ def _proposal(
 
 
 def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:
-    """What is stated beside columns sent to a bench: loop, period, rig, what is known and the
+    """Settings stated with columns for a bench: loop, period, rig, known values and the
     controller's settings."""
     closed = any(q.reference in columns for q in bench.rig.loops)
     meta: dict[str, Any] = {
@@ -432,7 +432,8 @@ def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> d
 def _why(
     d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], separation: Array
 ) -> str:
-    """What is sent, what changes between repetitions, and where the models should part."""
+    """Description of the excitation, of changes between repetitions, and of where the models should
+    differ."""
     parts = [e.reason(d.evidence.rig)]
     if settings:
         parts.append(

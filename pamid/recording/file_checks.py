@@ -1,4 +1,4 @@
-"""What makes a recording's files unfit, found with file, column and line.
+"""Faults of a recording's files, with file, column and line.
 
 Refused: missing, empty or header-only file; a first column other than `time_s`; a column twice or
 without a name; a cell that is empty, no number, not finite or beyond 1e30 in any unit; a row of the
@@ -54,7 +54,7 @@ BEFORE = "before"  # an output is read before the command of its row is sent
 
 @dataclass(frozen=True)
 class Sidecar:
-    """What the TOML file beside a recording says, checked; defaults where there is none."""
+    """Checked content of the TOML file next to a recording; defaults where there is none."""
 
     sampling_period_s: float
     loop: str | None

@@ -1,4 +1,4 @@
-"""What a channel's own samples tell of its measurement: the step it is quantised in, and its noise.
+"""Noise and quantisation step of a channel, estimated from its own samples.
 
 Noise is estimated from differences (Gasser, Sroka and Jennen-Steinmetz 1986, Biometrika 73(3)):
 those of order k take away what a polynomial of degree k - 1 follows, and of white noise of

@@ -298,8 +298,8 @@ def recording_of(
     name: str = "recording",
     digits: int = SIGNIFICANT_DIGITS,
 ) -> Recording:
-    """What reading a recording would give that `write_recording` had written, without leaving a
-    file: checked alike, rounded alike. Its path is NAME.csv, where nothing need lie."""
+    """Recording that reading a file of `write_recording` would give, without a file: the same
+    checks, the same rounding. Its path is NAME.csv, where nothing need lie."""
     plain = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "recording"
     tables = {title: content for title, content in (meta or {}).items() if content}
     with tempfile.TemporaryDirectory(prefix="pamid-") as folder:

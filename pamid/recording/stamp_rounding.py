@@ -20,8 +20,8 @@ _FEWEST_HALVES = 3  # stamps at either end of their digit
 
 
 def last_digits(stamps: FloatArray) -> FloatArray:
-    """What one in the last digit is worth at every stamp (n,), s: as many decimals as any of them
-    has, or, where significant digits were counted, as many of these."""
+    """Value of one unit in the last digit of every stamp (n,), s: as many decimals as any of them
+    has, or as many significant digits, where these were counted."""
     decimals = _decimals(stamps)
     size = np.floor(np.log10(np.maximum(np.abs(stamps), 10.0**-_DIGITS))).astype(np.int64)
     significant = int((decimals + size).max())

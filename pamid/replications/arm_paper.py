@@ -304,7 +304,7 @@ def _interval(one: dict[str, Any], truth: float | None) -> dict[str, Any]:
 
 
 def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """What the rig declares of its inertial data, by stage; holds: does the interval hold the
+    """Inertial combinations that the rig declares, by stage; holds: does the interval hold the
     truth?"""
     plain = Assembly(catalogue_rig(ARM_RIG))
     truth, found = (

@@ -53,8 +53,8 @@ MAP_CONTRACTION, MAP_PRESSURE_KPA, MAP_NOISE_N = (
 
 @dataclass(frozen=True)
 class ArmTwin:
-    """What is hidden: the force law of the muscles, and by which factor each parameter differs from
-    the data sheet; and dry friction of the joints, which the data sheet has none of.
+    """Hidden truth of the virtual arm: the force law of the muscles, the factor of each parameter
+    over the data sheet, and dry friction of the joints, which the data sheet lacks.
 
     Inertial data are off by 15 to 25 %, as weighing and CAD without muscles, chains and screws
     leave them; the rest by about as much as its prior says. scale is that of the twin's own law.

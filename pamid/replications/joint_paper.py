@@ -210,7 +210,7 @@ def record_twin(folder: Path, twin: Twin, plan: JointPlan) -> JointRecords:
 
 
 def residual_data_of(records: JointRecords) -> ResidualData:
-    """What the analytic model leaves of the angle, to train on (part 0) and to test by (part 1)."""
+    """Residual of the analytic model in the angle, to train on (part 0) and to test by (part 1)."""
     recordings = [records.training, *records.steps.values()]
     loops = list(records.analytic.values())
     columns = {name: np.concatenate([one[name] for one in loops]) for name in loops[0]}

@@ -41,7 +41,7 @@ TWIN_INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}  # kg m2
 
 @dataclass(frozen=True)
 class Twin:
-    """What the hidden truth has and the analytic model has not.
+    """Effects of the hidden truth that the analytic model lacks.
 
     damping and conductance are shares of the model's; hysteresis is at 6 bar. The load swings
     behind a spring; what sits before it stays the same with either load. Damping was chosen so that

@@ -27,7 +27,8 @@ class Paper(Protocol):
     def reproduce(
         self, run: Run, plan: Any, *, progress: Progress, **resume: bool
     ) -> dict[str, Any]:
-        """What was found, in the schema of its file; everything is written into the run."""
+        """Run the reproduction, write all files into the run, and return the result in the schema
+        of its file."""
 
     def text(self, found: dict[str, Any]) -> str:
         """The same for people."""
@@ -56,8 +57,8 @@ def reproduce_paper(
     overwrite: bool = False,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """What the paper of this name finds; the run in `output` is closed with how it ended.
-    PamidError where there is no such paper or the folder is taken, and whatever the paper raises.
+    """Reproduce the paper of this name; the run in `output` is closed with its outcome. PamidError
+    where there is no such paper or the folder is taken, and whatever the paper raises.
 
     options: those of `Paper.OPTIONS`; resume: go on in a folder where the same was interrupted.
     """

@@ -99,7 +99,7 @@ def size_px(gif: bytes) -> tuple[int, int]:
 
 
 def _stage(motion: Motion, width_px: int) -> Stage:
-    """What stands still: title, legend, scale, strips with their curves."""
+    """Static parts of the picture: title, legend, scale, strips with their curves."""
     low, high = motion.box
     wide, tall = high - low
     arm_in = float(np.clip(WIDTH_IN * tall / wide, *ARM_IN))

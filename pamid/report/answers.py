@@ -417,8 +417,7 @@ def left_answer(run: RunData) -> AnswerText | None:
 
 
 def next_answer(run: RunData) -> AnswerText:
-    """What to measure next, what it is expected to show, how long it takes and where its excitation
-    is."""
+    """Next experiment, its expected result, its duration and the place of its excitation."""
     if run.diagnosis is None:
         return AnswerText(
             "Run the diagnosis on what is already recorded.", (_diagnose_command(run),)

@@ -38,8 +38,8 @@ _FEW = 5  # columns that leave room for long arrows
 
 @dataclass(frozen=True)
 class BlockText:
-    """What stands in a block. lines: (text, style), style "" or "pin"; weight: share of the gap
-    that tints it; members: the groups in it, several where they stand together."""
+    """Text in a block. lines: (text, style), style "" or "pin"; weight: share of the gap that tints
+    it; members: the groups in it, several where they stand together."""
 
     title: str
     lines: tuple[tuple[str, str], ...]

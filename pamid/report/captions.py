@@ -55,8 +55,8 @@ def causes_label(diagnosis: DiagnosisFile) -> str:
 
 
 def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
-    """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction",
-    "with the causes"."""
+    """Legend entry of a field of ChannelErrors: "refitted", "with Coulomb friction", "with the
+    causes"."""
     if field == "with_cause" and diagnosis is not None and _together(diagnosis):
         return (
             f"with {causes_label(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
@@ -95,7 +95,7 @@ def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
 
 
 def reason_text(experiment: NextExperiment) -> str:
-    """What an experiment is and shows; its settings and what it was weighed by stand beside it."""
+    """Kind and purpose of an experiment; its settings and scores are listed separately."""
     return _WEIGHED.split(formatting.clean(experiment.why), maxsplit=1)[0].rstrip(".")
 
 
@@ -158,7 +158,7 @@ def _fit_sentence(row: ChannelErrors | None) -> str:
 
 
 def _changes(diagnosis: DiagnosisFile, row: ChannelErrors) -> str:
-    """What causes do to the error: one takes it down, several together take it down."""
+    """Verb phrase for the reduction of the error, in the number of the causes."""
     grows = (row.with_cause or 0.0) > (row.refitted or 0.0)
     one = len(diagnosis.causes) == 1
     verb = ("raise" if grows else "take") + ("s" if one else "")
@@ -290,7 +290,7 @@ def _next_to(one: AddedVariable) -> str:
 
 
 def candidate_tip(one: Candidate, diagnosis: DiagnosisFile) -> str:
-    """What a row of the ranking says in words: "Dahl friction removes 53 % of ..."."""
+    """Tooltip of a row of the ranking: "Dahl friction removes 53 % of ..."."""
     interval = formatting.interval_tail(formatting.percent_span(one.low, one.high))
     text = (
         f"{effect_label(one.effect)} removes {percent(one.shrinkage)} of the held-out error"

@@ -250,7 +250,7 @@ def _agreement(known: Sequence[Interval]) -> TableCell:
 
 
 def _facts(one: ComparedRun) -> dict[str, str]:
-    """What a run was made of, by what it is called."""
+    """Settings of a run by name."""
     step = one.run.steps[0]
     recordings = one.run.fit.recordings if one.run.fit is not None else ()
     options = {

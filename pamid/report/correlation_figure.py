@@ -59,7 +59,7 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
 
 
 def correlation_note(fit: FitFile | None) -> str:
-    """What stands in place of a picture that would be one cell, or empty cells."""
+    """Sentence in place of a picture that would be one cell, or empty cells."""
     if fit is None or fit.posterior is None or correlation_drawing(fit) is not None:
         return ""
     names, found = _correlations(fit.posterior)

@@ -1,5 +1,5 @@
-"""What a report says, without how it is shown: headings, paragraphs, tables and pictures in their
-order. web_page.py makes the page of it.
+"""Content of a report without its layout: headings, paragraphs, tables and pictures in order.
+web_page.py makes the page of it.
 
 Text in backticks is shown as code; every text may come from files, so whoever shows it escapes it.
 """

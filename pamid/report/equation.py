@@ -261,7 +261,7 @@ def _shown(found: Acting, values: Mapping[str, CauseParameter]) -> Any:
 
 
 def _legend(found: Acting, typeset: Typeset) -> Iterator[str]:
-    """What the letters and the functions mean."""
+    """Meanings of the letters and the functions."""
     letter = found.letter
     yield (
         f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are "

@@ -76,7 +76,7 @@ def richness_picture(shown: Sequence[Shown]) -> Picture:
 
 
 def finding(shown: Sequence[Shown]) -> str:
-    """What the column that covers least covers, and the first thing that it cannot show."""
+    """Coverage of the column that covers least, and its first blind spot."""
     poorest = max(shown, key=lambda one: len(one.covers.blind_spots()))
     least = "" if len(shown) == 1 else "Least covered: "
     return (

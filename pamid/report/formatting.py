@@ -145,7 +145,7 @@ def with_interval(
 
 
 def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
-    """What to multiply by, and the unit then: (1e6, "µm") for micrometres."""
+    """Factor and unit for display: (1e6, "µm") for micrometres."""
     largest = max(map(abs, values))
     if unit_text not in _PREFIXED or not 0.0 < largest < _MILLI:
         return 1.0, unit_text

@@ -169,7 +169,7 @@ def _best_guess(diagnosis: DiagnosisFile) -> tuple[str, ...]:
 
 
 def _closest_line(diagnosis: DiagnosisFile) -> tuple[str, ...]:
-    """What came closest, with what speaks for it."""
+    """Closest candidate, with the evidence for it."""
     best = closest(diagnosis)
     if best is None or best.probability is None or best.shrinkage is None:
         return ()

@@ -42,7 +42,7 @@ class Highlight:
 def highlights_of(
     run: RunData, residual: Residual, channel: str, found: Sequence[Stretch]
 ) -> list[Highlight]:
-    """What there is to look at, for errors of this channel."""
+    """Stretches of a recording worth a look, for errors of this channel."""
     error = np.abs(residual.columns[channel] - _refitted(residual, channel))
     worst = _worst(residual, channel, error, found, run)
     where = run.diagnosis.where if run.diagnosis is not None else None

@@ -1,5 +1,5 @@
-"""What a run folder holds, read into frozen nouns: the run itself, fit, diagnosis, network,
-residual, trace, and the points of a missing term."""
+"""Content of a run folder as frozen objects: the run itself, fit, diagnosis, network, residual,
+trace, and the points of a missing term."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class RunData:
     added: AddedVariablesFile | None = None
 
     def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
-        """What the networks of the run are worth, by channel: those that correct the replayed
-        model, or those that correct the model in its own loop."""
+        """Errors with the networks of the run, by channel: those that correct the replayed model,
+        or those that correct the model in its own loop."""
         found: dict[str, dict[str, float]] = {}
         for one in (*self.beside, self.network):
             if one is not None and one.in_loop == in_loop:

@@ -1,5 +1,5 @@
-"""What is missing, where no effect of the catalogue takes it up: which term the file describes, and
-what is said of it."""
+"""The missing term where no effect of the catalogue explains the gap: its file entry and its
+description."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pamid.schemas.diagnosis_file import DiagnosisFile, Unknown
 
 
 def missing_term(diagnosis: DiagnosisFile | None) -> Unknown | None:
-    """What is missing, described: altogether, or beside the causes."""
+    """Description of the missing term: the whole gap, or the remainder after the causes."""
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or diagnosis.unknown is not None:
         return diagnosis.unknown if diagnosis is not None else None

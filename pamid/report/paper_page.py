@@ -1,4 +1,4 @@
-"""What the report of a reproduced paper says: result, tables, pictures, provenance."""
+"""Report of a reproduced paper: result, tables, pictures, provenance."""
 
 from __future__ import annotations
 

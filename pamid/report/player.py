@@ -36,7 +36,7 @@ _WIDE, _STRIP, _LEFT, _ABOVE = 1000, 500, 44, 24
 
 
 def player_script() -> str:
-    """What plays the figures of a page."""
+    """Script that plays the figures of a page."""
     return asset("player.js")
 
 

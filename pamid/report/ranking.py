@@ -76,7 +76,7 @@ def _bounds(one: Candidate) -> str:
 
 
 def why_not(one: Candidate, diagnosis: DiagnosisFile) -> str:
-    """What a candidate lost by, from its own figures; what the verdict names says so."""
+    """Reason why a candidate was not chosen, from its figures."""
     named = {cause.effect for cause in diagnosis.causes}
     if one.effect in named:
         return "is named"

@@ -92,7 +92,7 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
 def _traces(
     run: RunData, channel: str, comparison: str, seen: NDArray[np.bool_]
 ) -> dict[str, NDArray[np.float64] | None]:
-    """What every model gives where something was measured, by model."""
+    """Output of every model at the measured samples, by model."""
     assert run.residual is not None
     named = run.diagnosis is None or bool(run.diagnosis.causes)
     return {

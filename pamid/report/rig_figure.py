@@ -101,7 +101,7 @@ def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
 
 
 def panels_html(diagnosis: DiagnosisFile) -> Markup:
-    """What a block leads to: one panel per group of ports, that of the named port shown first."""
+    """Panels below a diagram: one per group of ports, that of the named port shown first."""
     rig = diagnosis.rig
     if rig is None or not rig.ports:
         return Markup("")

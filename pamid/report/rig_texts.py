@@ -1,5 +1,5 @@
-"""What the blocks of a rig's diagram say, and what stands below it for each of them: share of the
-gap, the effects that act there, what was tried, what cannot be told apart."""
+"""Texts of a rig's diagram and of the panels below it: share of the gap, the effects that act
+there, the candidates tried, and indistinguishable ones."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _share_lines(share: float | None, unseen: bool, gap: bool) -> list[str]:
 
 
 def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
-    """What acts at this group: causes with their first value and chance, and what is left."""
+    """Marks at this group: causes with their first value and probability, and the remainder."""
     texts = []
     either = "either " if diagnosis.verdict == "ambiguous" else ""
     for cause in diagnosis.causes:

@@ -1,4 +1,4 @@
-"""What the report of a run says: three answers first, then the evidence."""
+"""Report of a run: three answers first, then the evidence."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def _answer(
 
 
 def _panels(run: RunData, pictures: dict[str, Picture]) -> tuple[Block, ...]:
-    """What the blocks of the rig's diagram lead to."""
+    """Panels of the rig's diagram."""
     if "rig" not in pictures or run.diagnosis is None:
         return ()
     return (Interactive(panels_html(run.diagnosis)),)

@@ -93,7 +93,7 @@ def has(residual: Residual, channel: str, kind: str) -> bool:
 
 
 def inputs_of(residual: Residual) -> list[str]:
-    """What was sent and asked for, where it varies: neither measured nor modelled."""
+    """Commands and references that vary: neither measured nor modelled."""
     channels = channels_of(residual)
     stems = {f"{split_column(name)[0]}_{kind}" for name in channels for kind in TRACE_KINDS}
     return [

@@ -93,10 +93,10 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 @dataclass(frozen=True)
 class Drawing:
-    """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states
-    a finding; own: SVG for pages, wide and narrow, in place of what is drawn, with links in it;
-    tips: what is said of a group (by its id) where a pointer rests on it; leads: the figure of the
-    page that a click on a group shows."""
+    """Drawing and its size: `draw(figure, narrow)` fills an empty figure; heights in inches;
+    `title` states a finding; own: SVG for pages, wide and narrow, drawn in place of the figure,
+    with links in it; tips: tooltip of a group by its id; leads: the figure of the page that a click
+    on a group shows."""
 
     name: str
     title: str

@@ -193,7 +193,7 @@ def _remark(one: FitParameter, strained: bool) -> str:
 
 
 def recordings_table(fit: FitFile) -> Table:
-    """What was recorded and which part it played."""
+    """Table of the recordings and their roles."""
     heads = ["recording", "role", "samples", "period", "loop"]
     body = [
         [
@@ -250,7 +250,7 @@ def _steps_table(steps: tuple[Step, ...]) -> Table:
 
 
 def _versions(steps: tuple[Step, ...]) -> str:
-    """What the commands ran on; of several versions the latest."""
+    """Versions of the software that the commands ran on; the latest of several."""
     versions = dict(pair for step in steps for pair in step.versions.items())
     listed = ", ".join(
         f"{formatting.clean(name)} {formatting.clean(version)}"

@@ -91,7 +91,7 @@ class Traces:
 
 
 def traces_scripts() -> tuple[str, ...]:
-    """What draws the plots: the library with its licence, then our own."""
+    """Scripts of the plots: the library with its licence, then our own."""
     library, licence, own = (
         asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
     )

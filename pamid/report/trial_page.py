@@ -1,4 +1,4 @@
-"""What the report of a trial says: the targets first, then how the figures come about."""
+"""Report of a trial: the targets first, then the derivation of the figures."""
 
 from __future__ import annotations
 

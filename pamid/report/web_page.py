@@ -60,7 +60,7 @@ def _hash(text: str) -> str:
 
 
 def page_script() -> str:
-    """What runs on every page: its colours by choice, tables that can be copied."""
+    """Script of every page: colour scheme, tables that can be copied."""
     return asset("page.js")
 
 

@@ -82,8 +82,8 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Report:
-    """What was written; `errors` are the rows of the MAE table, `recordings` those per recording,
-    `pdf` is there where it was asked for, `notes` say what could not be shown."""
+    """Written report; `errors` are the rows of the MAE table, `recordings` those per recording,
+    `pdf` is there where it was requested, `notes` state what could not be shown."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -100,7 +100,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Content:
-    """What a folder has to say: rows of the MAE table, drawings, and the document once these are
+    """Content of a report: rows of the MAE table, drawings, and the document once these are
     pictures."""
 
     errors: tuple[ChannelErrors, ...]
@@ -154,7 +154,7 @@ def write_report(
 
 
 def content_of(run_folder: Path, rig: str | None = None) -> Content:
-    """What the folder holds, read and checked; FileError as above."""
+    """Read and check the content of a folder; FileError as above."""
     trial = read_trial(run_folder / TRIAL)
     paper = read_paper(run_folder)
     if trial is not None or paper is not None:
@@ -258,7 +258,7 @@ def _require_ours(page: Path, pdf: Path | None) -> None:
 
 
 def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
-    """What pamid made is replaced without asking; anything else is somebody's file."""
+    """Raise unless pamid wrote the file: only its own files are replaced without a question."""
     if not page.exists():
         return
     try:

@@ -1,5 +1,6 @@
-"""What commands print and what the files of a run hold: a pydantic model per object, from which
-pamid writes, reads and describes it. The folder is scanned: a model with a `schema_` is one."""
+"""Models of the JSON that commands print and that runs contain: one pydantic model per object, by
+which pamid writes, reads and describes it. The folder is scanned: a model with a `schema_` is one.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `pamid check` finds in a recording, a rig file or an effect file."""
+"""JSON of `pamid check` for a recording, a rig file or an effect file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Finding(Model):
 
 
 class Column(Model):
-    """What a column of the recording holds, in its unit."""
+    """Content of a column of the recording, in its unit."""
 
     unit: Text = Field(description=UNIT)
     low: Number
@@ -64,7 +64,7 @@ class Issue(Model):
 
 
 class SignalQuality(Model):
-    """What the signals themselves show."""
+    """Quality of the signals."""
 
     channels: MapOf[Quality]
     issues: ListOf[Issue]
@@ -107,7 +107,7 @@ class CheckedPort(Model):
 
 
 class CheckFile(Model):
-    """What is wrong with a recording, a rig file or an effect file."""
+    """Faults of a recording, a rig file or an effect file."""
 
     model_config = ConfigDict(
         title="pamid check: what is wrong with a recording, a rig file or an effect file"

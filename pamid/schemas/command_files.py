@@ -1,4 +1,4 @@
-"""What the smaller commands print with --json: a model per command.
+"""JSON of the smaller commands: a model per command.
 
 `pamid --help`, completion scripts and errors are made without pydantic, which would be half of
 their time: their models only describe them.
@@ -27,7 +27,7 @@ class PrintedText(Model):
 
 
 class CompletionScript(Model):
-    """What a shell needs to complete pamid's commands."""
+    """Script by which a shell completes pamid's commands."""
 
     model_config = ConfigDict(title="pamid completion: the script of a shell")
 

@@ -1,4 +1,4 @@
-"""What `pamid demo` withheld, and what was found."""
+"""Withheld effect and diagnosis of `pamid demo`."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class Cause(Model):
 
 
 class Remainder(Model):
-    """What is left of the gap with the causes; without a cause, the gap itself."""
+    """Remaining gap with the causes; without a cause, the gap itself."""
 
     share: Written[Number] = Field(None, description=SHARE)
     low: Written[Number] = Field(None, description=LOW)
@@ -289,7 +289,7 @@ class Transfer(Model):
 
 
 class NextExperiment(Model):
-    """What to measure next."""
+    """Next experiment."""
 
     name: Text
     why: Text = Field("", description="what it is good for, in words")
@@ -325,8 +325,7 @@ class Pull(Model):
 
 
 class FormCurve(Model):
-    """What a free form takes off a value or adds to it, over the range that the recordings
-    reach."""
+    """Curve that a free form subtracts from a value or adds to it, over the recorded range."""
 
     signal: Text = Field(description="over which it is drawn")
     signal_unit: Text = Field("", description=UNIT)
@@ -353,7 +352,7 @@ class FamilyForm(Model):
 
 
 class Unknown(Model):
-    """What is known of an effect that the catalogue does not hold."""
+    """Description of an effect that the catalogue does not contain."""
 
     port: Text = Field("", description="where it enters")
     formula: Text = Field("", description="of what is missing, in the signals at the port")

@@ -1,4 +1,4 @@
-"""What every command that fails prints with --json."""
+"""JSON of every command that fails."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pamid.schemas.model import Model, Text
 
 
 class ErrorFile(Model):
-    """What is wrong, where, and how to mend it."""
+    """Error, its place and its cure."""
 
     model_config = ConfigDict(title="Every command that fails")
 

@@ -1,4 +1,4 @@
-"""What several result files say in the same words: a value with its interval, a failed job."""
+"""Models that several result files share: a value with its interval, a failed job."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class ChangesCovered(Model):
 
 
 class SignalCoverage(Model):
-    """What a signal covers."""
+    """Coverage of a signal."""
 
     evenness: Number = Field(description="1: every level equally often, 0: one level")
     visited: Number = Field(description="share of the range, 0 to 1")
@@ -67,7 +67,7 @@ class SentColumn(Model):
 
 
 class CommandKept(Model):
-    """What the limits of a model have made of one command."""
+    """Effect of a model's limits on one command."""
 
     column: Text
     factor: Number = Field(description="of what was asked for, about its centre, up to 1")
@@ -84,7 +84,7 @@ class LimitsKept(Model):
 
 
 class ExcitationFile(Model):
-    """What is sent: one column beside the settings, or several in a list."""
+    """Excitation: one column with the settings, or several in a list."""
 
     model_config = ConfigDict(title="The note beside an excitation, and pamid generate-aprbs")
 

@@ -125,7 +125,7 @@ class Tie(Model):
 
 
 class Posterior(Model):
-    """What `pamid fit --from` starts from; numbers in prior spreads around each centre."""
+    """Starting point of `pamid fit --from`; numbers in prior spreads around each centre."""
 
     keys: ListOf[Text] = Field(description="free parameters, in the order of the lists below")
     log: ListOf[Flag] = Field(description="whether the prior is one of the logarithm")
@@ -138,7 +138,7 @@ class Posterior(Model):
 
 
 class FittedModel(Model):
-    """What rebuilds a fitted model to the last bit."""
+    """Data that rebuild a fitted model to the last bit."""
 
     effects: ListOf[Text] = Field(description=EFFECTS)
     stepping: Steps

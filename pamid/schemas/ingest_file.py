@@ -1,4 +1,4 @@
-"""What was done to a raw log, in the file beside each recording made from it."""
+"""Conversion record of a raw log, in the file next to each recording made from it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class ChannelMapped(Model):
 
 
 class AtmosphereTaken(Model):
-    """What absolute pressures lose to become gauge pressures."""
+    """Atmospheric pressure subtracted from absolute pressures."""
 
     pressure_kpa: Number
 

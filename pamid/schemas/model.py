@@ -197,7 +197,7 @@ class Model(BaseModel):
     written_by: ClassVar[str] = ""
 
     def as_json(self) -> dict[str, Any]:
-        """What is written: plain dicts and lists, the fields that were set, in their order."""
+        """Plain dicts and lists of the fields that were set, in order."""
         fields = type(self).model_fields
         written = {
             field.alias or name: _plain(getattr(self, name))

@@ -1,4 +1,4 @@
-"""What `pamid new-rig` has made of a recording's columns."""
+"""Roles that `pamid new-rig` gave to a recording's columns."""
 
 from __future__ import annotations
 

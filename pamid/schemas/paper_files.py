@@ -68,7 +68,7 @@ class PaperTraining(TrainingSummary):
 
 
 class PublishedFigures(Model):
-    """What stands in the paper."""
+    """Figures of the paper."""
 
     mae: MapOf[MapOf[Number]] = Field(description="model -> inertia -> deg")
     improvement: Number = Field(description="share by which the network lowers the error")
@@ -89,7 +89,7 @@ class PaperRow(Model):
 
 
 class PaperDiagnosis(Model):
-    """What the diagnosis names, from the training record alone."""
+    """Causes that the diagnosis names from the training record alone."""
 
     verdict: Text
     sentence: Text = Field("", description="the verdict in words")
@@ -130,7 +130,7 @@ class ArmPlanUsed(Model):
 
 
 class ArmTwinUsed(Model):
-    """What the twin hides."""
+    """Hidden parameters of the twin."""
 
     law: Text = Field(description="of its muscles")
     hidden: MapOf[Number] = Field(description="by name with unit")
@@ -171,8 +171,7 @@ class ArmErrors(Model):
 
 
 class ArmCoupling(Model):
-    """What pulses on the valves of one joint do to the other, on a recording that no fit has
-    seen."""
+    """Motion of one joint under pulses on the valves of the other, on a held-out recording."""
 
     pulsed: Text = Field(description="joint whose valves are pulsed")
     moved: Text = Field(description="angle of the other joint")

@@ -1,4 +1,4 @@
-"""What an experiment would show of every effect, before anything is measured."""
+"""Detectability of every effect in an experiment, before anything is measured."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class UsualAmount(Model):
 
 
 class ShownEffect(Model):
-    """What the experiment would show of an effect."""
+    """Detectability of an effect in the experiment."""
 
     effect: Text = Field(description="label, effect@port where the place is not unique")
     family: Text = Field(description="of effects that are mistaken for each other")
@@ -42,7 +42,7 @@ class ShownEffect(Model):
 
 
 class PowerFile(Model):
-    """What an experiment would show of every effect, and what it would confuse."""
+    """Detectability of every effect in an experiment, and the effects it would confuse."""
 
     model_config = ConfigDict(
         title="pamid power: what an experiment would show of every effect, and what it would "

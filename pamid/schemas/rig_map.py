@@ -21,7 +21,7 @@ class MappedPort(Model):
 
 
 class RigMap(Model):
-    """What a drawing of the rig needs; nothing of it decides a figure."""
+    """Data for a drawing of the rig; no figure depends on them."""
 
     name: Text
     inputs: ListOf[Text] = Field((), description="columns that are sent to it")

@@ -1,4 +1,4 @@
-"""What pamid runs and pamid report --compare print: runs with what each of them found."""
+"""JSON of pamid runs and pamid report --compare: runs with their results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What models err by, recording by recording."""
+"""Errors of models, recording by recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BY_MODEL = "in the unit of the channel, by model; null where the model became un
 
 
 class RecordingError(Model):
-    """What every model errs by in one channel of one recording."""
+    """Errors of every model in one channel of one recording."""
 
     recording: Text = Field(description="its name")
     known: dict[Text, Number] = Field(
@@ -30,7 +30,7 @@ class RecordingError(Model):
 
 
 class ScoreFile(Model):
-    """What the models of a run err by on recordings that it has not seen."""
+    """Errors of a run's models on new recordings."""
 
     model_config = ConfigDict(
         title="pamid score: what the models of a run err by on recordings it has not seen"

@@ -78,7 +78,7 @@ class TrialCaseFile(Model):
 
 
 class CaseLabel(Model):
-    """What a case is, and what was planted in it."""
+    """Kind of a case, and its planted effects."""
 
     number: Count
     part: Text = Field(description="calibration or test")
@@ -121,7 +121,7 @@ class TrialLabelsFile(Model):
 
 
 class TrialShare(Model):
-    """What one of many machines has worked through."""
+    """Cases that one of many machines has completed."""
 
     model_config = ConfigDict(title="pamid trial --index: the share of one array task")
 

@@ -316,7 +316,7 @@ def _divided(rig: Rig, recordings: Sequence[Recording]) -> tuple[list[Span], lis
 
 
 def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
-    """What of a recording is fitted and what is held out."""
+    """Fitted and held-out spans of a recording."""
     edges = [round(k / 10 * len(recording)) for k in range(11)]
     names = [name for name in (*rig.inputs, *rig.outputs) if recording.has(name)]
     table = np.stack([recording.signal(name) for name in names], axis=1)

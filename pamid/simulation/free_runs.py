@@ -199,7 +199,7 @@ def virtual_recording(
     seed: int = 0,
     fineness: int = 4,
 ) -> dict[str, Array]:
-    """What a rig with these effects would have recorded: columns in their own units.
+    """Simulate the recording of a rig with these effects: columns in their own units.
 
     Sensor noise is white with the rig's standard deviations times `noise`; in a closed loop the
     controller sees it. Integrated with `fineness` times the steps that a fit would take.

@@ -73,7 +73,7 @@ class Replay:
 
     @cached_property
     def track(self) -> Track:
-        """What is scored: without the lead-in."""
+        """Scored part, without the lead-in."""
         return self.full_track.part(self.full_track.lead, len(self.full_track))
 
     @cached_property

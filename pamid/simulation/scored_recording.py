@@ -1,4 +1,4 @@
-"""What models err by in one channel of one recording: the row that `pamid fit`, `pamid score` and
+"""Errors of models in one channel of one recording: the row that `pamid fit`, `pamid score` and
 `pamid report` share."""
 
 from __future__ import annotations

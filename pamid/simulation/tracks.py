@@ -93,8 +93,8 @@ def track_of(
 
 
 def stated_noise(rig: Rig, channels: Sequence[str]) -> Array:
-    """What the rig says of its sensors: standard deviation per channel (SI), 0 where it says
-    nothing."""
+    """Standard deviation per channel (SI) that the rig states for its sensors, 0 where it states
+    none."""
     units = [split_column(name)[1] for name in channels]
     return np.array(
         [

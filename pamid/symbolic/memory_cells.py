@@ -110,7 +110,7 @@ def _is_settled(node: Expr) -> bool:
 
 
 def _at_step_end(node: Expr) -> Expr:
-    """What a driven value, read at the start of a step, will be at its end."""
+    """Value at the end of a step of a driven expression that is read at its start."""
     part, along = tick("part"), tick("along")
     ends = {part: part + tick("step") / tick("period"), along: along + 1.0}
     (end,) = substitute([node], ends)
@@ -399,7 +399,7 @@ def expand_memory(
 
 
 def cell_update(cell: Cell) -> Expr:
-    """What the cell becomes at the start of a step."""
+    """New value of the cell at the start of a step."""
     update = cell.update
     if cell.sampled:
         update = where(tick("fresh") > 0.5, update, cell.past)

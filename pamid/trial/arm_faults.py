@@ -1,4 +1,4 @@
-"""What can be planted in the trial's arm, and where.
+"""Faults that can be planted in the trial's arm, and their places.
 
 A planted fault is called fault@place, the place being a port of the rig: one of several like ones
 ("joint_2", "pressure_21"), or what they all are ("pressure": all four muscles alike). Sizes are
@@ -128,8 +128,7 @@ def draw_sizes(site: str, random: np.random.Generator) -> dict[str, float]:
 
 
 def truth_of(site: str) -> dict[str, Any]:
-    """What counts as the right answer to a fault at its place. The port is the one that is
-    reported."""
+    """Right answer for a fault at its place. The port is the one that is reported."""
     name, place = split(site)
     return {**ARM_FAULTS[name].truth, "fault": site, "port": reported(place)}
 
@@ -149,7 +148,7 @@ def split(site: str) -> tuple[str, str]:
 
 
 def placed(faults: Mapping[str, Mapping[str, float]]) -> tuple[Planted, ...]:
-    """What is planted in each muscle (11, 12, 21, 22), each joint and what all share, from the
+    """Faults planted in each muscle (11, 12, 21, 22), in each joint and in shared parts, from the
     sizes by fault@place.
 
     UsageError for a fault or a place that the arm does not have, or two faults that set the same

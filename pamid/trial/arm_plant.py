@@ -71,7 +71,7 @@ SCALE_APART, VISCOUS_APART = 0.02, 2.0
 
 @dataclass(frozen=True)
 class ArmBody:
-    """What the equations of motion see of the links, payload included; SI.
+    """Link properties in the equations of motion, payload included; SI.
 
     inertia_1: of link 1 about its joint, with all of link 2 at the elbow; inertia_2: of link 2
     about the elbow; coupling, weight_1, weight_2: factors of the cosine of the bend and of the
@@ -156,7 +156,8 @@ def record_arm(
     steps: int = SUBSTEPS,
     logger: Logger = PLAIN_LOGGER,
 ) -> dict[str, Array]:
-    """What this arm, with these faults (fault@place -> sizes), would have recorded.
+    """Simulate the recording of this arm with these faults (fault@place -> sizes), on references or
+    commands of shape (samples, 2).
 
     excitation: references or commands of shape (samples, 2). noise: factor of the sensors' white
     noise (0.05 deg, 2e-4 contraction, 1 kPa, 3 N). The columns of a recording come back in their

@@ -100,7 +100,7 @@ class Case:
 
     @property
     def tools_rig(self) -> Rig:
-        """What the tool is given of the machine."""
+        """Rig of the machine as the tool receives it."""
         rig = self.own.rig if self.own else catalogue_rig(self.rig)
         if self.bare:
             rig = copy(rig)  # a machine made of the rig keeps its own

@@ -1,5 +1,5 @@
-"""What can be planted in the trial's joint: every effect of the catalogue in another form, and some
-without a name.
+"""Faults that can be planted in the trial's joint: every effect of the catalogue in another form,
+and some without a name.
 
 Sizes are log-uniform between half and two and a half times the typical size; ranges that are not
 marked so are even.

@@ -76,8 +76,8 @@ class Specimen:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """What the machine is asked for, one value per 3 ms: a reference (the loop is closed) or the
-    command itself."""
+    """Input of the machine, one value per 3 ms: a reference (the loop is closed) or the command
+    itself."""
 
     reference_deg: Array | None = None
     command: Array | None = None
@@ -169,8 +169,8 @@ def record(
     steps: int = SUBSTEPS,
     logger: Logger = PLAIN_LOGGER,
 ) -> dict[str, Array]:
-    """What this machine, with these faults (name -> sizes, as `Fault.draw` gives them), would have
-    recorded.
+    """Simulate the recording of this machine with these faults (name -> sizes, as `Fault.draw`
+    gives them).
 
     noise: factor of the sensors' white noise (0.05 deg, 1 kPa, 3 N). The columns of a recording
     come back in their own units. UsageError if the machine flies apart.

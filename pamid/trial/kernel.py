@@ -1,5 +1,4 @@
-"""What the trial's machines are made of: valves, air, muscles, friction, sensors, controller;
-compiled.
+"""Compiled parts of the trial's machines: valves, air, muscles, friction, sensors, controller.
 
 `m` is the machine (fields of `plant.Specimen` and the known constants), `f` what is planted (fields
 of `faults.Planted`), both as records; `x` the state of a joint, `s` that of its two muscles, `z` of
@@ -297,8 +296,8 @@ def advance_pull(
 
 @njit(cache=True)
 def winding(x: Array, m: Any, f: Any) -> tuple[float, float]:
-    """What a joint's wheel has wound from one chain to the other, over the length of a muscle, and
-    its lever (m)."""
+    """Length that a joint's wheel has wound from one chain to the other, over the length of a
+    muscle, and its lever (m)."""
     turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
     wound = (
         m.radius

@@ -66,8 +66,8 @@ class Machine(Protocol):
         ...
 
     def excitation(self, c: Any, record: Record, seed: int, noise: int) -> Any:
-        """What a closed loop is asked to follow, or what is sent in an open one: that may be what
-        this machine without a fault would have used. noise: the seed of its readings'."""
+        """Reference of a closed loop, or command of an open one: that may be the command that this
+        machine without a fault would have used. noise: the seed of its readings'."""
         ...
 
     def build(self, random: np.random.Generator, c: Any) -> Record:

@@ -1,5 +1,5 @@
-"""What is sent to a machine that is built from a rig: the columns that the rig is driven by, over
-what it says is usual, as `pamid generate-aprbs` sends them."""
+"""Excitation of a machine that is built from a rig: the columns that drive the rig, over their
+usual range, as `pamid generate-aprbs` sends them."""
 
 from __future__ import annotations
 

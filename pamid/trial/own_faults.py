@@ -1,5 +1,5 @@
-"""What can be planted in a machine that is made of a rig: every effect of the catalogue wherever it
-fits, and effects that are in no catalogue."""
+"""Faults that can be planted in a machine made of a rig: every effect of the catalogue wherever it
+fits, and effects outside the catalogue."""
 
 from __future__ import annotations
 

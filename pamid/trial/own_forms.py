@@ -92,8 +92,8 @@ def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
 
 
 class Roughness(Effect):
-    """What no map of an ordinary machine is free of: value (1 + sum of a few waves over the port's
-    first signal), or over what passes where it offers none."""
+    """Roughness of an ordinary machine's maps: value (1 + sum of a few waves over the port's first
+    signal), or over the value itself where the port offers none."""
 
     family = "roughness"
     kinds = tuple(KINDS)

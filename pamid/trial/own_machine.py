@@ -94,7 +94,7 @@ class OwnMachine:
 
     @cached_property
     def attached(self) -> dict[str, Attachment]:
-        """What can be planted, by the name of its fault."""
+        """Attachments that can be planted, by the name of the fault."""
         return planted_places(self.rig)
 
     @cached_property
@@ -155,7 +155,7 @@ class OwnMachine:
         return tables
 
     def as_recording(self, c: StarterConditions, columns: Mapping[str, Array]) -> Recording:
-        """What is sent as an excitation that a virtual rig takes."""
+        """Excitation as a recording that a virtual rig accepts."""
         time = np.arange(len(next(iter(columns.values())))) * self.period_s
         return recording_of(time, columns, self.meta(c), name="sent")
 
@@ -307,7 +307,7 @@ class RigSpecimen:
         }
 
     def _planted(self, name: str) -> Attachment:
-        """What is planted, in its other form; under a label that no other one has."""
+        """Attachment of a planted fault in its other form, under a unique label."""
         a = self.machine.attached[name]
         label = _label(name)
         if name.startswith(NAMELESS):

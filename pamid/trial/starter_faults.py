@@ -1,4 +1,4 @@
-"""What can be planted in the machines behind the starter rigs: on the way of a signal, and against
+"""Faults that can be planted in the machines behind the starter rigs: in a signal path, and against
 a motion.
 
 The forms are those of `starter_kernel`, none of them the catalogue's. Left out is what refitted
@@ -24,7 +24,7 @@ NEVER = 1e30  # where a limit is that is never reached
 
 @dataclass(frozen=True)
 class SignalSizes:
-    """What becomes of a signal on its way; the defaults pass it on as it is.
+    """Changes of a signal on its path; the defaults pass it on unchanged.
 
     full, timescale_s: its usual size, and how fast what it belongs to is; one_sided: it is never
     negative; the others in its unit
@@ -57,7 +57,7 @@ class SignalSizes:
 
 @dataclass(frozen=True)
 class ForceSizes:
-    """What acts against a motion; the defaults are no force at all.
+    """Forces against a motion; the defaults are no force at all.
 
     force, travel, speed: what is usual where it acts; load, level: what presses the surfaces
     together there, and a current or pressure (0: none); the others in units of force, position and
@@ -158,8 +158,7 @@ def clock_fault(port: str, period_s: float) -> Fault:
 def signal_faults(
     port: str, s: SignalSizes, seconds: float, sent: bool, leave_out: Iterable[str] = ()
 ) -> list[Fault]:
-    """What can go wrong on the way of a signal; sent: towards the machine; seconds: how long a
-    recording is."""
+    """Faults of a signal path; sent: towards the machine; seconds: duration of a recording."""
     timing = "command-timing" if sent else "sensor-dynamics"
     band = {"band_up": around(0.08 * s.full), "band_down": around(0.08 * s.full)}
     cap = {"cap_up": around(1.6 / s.full, 0.85, 1.25), "cap_down": around(1.6 / s.full, 0.85, 1.25)}
@@ -217,7 +216,7 @@ def signal_faults(
 
 
 def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> list[Fault]:
-    """What can act against a motion."""
+    """Forces that can act against a motion."""
     force, travel, speed = s.force, s.travel, s.speed
     steep = {"dahl_reach": around(1e-3 * travel)}
     peak = between(0.3, 1.0)

@@ -1,5 +1,5 @@
-"""What the machines behind the starter rigs are made of: what becomes of a signal on its way, and
-forces against a motion; compiled.
+"""Compiled parts of the machines behind the starter rigs: changes of a signal on its path, and
+forces against a motion.
 
 `f` is what is planted at one port, a record with the fields of `starter_faults`; `z` the memory of
 one such port. The forms are other than those of the catalogue: bundles of many stops, bristles,
@@ -40,8 +40,8 @@ def bundle(z: Array, step: float, reach: float, decades: float) -> float:
 
 @njit(cache=True)
 def swallowed(z: Array, step: float, reach: float) -> float:
-    """What a bundle of plays of even widths has swallowed of a signal after a step; wide ones
-    weaker."""
+    """Part of a signal that a bundle of plays of even widths has absorbed after a step; wide plays
+    weigh less."""
     total = weights = 0.0
     for j in range(BUNDLE):
         width = 3.0 * reach * (j + 0.5) / BUNDLE

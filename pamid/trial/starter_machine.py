@@ -61,7 +61,7 @@ class LoggedColumn:
 
 @dataclass(frozen=True)
 class SentLevels:
-    """What is sent in one column: levels in a range (SI), held for so long (s).
+    """Levels sent in one column, in a range (SI), each held for a time (s).
 
     paired  every level is followed by its opposite about the middle, as what integrates it needs
     ramped  it cannot jump: it goes from level to level in a straight line
@@ -114,7 +114,7 @@ class StarterMachine:
 
     @cached_property
     def faults(self) -> Mapping[str, Fault]:
-        """What can be planted, port by port."""
+        """Faults that can be planted, port by port."""
         found: list[Fault] = []
         for port, there in self.ports.items():
             less = self.leave_out.get(port, ())
@@ -154,7 +154,7 @@ class StarterMachine:
         return {}
 
     def excitation(self, c: StarterConditions, record: Record, seed: int, noise: int) -> Any:
-        """What is sent, SI, by column."""
+        """Excitation, SI, by column."""
         streams = np.random.SeedSequence(seed).spawn(len(self.sent))
         count = round(c.seconds / self.period_s)
         return {
@@ -171,7 +171,7 @@ class StarterMachine:
         )
 
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-        """What is at every place, with the sizes by fault. UsageError for a fault there is not, or
+        """Faults at every place, with the sizes by fault. UsageError for a fault there is not, or
         two that set the same size."""
         places, taken = {**self.ports, CLOCK: ClockSizes()}, set()
         for name, sizes in faults.items():
@@ -210,7 +210,7 @@ class StarterMachine:
         steps: int = 0,
         logger: Logger = PLAIN_LOGGER,
     ) -> dict[str, Array]:
-        """What a machine of these constants would have recorded; converter: the steps of each
+        """Simulate the recording of a machine of these constants; converter: the steps of each
         column, in its unit; steps: of the integration per sample, if not the usual number. The
         columns come back in their own units. UsageError if the machine flies apart."""
         from pamid.trial.starter_kernel import passed_on

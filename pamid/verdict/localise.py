@@ -153,8 +153,8 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
 
 
 def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
-    """What was measured, its rate of change, and what was sent, in the units of their columns:
-    name -> (samples, unit)."""
+    """Measured signals, their rates of change, and commands, in the units of their columns: name ->
+    (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
     length = max(5, 2 * round(SMOOTHED * r.track.timescale_s / period) + 1)
@@ -199,8 +199,8 @@ class _PortSignals:
 
 
 def port_signals(base: CandidateModel) -> _PortSignals:
-    """What the model offers at its ports, and what flows and pulls there; the same signal only at
-    its first port, and without its place where all places share it."""
+    """Signals that the model offers at its ports, with their flows and efforts; the same signal
+    only at its first port, and without its place where all places share it."""
     rig = base.assembly.rig
     found: dict[Expr, tuple[str, str, list[str]]] = {}
     turning = []
@@ -231,7 +231,7 @@ def port_signals(base: CandidateModel) -> _PortSignals:
 
 
 def _quantity(port: Port, key: str) -> str:
-    """What people call a signal."""
+    """Common name of a signal."""
     return VALUE_NAMES[port.kind] if key == "value" else port.called.get(key, key)
 
 

@@ -1,4 +1,4 @@
-"""What a reader should know before believing a figure: said wherever it happened, never silent."""
+"""Warnings to read before believing a figure; they are never suppressed."""
 
 from __future__ import annotations
 
@@ -347,8 +347,8 @@ def _strains(fitted: Fit) -> dict[str, float]:
 def _far_off(
     d: Diagnosis, off: Callable[[Fit], dict[str, float]]
 ) -> Iterator[tuple[str, float, str]]:
-    """What stands far off in the model that is reported, how far, and the effects that would look
-    like this, since with them it comes back ("" where there are none)."""
+    """Parameters of the reported model that are far off, their distance, and the effects that would
+    explain it ("" where there are none)."""
     final = d.cause or d.budget.baseline
     far = {name: size for name, size in off(final.fit).items() if size >= d.settings.far_off}
     named = {a.label for a in final.attached}

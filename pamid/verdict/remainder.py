@@ -93,7 +93,7 @@ def find_missing(d: Diagnosis, *, pool: WorkerPool | None = None) -> Missing | N
 
 @dataclass(frozen=True, eq=False)
 class _Describing(Work[str, Missing | None]):
-    """What is missing at a port, and a formula for it."""
+    """Search for the missing input at a port, and for a formula of it."""
 
     what = "describing what is missing at"
     evidence: DataSplit

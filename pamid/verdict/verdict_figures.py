@@ -225,8 +225,7 @@ def _cause(c: NamedCause, share: float) -> result.Cause:
 def _remainder(
     d: Diagnosis, leading: str, unknown: result.Unknown | None, missing: Missing | None
 ) -> result.Remainder | None:
-    """What is left of the gap with the causes; the gap itself, which enters at the leading port,
-    where there are none."""
+    """Gap that remains with the causes; without causes the gap itself, at the leading port."""
     if d.answer is None:
         return None
     rest = d.removed.rest if d.removed else Share(1.0, 1.0, 1.0)

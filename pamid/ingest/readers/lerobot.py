@@ -158,7 +158,7 @@ def _enter(gathering: Gathering, name: str, values: Any, stamps: FloatArray, fea
 
 
 def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
-    """What a value is: "shoulder_pan.pos" is a position of shoulder_pan."""
+    """Role of a value by its name: "shoulder_pan.pos" is a position of shoulder_pan."""
     element, _, ending = name.rpartition(".")
     quantity = _SAID_BY.get(ending, "") if element else ""
     if not quantity:
@@ -168,8 +168,8 @@ def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
 
 
 def _names(feature: Any, size: int) -> list[str]:
-    """What meta/info.json calls the values of a vector; [] where it does not say it for all of
-    them, each by a name of its own."""
+    """Names of a vector's values in meta/info.json; [] unless all of them have distinct names
+    there."""
     found = feature.get("names") if isinstance(feature, dict) else None
     if isinstance(found, dict):
         lists = [part for part in found.values() if isinstance(part, list)]

@@ -141,7 +141,7 @@ def _enter_simulink(
 
 
 def _enter_controldesk(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
-    """What ControlDesk exports: X has the stamps, each Y says with XIndex (from 1) which are its
+    """Enter an export of ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its
     own."""
     rasters = [_stamps(one.get("Data")) for one in _structs(value["X"])]
     gathering.note(f"{name}: ControlDesk structure, stamps from X")

@@ -109,7 +109,7 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
 
 
 def _coupling(each: list[dict[str, Any]]) -> list[str]:
-    """What pulses on one joint do to the other."""
+    """Motion of one joint under pulses on the other."""
     head = ("joint", "moves by", "data sheet", "uncoupled", "fitted", "noise")
     names = ("data_sheet", "without_coupling", "fitted", "noise_floor")
     return [
@@ -125,7 +125,8 @@ def _coupling(each: list[dict[str, Any]]) -> list[str]:
 
 
 def _combinations(estimates: dict[str, Any]) -> list[str]:
-    """What the motion depends on, with and without the test that sets the common factor."""
+    """Parameter combinations that the motion depends on, with and without the test that sets the
+    common factor."""
     return [
         f"{'Inertial data':28s}{'data sheet':>11s}{'truth':>11s}{'without the payload test':>38s}"
         f"{'all gravity tests':>38s}",

@@ -28,7 +28,7 @@ SHALLOW_M = 1e-4  # below it the outflow dies away with the level
 
 @dataclass(frozen=True)
 class TankSizes:
-    """What is planted at one tank.
+    """Sizes of the faults at one tank.
 
     crack: m2, a hole in the wall at its bottom, whose flow is lost; seep: m2/s, lost in proportion
     to the level; rim: m, height from which it spills; weir: m1.5/s, its width as a weir; caught:
@@ -58,7 +58,7 @@ class PipeSizes:
 
 @njit
 def lost(level: float, f: Any) -> tuple[float, float]:
-    """What cracks and pores lose, and what spills, m3/s."""
+    """Flow through cracks and pores, and over the rim, m3/s."""
     above = max(level, 0.0)
     seeped = f.crack * np.sqrt(2.0 * GRAVITY) * above / np.sqrt(above + SHALLOW_M)
     return seeped + f.seep * above, f.weir * max(level - f.rim, 0.0) ** 1.5

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BarrelSizes:
-    """What no catalogue has a name for at this rig.
+    """Sizes of faults at this rig that no catalogue contains.
 
     barrel: relative change of the bore's area over 20 mm of the way; late_s: by which the recorded
     pressure is behind the one at the piston; bleed: share of the force that a cell which holds a
@@ -38,7 +38,7 @@ class BarrelSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """What the drive has to push with; the speed is that of the way just made."""
+    """Force of the drive; the speed is that of the way just made."""
     piston, barrel = f
     z = np.zeros(FORCE_MEMORY)
     before, told = u[0, 0], u[0, 1]

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FluidSizes:
-    """What no catalogue has a name for at this rig.
+    """Sizes of faults at this rig that no catalogue contains.
 
     bypass: share of the damping that grooves in the tube take off within 3 mm of the middle; gulp:
     share of it missing while air is pushed through the piston after a turn, over gulp_m of the way;
@@ -39,7 +39,7 @@ class FluidSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """What the machine has to push with; the speed is that of the way just made."""
+    """Force of the machine; the speed is that of the way just made."""
     rod, fluid = f
     z = np.zeros(FORCE_MEMORY)
     pressed = since = 0.0

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GearSizes:
-    """What is planted between the shaft and the load, and in the motor itself.
+    """Sizes of faults between the shaft and the load, and in the motor itself.
 
     outboard: share of the inertia that hangs behind a spring; outboard_hz: its frequency with the
     shaft held; play: half gap before the spring, rad; bent_damping: N m s, damping that comes and

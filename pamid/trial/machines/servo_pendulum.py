@@ -26,7 +26,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class HornSizes:
-    """What is planted between the gear and the rod, and in the servo itself.
+    """Sizes of faults between the gear and the rod, and in the servo itself.
 
     outboard: share of the inertia that hangs behind a spring; outboard_hz: its frequency with the
     gear held; play: half gap before the spring, rad; bent_damping: N m s, damping that comes and

@@ -26,7 +26,7 @@ ROOM_K = 293.15
 
 @dataclass(frozen=True)
 class BlockSizes:
-    """What is planted in the block.
+    """Sizes of faults in the block.
 
     draught: W, lost at 50 K to a flow that hardly grows with the difference (power of 0.55); boils,
     boiling: K above the surroundings from which more is lost, and how much, W/K1.3; glow: share of

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RailSizes:
-    """What no catalogue has a name for at this rig.
+    """Sizes of faults at this rig that no catalogue contains.
 
     slack: half gap of the coupling, m; bent_damping: N s/m, of a rail that is tight in places, on
     the first carriage; yielding, yielding_s: share by which the first carriage's spring gives in
