@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -48,12 +49,19 @@ class _ConditionType(click.ParamType):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Condition:
         parts = _CONDITION.fullmatch(str(value))
-        try:
-            if parts:
-                return Condition(parts[1], parts[2], float(parts[3]))
-        except ValueError:
-            pass
-        self.fail(f"{value!r} is no condition such as 'remainder > 0.3'.", param, ctx)
+        limit = _finite(parts[3]) if parts else None
+        if parts is None or limit is None:
+            self.fail(f"{value!r} is not a condition such as 'remainder > 0.3'.", param, ctx)
+        return Condition(parts[1], parts[2], limit)
+
+
+def _finite(text: str) -> float | None:
+    """Number that a text states; None for any other text, infinity and nan included."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def fail_if_option(figures: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

@@ -26,6 +26,7 @@ import reference  # noqa: E402  # beside this file
 #: page of the repository -> page of the site
 INCLUDED = {
     "README.md": "index.md",
+    "SKILL.md": "project/skill.md",
     "data/README.md": "reference/recordings.md",
     "data/rigs/README.md": "reference/rig-files.md",
     "CONTRIBUTING.md": "project/contributing.md",

@@ -41,6 +41,7 @@ def written_pages() -> Iterator[tuple[str, str]]:
     yield "reference/settings.md", _settings_page()
     yield "reference/schemas.md", _schemas_page()
     yield "reference/python.md", _face_page()
+    yield "reference/equations.md", _equations_page()
 
 
 def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
@@ -325,25 +326,33 @@ def _face_page() -> str:
         lines += ["", f"## {part}", "", what, ""]
         for one in parts[part]:
             lines += [one, ""]
-    return "\n".join([*lines, *_equation_lines()])
+    return "\n".join(lines)
 
 
-def _equation_lines() -> list[str]:
+def _equations_page() -> str:
     """Every function of `pamid.equations`, with its arguments and the first sentence on it."""
     lines = [
-        "## Equations",
+        "# Functions for equations",
         "",
-        "Rig and effect files apply these functions to signals: `from pamid.equations import sin, "
-        "where`. `pamid rigs servo-pendulum` is a rig with `sin`.",
+        "Signals in rig and effect files take `+ - * / **`, comparisons, and these functions. "
+        "Import them from `pamid.equations`; functions of `math` or `numpy` do not work on signals.",
+        "",
+        "```python",
+        "from pamid.equations import clip, delay, sin, where",
+        "",
+        "torque = -p.mass_kg * 9.81 * p.length_m * sin(x.angle)  # a pendulum",
+        "command = clip(delay(u.voltage_v, p.delay_s, 0.05), -12.0, 12.0)  # a late, limited drive",
+        "flow = where(x.level > p.rim_m, x.level - p.rim_m, 0.0)  # `if` does not work on signals",
+        "```",
         "",
         "| function | meaning |",
         "|---|---|",
     ]
     for name in FUNCTIONS:
         function = getattr(equations, name)
-        said = " ".join((inspect.getdoc(function) or "").split("\n\n")[0].split())
-        lines.append(f"| `{name}{_arguments(function)}` | {_cell(said)} |")
-    return [*lines, ""]
+        summary = " ".join((inspect.getdoc(function) or "").split("\n\n")[0].split())
+        lines.append(f"| `{name}{_arguments(function)}` | {_cell(summary)} |")
+    return "\n".join([*lines, ""])
 
 
 def _arguments(function: Any) -> str:

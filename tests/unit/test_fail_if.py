@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 from pamid_cli.diagnose import _figures
-from pamid_cli.fail_if import Condition, exit_code_of
+from pamid_cli.fail_if import Condition, exit_code_of, fail_if_option
 from synthetic_run import make_run
 
 
@@ -39,3 +41,10 @@ def test_a_condition_that_holds_comes_before_failed_jobs(
 
 def test_an_unstable_model_meets_every_limit() -> None:
     assert exit_code_of([Condition("angle_deg", ">", 1e9)], {"angle_deg": None}) == 7
+
+
+@pytest.mark.parametrize("limit", ["nan", "inf", "-inf", "soon", ""])
+def test_a_limit_that_no_figure_can_meet_is_refused(limit: str) -> None:
+    command = click.command()(fail_if_option("'remainder > 0.3'")(lambda conditions: None))
+    result = CliRunner().invoke(command, ["--fail-if", f"remainder > {limit}"])
+    assert result.exit_code == 2
