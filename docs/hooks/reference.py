@@ -335,7 +335,7 @@ def _equations_page() -> str:
         "# Functions for equations",
         "",
         "Signals in rig and effect files take `+ - * / **`, comparisons, and these functions. "
-        "Import them from `pamid.equations`; functions of `math` or `numpy` do not work on signals.",
+        "Import them from `pamid.equations`; those of `math` or `numpy` do not work on signals.",
         "",
         "```python",
         "from pamid.equations import clip, delay, sin, where",
