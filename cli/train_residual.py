@@ -15,7 +15,7 @@ PLACE = 60
 EXAMPLE = """
 pamid train-residual fitted --network elman --hidden 10 --iterations 100
 pamid train-residual fitted --network anfis --inputs angle_loop_deg,velocity_loop_deg_per_s --iterations 20
-pamid train-residual fitted --at joint --iterations 20
+pamid train-residual fitted --port joint --iterations 20
 """  # noqa: E501
 
 
@@ -32,7 +32,7 @@ pamid train-residual fitted --at joint --iterations 20
     "--iterations",
     type=click.IntRange(0),
     help="Levenberg-Marquardt steps at most, for every start. [default: 1000, or 5000 with "
-    "--as-in-paper]",
+    "--preset paper]",
 )
 @seed_option(
     "Same run and seed, same network, on processors of one kind: others round otherwise, and a "
@@ -60,25 +60,26 @@ pamid train-residual fitted --at joint --iterations 20
     "far fewer independent ones that a correlated residual is worth.",
 )
 @click.option(
-    "--as-in-paper",
-    is_flag=True,
-    help="Train as the first paper did: plain Levenberg-Marquardt steps from a random start "
-    "(Nguyen and Widrow's), no acceleration, no weights solved for, no bound on the context, mu by "
-    "fixed factors, 5000 steps. The derivative stays exact, through time.",
+    "--preset",
+    type=click.Choice(["paper"]),
+    help="paper: train as the first paper did, with plain Levenberg-Marquardt steps from a random "
+    "start (Nguyen and Widrow's), no acceleration, no weights solved for, no bound on the context, "
+    "mu by fixed factors, 5000 steps. The derivative stays exact, through time.",
 )
+@click.option("--as-in-paper", is_flag=True, hidden=True, help="Earlier name of --preset paper.")
 @click.option(
     "--mu", type=float, help="Where the damping begins. [default: 0.005, MATLAB's and the paper's]"
 )
 @click.option(
     "--mu-increase",
     type=float,
-    help="What mu grows by after a step that did not help. [default: 3; 10 with --as-in-paper]",
+    help="What mu grows by after a step that did not help. [default: 3; 10 with --preset paper]",
 )
 @click.option(
     "--mu-decrease",
     type=float,
     help="What mu shrinks by after a step that helped. [default: by how much it helped; 0.1 with "
-    "--as-in-paper]",
+    "--preset paper]",
 )
 @click.option("--mu-largest", type=float, help="Where the training gives up. [default: 1e10]")
 @click.option(
@@ -89,7 +90,9 @@ pamid train-residual fitted --at joint --iterations 20
     "of an elman network share their passes (meant for dozens of starts).",
 )
 @click.option(
+    "--port",
     "--at",
+    "at",
     default="output",
     show_default=True,
     metavar="output|PORT",
@@ -106,7 +109,8 @@ pamid train-residual fitted --at joint --iterations 20
     "a diagnosis named, replayed on recorded commands.",
 )
 @click.option(
-    "--rig", help="With --at PORT, where the run was fitted with a rig file: its path (it is run)."
+    "--rig",
+    help="With --port PORT, for a run with a rig file: its path (it is run).",
 )
 @click.option("--resume", is_flag=True, help="Go on from where the same training was interrupted.")
 @click.option(
@@ -127,6 +131,7 @@ def command(
     starts: int,
     jobs: int | None,
     evidence: str,
+    preset: str | None,
     as_in_paper: bool,
     mu: float | None,
     mu_increase: float | None,
@@ -141,9 +146,11 @@ def command(
     inputs: str | None,
     **sizes: int | None,
 ) -> frame.Result:
-    """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted
-    part, and judge it on the held-out part: measured - model, or with --at PORT what is missing in
-    the equations there. --on causes takes the model with the causes of a diagnosis.
+    """Train a network on the residual of the model in the run folder RUN, and judge it on held-out
+    data.
+
+    The residual is measured - model, or with --port PORT the missing input of the equations there.
+    --on causes takes the model with the causes of a diagnosis.
 
     Writes network.json, network.npz and trace.csv and adds the corrected model to residual.csv.
     Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
@@ -152,6 +159,7 @@ def command(
     from pamid.api.training import USUAL_ITERATIONS, train_residual
     from pamid.networks.training_problem import PAPER_ITERATIONS
 
+    as_in_paper = as_in_paper or preset == "paper"
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     if iterations is None:
         iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS

@@ -25,13 +25,18 @@ from pamid.parallel.jobs import WorkerPool
 def open_run(
     folder: PathLike, *, rig: RigLike | None = None, effects: EffectLike | Iterable[EffectLike] = ()
 ) -> FitResult:
-    """The result that a run folder holds, whoever made it: a DiagnosisResult where it holds a
-    diagnosis. No code is run.
+    """Result of a run folder: a DiagnosisResult where it holds a diagnosis. No code is run.
 
-    rig, effects   what the run was made with, where that is a file (it is run once a simulation
-                   needs it, if it is still the same) or was given in Python; only `simulate` needs
-                   them
-    FileError where the folder is no run, holds no result, or is damaged.
+    Parameters
+    ----------
+    rig, effects
+        Rig and effects of the run, where these are files or Python objects. Only `simulate` needs
+        them; files are run then, if they are unchanged.
+
+    Raises
+    ------
+    FileError
+        The folder is not a run, holds no result, or is damaged.
     """
     Run.open(Path(folder))
     return result_of(RunHome(Path(folder)), rig_given(rig), effects_given(effects))

@@ -122,17 +122,29 @@ def check(
     subject: RecordingLike | type[Rig] | type[Effect] | Rig,
     rig: RigLike | None = None,
 ) -> CheckResult:
-    """Say what is wrong with a recording, a rig or an effect.
+    """Check a recording, a rig or an effect, before anything is fitted.
 
-    subject   a recording, its path or a table; a rig or an effect, or the path of its file (it is
-              run)
-    rig       the rig that a recording is meant for; default: the one that it names
+    Recordings are checked for clipped, frozen, lost, spiked, coarse and hardly excited channels;
+    with a rig also for exchanged, inverted, wrongly scaled and delayed columns. Rigs must build,
+    use every port, stay finite over the bounds and have exact sensitivities. Effects need complete
+    parameters and an exact null.
 
-    Of a recording: what is clipped, frozen, lost, spiked, coarse or hardly excited; with a rig,
-    columns that are exchanged, of the opposite sign, in another unit or late. Of a rig: its
-    equations build, every port is used, nothing blows up over the bounds, sensitivities are exact.
-    Of an effect: its data sheet is complete, its null is exact. What is wrong is listed, not
-    raised; FileError for a file that is not there or of another kind.
+    Parameters
+    ----------
+    subject
+        Recording, its path or a table; rig or effect, or the path of its file, which is run.
+    rig
+        Rig that a recording is meant for. Default: the one that it names.
+
+    Returns
+    -------
+    CheckResult
+        Findings; errors are listed and not raised.
+
+    Raises
+    ------
+    FileError
+        The file does not exist, or is of another kind.
     """
     looked_at: Any = subject
     if isinstance(subject, Rig):

@@ -47,21 +47,38 @@ def diagnose(
     warn: Warn = warn_in_python,
     command: Sequence[str] = (),
 ) -> DiagnosisResult:
-    """Say where a model departs from its recordings, which effect of the catalogue causes it, and
-    how far the gap shrinks once that effect is added, on recordings that neither the parameters nor
-    the choice have seen.
+    """Find where a model departs from its recordings, which effect causes it, and how far the gap
+    shrinks.
 
-    effects    further effects to consider: paths of effect files (they are run), or Effects
-    without    effects of the catalogue to leave out, by name
-    horizon    time that the model predicts from one estimated state, s, or "whole" for whole
-               recordings; default: as long as the noise of that state allows
-    settings   thresholds and bounds of the cost to change, by name: `pamid.diagnosis.settings`
-    jobs       processes of this machine; the result does not depend on it
-    output     run folder to make. With it an interrupted diagnosis keeps every finished job, and
-               resume=True repeats none of them. Default: a temporary one, which `save` copies. Or a
-               run of which this is a further step
+    The gap is judged on recordings that were used neither for the parameters nor for the choice of
+    the effect. Parameters that are not listed are those of `pamid.fit`.
 
-    Everything else is as in `pamid.fit`.
+    Parameters
+    ----------
+    effects
+        Further effects to consider: paths of effect files, which are run, or Effects.
+    without
+        Names of effects to leave out.
+    horizon
+        Time over which the model predicts from one estimated state, s, or "whole" for whole
+        recordings. Default: as long as the noise of that state allows.
+    settings
+        Thresholds and bounds of the cost to change, by name: see `pamid.diagnosis.settings`.
+    jobs
+        Processes of this machine; the result does not depend on it.
+    output
+        Run folder. With it an interrupted diagnosis keeps its finished jobs, and resume=True goes
+        on. Default: a temporary folder, which `save` copies. Or a run to extend.
+
+    Returns
+    -------
+    DiagnosisResult
+        Verdict, causes, remainder and figures, read from the run folder.
+
+    Raises
+    ------
+    PamidError
+        Files, data or arguments are wrong.
     """
     chosen = settings_from(settings, horizon)
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)

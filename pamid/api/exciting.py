@@ -31,11 +31,28 @@ def release_excitation(
     duration_s: float = RELEASE_S,
     period_s: float | None = None,
 ) -> Recording:
-    """Nothing is sent: the rig swings by itself from where it is let go, its muscles vented.
+    """Excitation for a free swing: the rig is released with its muscles vented.
 
-    release: an angle per joint, in the unit of its reading; payload_kg: hung on it; clamped: joints
-    that do not move; period_s [default: the rig's]. The recording states all of it as known.
-    UsageError where the rig does not swing, or has no such joint or range.
+    Parameters
+    ----------
+    release
+        Angle per joint, in the unit of its reading.
+    payload_kg
+        Payload, kg.
+    clamped
+        Joints that do not move.
+    duration_s, period_s
+        Duration and sampling period, s. Default of the period: the rig's.
+
+    Returns
+    -------
+    Recording
+        States all of this as known.
+
+    Raises
+    ------
+    UsageError
+        The rig does not swing, or has no such joint or range.
     """
     made = _made(rig)
     period = made.period_s if period_s is None else period_s
@@ -53,8 +70,22 @@ def pulse_excitation(
     level: float = 1.0,
     period_s: float | None = None,
 ) -> Recording:
-    """Muscle after muscle [default: all] is vented and filled in pulses of 30 to 500 ms at a duty
-    of `level`, past the controller. UsageError for a muscle that is not there."""
+    """Excitation that vents and fills one muscle after the other in pulses of 30 to 500 ms.
+
+    Parameters
+    ----------
+    muscles
+        Muscles to pulse. Default: all.
+    level
+        Duty, 0 to 1, sent past the controller.
+    period_s
+        Sampling period, s. Default: the rig's.
+
+    Raises
+    ------
+    UsageError
+        A muscle does not exist.
+    """
     made = _made(rig)
     period = made.period_s if period_s is None else period_s
     return _excitation(made, muscle_pulses(made, muscles, level, period), period, "pulses", {})

@@ -48,26 +48,49 @@ def fit(
     warn: Warn = warn_in_python,
     command: Sequence[str] = (),
 ) -> FitResult:
-    """Fit the parameters of a rig to recordings and judge the model on what was held out.
+    """Fit the parameters of a rig to recordings, and judge the model on held-out data.
 
-    recordings   what is fitted; of each the last 30 % is held out (three tenths spread over one
-                 that is at rest for a part of its length), unless there is `held_out`
-    rig          by name, by the path of a rig file (it is run), or a Rig; default: the one that the
-                 recordings name, else one-dof
-    held_out     recordings that only judge
-    effects      to fit with: NAME or NAME@PORT, paths of effect files (they are run), or Effects
-    earlier      a fit of the same rig, or its run folder: what it knew becomes this one's prior
-    bootstrap    intervals from so many refits on resampled windows instead of the Jacobian
-    seed, jobs   same inputs and seed, same output; processes for the bootstrap
-    cluster      scheduler of a Dask cluster that does the jobs instead
-    output       run folder to make (overwrite: in place of an earlier run; resume: go on with an
-                 interrupted one); default: a temporary one, which `save` copies
-    check        refuse recordings with which any fit of this rig is nonsense
-    progress     None: a line that updates itself; False: silent; or a function of a line of text
-    warn         takes what is odd but not wrong; default: warnings.warn
-    command      what the run notes as its command; default: this call
+    Parameters
+    ----------
+    recordings
+        Recordings to fit. Without `held_out` the last 30 % of each is held out; of one that rests
+        for a part of its length, three tenths spread over it.
+    rig
+        Name, path of a rig file (it is run), or a Rig. Default: the one that the recordings name,
+        else one-dof.
+    held_out
+        Recordings that only judge.
+    effects
+        Effects in the model: NAME or NAME@PORT, paths of effect files (they are run), or Effects.
+    earlier
+        Fit of the same rig, or its run folder, whose result is the prior.
+    bootstrap
+        Number of refits on resampled windows, for intervals. 0: intervals from the Jacobian.
+    seed, jobs
+        Seed and processes of the bootstrap; the result does not depend on `jobs`.
+    cluster
+        Scheduler of a Dask cluster that does the jobs instead.
+    output
+        Run folder. overwrite: replace an earlier run; resume: go on with an interrupted one.
+        Default: a temporary folder, which `save` copies.
+    check
+        Refuse recordings with which a fit of this rig is meaningless.
+    progress
+        None: a line that updates itself; False: silent; or a function of a line of text.
+    warn
+        Function that takes warnings. Default: warnings.warn.
+    command
+        Command that the run notes. Default: this call.
 
-    PamidError for whatever is wrong with files, data or the call.
+    Returns
+    -------
+    FitResult
+        Parameters with intervals, and errors per channel.
+
+    Raises
+    ------
+    PamidError
+        Files, data or arguments are wrong.
     """
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
     named = effects_given(effects)

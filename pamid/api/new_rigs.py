@@ -118,15 +118,26 @@ def new_rig(
     output: str | os.PathLike[str] = "my_rig.py",
     overwrite: bool = False,
 ) -> NewRig:
-    """Write a rig file for a recording: the rig of the catalogue that its columns fit best, with
-    these columns in their units.
+    """Write a rig file for a recording: the best matching shipped rig, with the given columns.
 
-    like       the rig to start from, by name; default: the best match
-    columns    column of that rig -> recorded column, where the names do not say it
-    output     the file; its name becomes the rig's
+    No file is run.
 
-    Nothing is run. UsageError for a name that is not there; FileError where no rig fits, where a
-    column's name cannot stand in a program, or for a file that exists and is not to be overwritten.
+    Parameters
+    ----------
+    like
+        Name of the rig to start from. Default: the best match.
+    columns
+        Column of that rig -> recorded column, where the names do not show it.
+    output
+        File to write; its name becomes the rig's.
+
+    Raises
+    ------
+    UsageError
+        A name does not exist.
+    FileError
+        No rig fits, a column's name cannot be a name in Python, or the file exists (without
+        overwrite).
     """
     path = Path(output)
     if path.suffix != ".py":

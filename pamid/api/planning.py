@@ -163,19 +163,30 @@ def power(
     jobs: int = 1,
     progress: ShowProgress = None,
 ) -> PowerResult:
-    """Which effects an experiment would show, from which size on, by which sensor, and which it
-    would confuse: on the rig of the data sheet, to first order, against noise and what parameters
-    and tolerances can take up. What no model of the rig describes is not in it: on a real machine
-    an effect has to exceed that, too.
+    """Detectability of effects in an experiment: smallest size, sensor, and confusions.
 
-    excitation   what is to be sent, as `pamid.simulate` takes it
-    rig          as in `pamid.fit`; default: the one that the excitation names, else one-dof
-    effects      effect files or Effects besides those of the catalogue
-    known        parameters by name, in their unit, that the recording would state
-    noise        factor on the sensors' noise
-    progress     as in `pamid.fit`
+    The rig of the data sheet is linearised and compared with noise, parameters and tolerances. A
+    real machine has further deviations, which an effect must exceed as well.
 
-    PamidError for whatever is wrong with files, data or the call.
+    Parameters
+    ----------
+    excitation
+        Excitation to be sent, as for `pamid.simulate`.
+    rig
+        As in `pamid.fit`. Default: the one that the excitation names, else one-dof.
+    effects
+        Effect files or Effects, in addition to the catalogue.
+    known
+        Known parameters by name, in their unit.
+    noise
+        Factor on the sensors' noise.
+    progress
+        As in `pamid.fit`.
+
+    Raises
+    ------
+    PamidError
+        Files, data or arguments are wrong.
     """
     source = recording_given(excitation, "excitation")
     virtual = rig_given(rig) or rig_of([source])

@@ -76,16 +76,22 @@ def score(
     effects: EffectLike | Iterable[EffectLike] = (),
     warn: Warn = warn_in_python,
 ) -> ScoreResult:
-    """Judge the models of a run (data sheet, refitted, with the causes, with the network) on
-    recordings that it has not seen: mean absolute and root mean square errors per recording, as it
-    was recorded, and per channel; replayed on the recorded command, and under the controller where
-    one ran.
+    """Score the models of a run on new recordings: data sheet, refitted, with causes, with network.
 
-    run            a result, or a run folder
-    rig, effects   what the run was made with, where that is a file (it is run) or was given in
-                   Python
+    Errors are mean absolute and root mean square, per recording and channel; in replay of the
+    recorded command, and under the controller where one ran.
 
-    PamidError where a recording was used in the run, or does not fit its rig.
+    Parameters
+    ----------
+    run
+        Result, or run folder.
+    rig, effects
+        Rig and effects of the run, where these are files (they are run) or Python objects.
+
+    Raises
+    ------
+    PamidError
+        A recording was used in the run, or does not fit its rig.
     """
     given = recordings_given(recordings)
     if not given:

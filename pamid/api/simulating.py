@@ -31,23 +31,42 @@ def simulate(
 ) -> Recording:
     """Simulate the recording of a virtual rig.
 
-    excitation   what is sent: a reference column runs the rig's controller (closed loop), a command
-                 column is replayed (open loop)
-    rig          as in `pamid.fit`; default: the one that the excitation names, else one-dof
-    effects      NAME, NAME@PORT, with :parameter=value,...; paths of effect files (they are run);
-                 or Effects, which act at their typical size
-    model        a result or its run folder: simulate what it has found, by its own steps, instead
-                 of a rig from its data sheet; `which` part of it: "cause", "network" (with the
-                 model that it was trained on), "refitted", or "best": causes and network where both
-                 go together, else the first of these there is. A run made with a rig or effect file
-                 needs them again, as rig and effects
-    known        parameters by name, in its unit, that the recording states as known
-    parameters   parameters of the virtual rig that nobody is told
-    noise        factor on the sensors' noise, 0: none; same seed, same noise
-    output       CSV to write, with its TOML; FileError where it exists, unless overwrite
+    Parameters
+    ----------
+    excitation
+        A reference column runs the rig's controller (closed loop), a command column is replayed
+        (open loop).
+    rig
+        As in `pamid.fit`. Default: the one that the excitation names, else one-dof.
+    effects
+        NAME, NAME@PORT, with :parameter=value,...; paths of effect files (they are run); or
+        Effects, at their typical size.
+    model
+        Result or run folder whose model is simulated, by its own steps, instead of a rig from its
+        data sheet. A run with a rig or effect file needs these again.
+    which
+        Part of `model`: "cause", "network" (with the model that it was trained on), "refitted", or
+        "best": causes and network together where possible, else the first of these.
+    known
+        Parameters that the recording states as known, by name, in their unit.
+    parameters
+        Hidden parameters of the virtual rig.
+    noise
+        Factor on the sensors' noise; 0: none. Same seed, same noise.
+    output
+        CSV file to write, with its TOML file.
 
-    The recording is what that file holds, whether one is written or not; its `effects` tell what
-    was simulated. PamidError for whatever is wrong with files, data or the call.
+    Returns
+    -------
+    Recording
+        As the file holds it; its `effects` state what was simulated.
+
+    Raises
+    ------
+    FileError
+        The output exists (without overwrite).
+    PamidError
+        Files, data or arguments are wrong.
     """
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)

@@ -147,36 +147,55 @@ def train_residual(
     command: Sequence[str] = (),
     **sizes: int | None,
 ) -> NetworkResult:
-    """Train a network on what the refitted model of a run, or the model with its causes, leaves
-    over, on its fitted part, and judge it on the held-out part. Its files are added to the run.
+    """Train a network on the residual of a run's model, and judge it on held-out data.
 
-    run          a result, or a run folder
-    network      "elman", "anfis" or "narx"
-    sizes        what its kind has to choose: hidden=, units of elman or narx [default: 10, or as
-                 many as the samples decide]; sets=, membership sets on every input of anfis
-                 [default: the most, up to 5, that make no more than 64 rules]
-    iterations   Levenberg-Marquardt steps at most, for each of `starts` random starts [default:
-                 1000; 5000 as in the paper]; seed: theirs
-    jobs         cores to use [default: all]; the result does not depend on it
-    evidence     what the regularisation counts: "every-sample", or "independent-samples"
-    device       "cpu", or "cuda" where torch sees one
-    at           "output", or the port of the rig where the correction enters the equations; rig:
-                 then the rig file that the run was made with (it is run), or the Rig
-    on           the model whose residual it is trained on: "refit", the refitted one, or "causes",
-                 the one with the causes that a diagnosis named, replayed on recorded commands
-    channel      output to correct [default: angle_deg, else the first of the run]
-    inputs       columns of residual.csv that the network is given
-    resume       go on from where the same training was interrupted
-    as_in_paper  train as the first paper did: plain Levenberg-Marquardt steps from a random start,
-                 no acceleration, no weights solved for, no bound on the context, mu by fixed
-                 factors, 5000 of them
-    mu...        the damping: where it begins [default: 0.005], by what it grows after a step that
-                 did not help [default: 3; 10 as in the paper], by what it shrinks after one that
-                 did [default: by how much that helped; 0.1 as in the paper], where the training
-                 gives up [default: 1e10]
+    The files of the network are added to the run. An interrupt ends the training with its best
+    network so far.
 
-    An interrupt ends the training with what it has. PamidError for whatever is wrong with the run
-    or the call, and where nothing came of the training.
+    Parameters
+    ----------
+    run
+        Result, or run folder.
+    network
+        "elman", "anfis" or "narx".
+    sizes
+        hidden: units of elman or narx (default 10, or as many as the samples decide); sets:
+        membership sets per input of anfis (default: up to 5, with no more than 64 rules).
+    iterations
+        Levenberg-Marquardt steps at most, per start. Default: 1000; 5000 as in the paper.
+    seed, starts
+        Seed and number of random starts.
+    jobs
+        Cores. Default: all. The result does not depend on it.
+    evidence
+        Samples that the regularisation counts: "every-sample" or "independent-samples".
+    device
+        "cpu", or "cuda" where torch finds one.
+    at
+        "output", or the port of the rig at which the correction enters the equations.
+    rig
+        With a port: the rig file of the run (it is run), or the Rig.
+    on
+        Model whose residual is learnt: "refit", or "causes", the one with the causes of a
+        diagnosis, replayed on recorded commands.
+    channel
+        Output to correct. Default: angle_deg, else the first of the run.
+    inputs
+        Columns of residual.csv that the network receives.
+    resume
+        Go on from where the same training was interrupted.
+    as_in_paper
+        Plain Levenberg-Marquardt steps from a random start, without acceleration, variable
+        projection or a bound on the context; mu by fixed factors; 5000 steps.
+    mu, mu_increase, mu_decrease, mu_largest
+        Damping: initial value (default 0.005), factor after a rejected step (default 3; 10 as in
+        the paper), factor after an accepted step (default: by the gain ratio; 0.1 as in the
+        paper), and the value at which the training stops (default 1e10).
+
+    Raises
+    ------
+    PamidError
+        The run or the call is wrong, or the training had no result.
     """
     if evidence not in EVIDENCE:
         raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
@@ -252,7 +271,7 @@ def _trainer(
     """Trainer for an output or for a port; raises for unknown names."""
     if at == "output":
         if rig is not None:
-            raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
+            raise UsageError("--rig belongs to --port PORT: at the output no rig is needed.")
         return _at_output
     if rig is None and isinstance(run, FitResult):
         rig = run.code[0]

@@ -229,7 +229,7 @@ def simulate_identified(
         raise UsageError(
             "This network corrects the model in its own control loop, not on given commands.",
             "Leave it out with --which refitted, give references instead of commands, or train one "
-            "that goes inside with train-residual --at PORT.",
+            "that goes inside with train-residual --port PORT.",
         )
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)

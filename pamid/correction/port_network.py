@@ -106,7 +106,7 @@ def entry_of(rig: Rig, name: str) -> Entry:
     several = [e.name for e in entries.values() if e.port == name]
     hint = f"Say which: {' or '.join(several)}." if several else nearest(name, [*entries, "output"])
     raise UsageError(
-        f"--at {name!r}: the rig {rig.name!r} has "
+        f"--port {name!r}: the rig {rig.name!r} has "
         f"{'several of it' if several else 'no such port'}.",
         hint or f"Take output or one of {', '.join(entries)}.",
     )

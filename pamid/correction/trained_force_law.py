@@ -75,12 +75,22 @@ class ForceLaw:
 
 
 def force_law_of(source: TrainedNetwork | Path | str, *, strict: bool = True) -> ForceLaw:
-    """The force law of a trained network, or of the folder it was saved in, after
-    `check_force_law`.
+    """Force law of a trained network, or of the folder that holds one.
 
-    DataError where its inputs and output are not contraction, pressure and force, where it has
-    memory, or where it is not monotone (with `strict=False` the latter is a warning); FileError as
-    `load_network`.
+    Parameters
+    ----------
+    source
+        Network or folder.
+    strict
+        Raise where the law is not monotone; else warn.
+
+    Raises
+    ------
+    DataError
+        Inputs and output are not contraction, pressure and force, the network has memory, or the
+        law is not monotone.
+    FileError
+        As `load_network`.
     """
     trained = source if isinstance(source, TrainedNetwork) else load_network(source)
     check_force_law(trained, strict=strict)

@@ -211,21 +211,41 @@ def aprbs(
     latin: bool = True,
     rest: float = 0.0,
 ) -> FloatArray:
-    """An amplitude-modulated pseudo-random step signal, shape (round(duration_s / period_s),).
+    """Amplitude-modulated pseudo-random binary signal (APRBS).
 
-    amplitude   levels lie within offset +- amplitude, in the unit of the signal
-    hold_s      shortest and longest time at one level, drawn uniformly; the last one is cut by the
-                end
-    levels      None: as many levels as holds, spread over the range by a Latin hypercube
-                (independent uniform draws if latin is False); a number >= 2: that many equidistant
-                levels, each as often as the others
-    rate_limit  largest slope in units per second (None: jumps)
-    rest        where the signal starts and stays for the shortest hold, so that a rig can be
-                started from rest
+    Parameters
+    ----------
+    duration_s, period_s
+        Duration and sampling period, s.
+    amplitude, offset
+        Levels lie within offset +- amplitude, in the unit of the signal.
+    hold_s
+        Shortest and longest time at one level, s, drawn uniformly; the end cuts the last one.
+    levels
+        Number of equidistant levels (2 or more), each as often as the others. None: as many levels
+        as holds.
+    rate_limit
+        Largest slope, units per second. None: jumps.
+    seed
+        The same seed gives the same signal.
+    latin
+        Spread free levels by a Latin hypercube; else independent uniform draws.
+    rest
+        Level at which the signal starts and stays for the shortest hold.
 
-    The same seed gives the same signal. UsageError for a request that makes no sense.
+    Returns
+    -------
+    FloatArray
+        Signal of shape (round(duration_s / period_s),).
 
-    Nelles (2001), Nonlinear System Identification, Springer, on excitation signals.
+    Raises
+    ------
+    UsageError
+        The request is contradictory.
+
+    References
+    ----------
+    Nelles (2001), Nonlinear System Identification, Springer.
     """
     check_request(duration_s, period_s, amplitude, hold_s, levels, rate_limit)
     random = np.random.default_rng(seed)
@@ -247,10 +267,23 @@ def coverage(
     span: tuple[float, float] | None = None,
     bandwidth_hz: float | None = None,
 ) -> Coverage:
-    """How well `signal` (shape (n,), one sample every period_s) covers amplitude and frequency.
+    """Coverage of amplitude and frequency by a signal.
 
-    span: the range to be covered, default the extremes of the signal; bandwidth_hz: up to where the
-    rig is to be known. DataError for a constant signal or fewer than 8 samples.
+    Parameters
+    ----------
+    signal
+        Samples of shape (n,).
+    period_s
+        Sampling period, s.
+    span
+        Range to cover. Default: the extremes of the signal.
+    bandwidth_hz
+        Highest frequency of interest, Hz.
+
+    Raises
+    ------
+    DataError
+        The signal is constant or has fewer than 8 samples.
     """
     values = np.asarray(signal, dtype=float)
     if values.ndim != 1 or values.size < 8 or not np.isfinite(values).all():

@@ -111,25 +111,41 @@ def ingest(
 ) -> IngestResult:
     """Turn raw logs into recordings: columns, units, signs, gauge pressures, an even time base.
 
-    logs        paths of files; one, or several that one mapping serves
-    mapping     TOML that says which channel becomes which column; `guess_mapping` writes a first
-                one
-    rig         by name, by the path of a rig file (it is run), or a Rig; default: the one that the
-                mapping names
-    pressures   "gauge" or "absolute": what all of them are, where the mapping does not say it
-    period      sampling period in s of the recordings, over the mapping's time.period_s
-    repair      how to mend uneven stamps, over the mapping's time.repair: "ask", "late-stamps",
-                "jittered-sampling" or "none"
-    known       parameters of the rig known for these recordings, over the mapping's
-    kind        format of the logs, where their name and content do not tell
-    memory_limit  GiB that reading one log may take [1]; a larger log is refused before it is read
-    output      CSV file (several recordings are numbered) or folder; a TOML and an account go
-                beside each, all of them or none; default: nothing is written
-    progress    as in `pamid.fit`
+    Parameters
+    ----------
+    logs
+        Path of one log, or of several that one mapping serves.
+    mapping
+        TOML file that assigns channels to columns; `guess_mapping` writes a first one.
+    rig
+        Name, path of a rig file (it is run), or a Rig. Default: the one that the mapping names.
+    pressures
+        "gauge" or "absolute", for all pressures that the mapping leaves open.
+    period
+        Sampling period of the recordings, s, instead of the mapping's time.period_s.
+    repair
+        Cure of uneven stamps, instead of the mapping's time.repair: "ask", "late-stamps",
+        "jittered-sampling" or "none".
+    known
+        Known parameters of the rig for these recordings, in addition to the mapping's.
+    kind
+        Format of the logs, where name and content do not show it.
+    memory_limit
+        Memory for reading one log, GiB. Default: 1. A larger log is refused before it is read.
+    output
+        CSV file (several recordings are numbered) or folder. A TOML file and a conversion record
+        are written next to each recording, all of them or none. Default: nothing is written.
+    progress
+        As in `pamid.fit`.
 
-    FileError for what is wrong with a log or the mapping, or where an output exists (and not
-    overwrite); DataError where the data do not decide how to mend the time base, or too little is
-    left; UsageError for what is wrong with the call.
+    Raises
+    ------
+    FileError
+        A log or the mapping is wrong, or an output exists (without overwrite).
+    DataError
+        The data do not show how to mend the time base, or too little remains.
+    UsageError
+        The call is wrong.
     """
     several = [logs] if isinstance(logs, str | os.PathLike) else logs
     paths = [Path(one) for one in several]
@@ -180,21 +196,34 @@ def guess_mapping(
     output: PathLike | None = None,
     overwrite: bool = False,
 ) -> GuessedMapping:
-    """A first mapping of a log for a rig, as TOML with comments, to be looked through and
-    corrected.
+    """Propose a mapping from a log to a rig's columns, as TOML with comments to look through.
 
-    rig         as in `pamid.fit`; None: every channel under its own name
-    pressures   "gauge" or "absolute": what all of them are; it is never guessed
-    period      sampling period in s of a log without a clock; it is never guessed
-    known       parameters of the rig known for these recordings
-    angles      "deg" or "rad": what all angles are in whose unit the log does not say
-    only        of a log with several robots: text that the names of the channels to take contain
-    kind        format of the log, where its name and content do not tell
-    memory_limit  GiB that reading it may take [1]
-    output      TOML file to write; default: none
+    Parameters
+    ----------
+    rig
+        As in `pamid.fit`. None: every channel under its own name.
+    pressures
+        "gauge" or "absolute", for all pressures; never guessed.
+    period
+        Sampling period of a log without a clock, s; never guessed.
+    known
+        Known parameters of the rig for these recordings.
+    angles
+        "deg" or "rad", for angles without a unit.
+    only
+        Of a log with several robots: text that the names of the wanted channels contain.
+    kind
+        Format of the log, where its name and content do not show it.
+    memory_limit
+        Memory for reading, GiB. Default: 1.
+    output
+        TOML file to write. Default: none.
 
-    FileError for a log that cannot be read, of which no joint is one of the rig's, or that may hold
-    several robots, or where the output exists (and not overwrite).
+    Raises
+    ------
+    FileError
+        The log cannot be read, has no joint of the rig or may hold several robots, or the output
+        exists (without overwrite).
     """
     if angles not in (None, "deg", "rad"):
         raise UsageError(f"angles={angles!r}: take deg or rad.")

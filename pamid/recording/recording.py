@@ -251,9 +251,15 @@ class Recording:
 
 
 def read_recording(path: str | Path | DataFrame) -> Recording:
-    """Read a recording and its TOML, or a table with the column time_s (`Recording.from_pandas`).
-    FileError (exit 3) for whatever is wrong with the files, naming column and line; DataError (exit
-    4) if there are fewer than 50 samples."""
+    """Read a recording and its TOML file, or a table with a column time_s.
+
+    Raises
+    ------
+    FileError
+        The files are wrong (exit code 3); the message names column and line.
+    DataError
+        There are fewer than 50 samples (exit code 4).
+    """
     if not isinstance(path, str | Path):
         return Recording.from_pandas(path)
     source = Path(path)
@@ -321,12 +327,19 @@ def write_recording(
     *,
     digits: int = SIGNIFICANT_DIGITS,
 ) -> None:
-    """Write a recording: CSV with so many significant digits, the tables of `meta` as TOML beside
-    it. Both or none.
+    """Write a recording: a CSV file and, for `meta`, a TOML file next to it. Both or none.
 
-    time in s; columns by full name, all of the length of time and finite; meta e.g. {"recording":
-    {"loop": "open"}, "known": {...}}. Without meta no TOML is written and one that exists is left
-    alone.
+    Parameters
+    ----------
+    time
+        Time of shape (n,), s.
+    columns
+        Finite samples of shape (n,), by full column name.
+    meta
+        Tables of the TOML file, such as {"recording": {"loop": "open"}, "known": {...}}. None: no
+        file is written, and an existing one stays.
+    digits
+        Significant digits.
     """
     write_together(recording_files(Path(path), time, columns, meta, digits=digits))
 

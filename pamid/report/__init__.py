@@ -26,10 +26,18 @@ class _CallableReport(ModuleType):
     ) -> Any:
         """Write the page of a run and its figures; see `pamid.report.writing.write_report`.
 
-        run: the folder of a run, a trial or a paper, or a result that has one; output: the page
-        [default: report.html in that folder]; pdf: a file for the same on paper; rig: the file of
-        the run's rig, which is run, for the animation of its pose; overwrite: replace the page also
-        where it is no report.
+        Parameters
+        ----------
+        run
+            Folder of a run, a trial or a paper, or a result.
+        output
+            Page to write. Default: report.html in that folder.
+        pdf
+            PDF file with the same content.
+        rig
+            Rig file of the run (it is run), for the animation of its pose.
+        overwrite
+            Also replace a file that is not a report.
         """
         from pamid.report.writing import write_report
 

@@ -1,4 +1,4 @@
-"""`pamid train-residual --at PORT`: what is missing at a port, a network for it, and its value
+"""`pamid train-residual --port PORT`: what is missing at a port, a network for it, and its value
 inside the equations."""
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def test_interrupted_beside_it_keeps_what_it_has(
     [
         (("--at", "jont"), 2, "Did you mean 'joint'"),
         (("--at", "valve"), 2, "valve_1 or valve_2"),
-        (("--rig", "one-dof"), 2, "--rig belongs to --at PORT"),
+        (("--rig", "one-dof"), 2, "--rig belongs to --port PORT"),
         (("--at", "joint", "--channel", "angel_deg"), 2, "Did you mean 'angle_deg'"),
     ],
 )
