@@ -72,8 +72,8 @@ def command(
     from pamid.schemas.command_files import WrittenAnimation
 
     require_new([output] if output else [], overwrite)
-    found = load_run(run)
-    motion = motion_of(found, rig_of_run(found, rig), speed / ANIMATION_HZ, begin, end)
+    data = load_run(run)
+    motion = motion_of(data, rig_of_run(data, rig), speed / ANIMATION_HZ, begin, end)
     with progress_line("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
     if output is None:
@@ -85,7 +85,7 @@ def command(
     width, height = size_px(gif)
     result = WrittenAnimation(
         output=str(target),
-        rig=found.rig,
+        rig=data.rig,
         recording=motion.recording,
         from_s=motion.time[0],
         to_s=motion.time[-1],

@@ -52,17 +52,17 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     require_png(figure, overwrite)
     with told_progress("check", stages=_stages(file)) as progress:
         progress.say("reading")
-        found = check(file, rig)
-    said, text = found.to_dict(), found.summary()
-    if figure is not None and found.kind not in ("recording", "rig"):
+        result = check(file, rig)
+    said, text = result.to_dict(), result.summary()
+    if figure is not None and result.kind not in ("recording", "rig"):
         raise UsageError(
             "--figure draws recordings and rigs.", f"Leave it out: {file} holds neither."
         )
-    if figure is not None and found.drawable:
-        text = f"{text}\n{write_figure(figure, found.plot_png())}"
+    if figure is not None and result.drawable:
+        text = f"{text}\n{write_figure(figure, result.plot_png())}"
         said = {**said, "figure": str(figure)}
-    follow = _follow(file, rig, found.kind, said)
-    return frame.Result(said, f"{text}\nNext: {follow}", 0 if found.ok else WRONG)
+    follow = _follow(file, rig, result.kind, said)
+    return frame.Result(said, f"{text}\nNext: {follow}", 0 if result.ok else WRONG)
 
 
 def _follow(file: Path, rig: str | None, kind: str, said: dict[str, Any]) -> str:

@@ -48,7 +48,7 @@ def command(commands: tuple[str, ...]) -> frame.Result:
     shown = {name: _values(name) for name in commands or COMMANDS}
     ignored = {str(file): why for file, why in settings_files.ignored_files().items()}
     limited = settings_files.why_harmless_only(path) if path is not None else ""
-    found = AllSettings(
+    settings = AllSettings(
         file=None if path is None else str(path),
         commands=shown,
         ignored=ignored,
@@ -59,7 +59,7 @@ def command(commands: tuple[str, ...]) -> frame.Result:
         lines.append(
             f"No rig or effect file, cluster, force or overwrite is taken from it: {limited}."
         )
-    return frame.Result(found, _text(shown, path, bool(commands), lines))
+    return frame.Result(settings, _text(shown, path, bool(commands), lines))
 
 
 def _values(name: str) -> dict[str, OptionSetting]:

@@ -70,7 +70,7 @@ def command(
         options={"jobs": jobs, **({"duration_s": duration} if rig == "one-dof" else {"rig": rig})},
     )
     with progress_line("demo") as progress:
-        found = run_demo(
+        result = run_demo(
             run,
             seed=seed,
             jobs=jobs,
@@ -78,22 +78,22 @@ def command(
             rig=rig,
             progress=progress.say,
         )
-    return frame.Result(found, demo_text(found, output))
+    return frame.Result(result, demo_text(result, output))
 
 
-def demo_text(found: dict[str, Any], output: Path) -> str:
+def demo_text(result: dict[str, Any], output: Path) -> str:
     """Withheld effect and diagnosed cause, as text."""
-    truth = found["withheld"]
+    truth = result["withheld"]
     judged = {
         "right": "Right: the withheld effect's family is the one named.",
         "among": "Among those named is the withheld effect's family.",
         "missed": "Missed: the withheld effect's family was not named.",
-    }[found["hit"]]
+    }[result["hit"]]
     lines = [
         f"Withheld  {truth['effect']} ({truth['family']}): {', '.join(truth['as_simulated'])}",
-        f"Named     {found['sentence']}",
+        f"Named     {result['sentence']}",
     ]
-    for cause in found["causes"]:
+    for cause in result["causes"]:
         values = parameter_values(cause["parameters"])
         lines.append(f"          {cause['effect']} ({cause['family']}): {values}")
     lines += [
@@ -101,25 +101,25 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
         "",
         f"{'parameter':30s} {'data sheet':>12s} {'withheld':>12s} {'found':>12s} {'95 %':>25s}",
     ]
-    for name, p in found["parameters"].items():
+    for name, p in result["parameters"].items():
         lines.append(
             f"{name:30s} {p['prior']:12.4g} {truth['parameters'][name]:12.4g} {p['value']:12.4g} "
             f"{p['low']:12.4g} .. {p['high']:9.4g}"
         )
     shown = {"mae_data_sheet": "data sheet", "mae_refitted": "refitted"}
-    shown |= {"mae_with_cause": "with cause"} if found["causes"] else {}
+    shown |= {"mae_with_cause": "with cause"} if result["causes"] else {}
     shown |= {"noise_floor": "noise floor"}
     lines += ["", f"{'held-out MAE':30s} " + " ".join(f"{h:>12s}" for h in shown.values())]
-    for channel, h in found["how_far"].items():
+    for channel, h in result["how_far"].items():
         lines.append(f"{channel:30s} " + " ".join(f"{h[key]:12.4g}" for key in shown))
-    for channel, errors in (found["network"] or {}).items():
+    for channel, errors in (result["network"] or {}).items():
         lines.append(
             f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} "
             f"-> {errors['with_network']:.4g}"
         )
     lines += [
         "",
-        f"Page: {found['page']}",
+        f"Page: {result['page']}",
         f"Next: pamid effects {truth['effect']}   or   pamid diagnose {quoted(output / 'rec.csv')} "
         f"--output {unused('run')}",
     ]

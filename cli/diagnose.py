@@ -121,48 +121,50 @@ def command(
             warn=warning,
             command=frame.command_line(),
         )
-    found, text = said_of(output / "diagnosis.json", lambda found: diagnosis_text(found, output))
+    content, text = said_of(
+        output / "diagnosis.json", lambda content: diagnosis_text(content, output)
+    )
     if figure is not None:
         text, line, follow = text.rpartition("\nNext: ")  # what to do next stays the last line
         text += f"\n{write_figure(figure, run.overview_png())}{line}{follow}"
-    code = exit_code_of(conditions, _figures(found), 6 if run.failed_jobs else 0)
-    return frame.Result(found, text, code)
+    code = exit_code_of(conditions, _figures(content), 6 if run.failed_jobs else 0)
+    return frame.Result(content, text, code)
 
 
-def _figures(found: dict[str, Any]) -> dict[str, float | None]:
+def _figures(diagnosis: dict[str, Any]) -> dict[str, float | None]:
     """Figures for --fail-if: the share that remains, the probability of the leading cause, and
     the error of every channel with the causes."""
-    causes, rest = found["causes"], found["remainder"]
-    gap = found["verdict"] != "no-structural-gap"
+    causes, rest = diagnosis["causes"], diagnosis["remainder"]
+    gap = diagnosis["verdict"] != "no-structural-gap"
     return {
         "remainder": rest["share"] if gap and rest else 0.0,
         "probability": causes[0]["probability"] if causes else 0.0,
-        **{channel: reach["mae_with_cause"] for channel, reach in found["how_far"].items()},
+        **{channel: reach["mae_with_cause"] for channel, reach in diagnosis["how_far"].items()},
     }
 
 
-def diagnosis_text(found: dict[str, Any], output: Path) -> str:
+def diagnosis_text(diagnosis: dict[str, Any], output: Path) -> str:
     """The three answers, the ranking, and what to do next; where the recordings show nothing of the
     model, that alone.
     """
-    if found.get("remark"):
+    if diagnosis.get("remark"):
         return "\n".join(
             [
-                found["sentence"],
+                diagnosis["sentence"],
                 "",
-                *_how_far(found),
-                *failed_text(found),
+                *_how_far(diagnosis),
+                *failed_text(diagnosis),
                 f"Next: pamid report {quoted(output)}",
             ]
         )
-    lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
-    lines += _refitted(found["parameters"])
-    lines += _free_forms(found.get("unknown") or {})
-    lines += [*_left(found), *_how_far(found), *_scoring(found)]
-    lines += _ranking(found)
-    lines += _further(found, output)
-    lines += [f"Note      {note}" for note in found.get("notes") or []]
-    lines += failed_text(found)
+    lines = [diagnosis["sentence"], "", *_where(diagnosis["where"]), *_which(diagnosis["causes"])]
+    lines += _refitted(diagnosis["parameters"])
+    lines += _free_forms(diagnosis.get("unknown") or {})
+    lines += [*_left(diagnosis), *_how_far(diagnosis), *_scoring(diagnosis)]
+    lines += _ranking(diagnosis)
+    lines += _further(diagnosis, output)
+    lines += [f"Note      {note}" for note in diagnosis.get("notes") or []]
+    lines += failed_text(diagnosis)
     lines.append(f"Next: pamid report {quoted(output)}")
     return "\n".join(lines)
 
@@ -218,20 +220,20 @@ def _removed(share: dict[str, float]) -> str:
     return f"{percent_text(share['share'])} of the gap ({interval})"
 
 
-def _left(found: dict[str, Any]) -> list[str]:
+def _left(diagnosis: dict[str, Any]) -> list[str]:
     """Lines about the remaining error: its size, place and description."""
     from pamid.schemas.diagnosis_file import Remainder
     from pamid.schemas.model import read
     from pamid.verdict.verdict_words import advice_of, amount_of, size_of, weight_of
 
-    if not found["remainder"]:
+    if not diagnosis["remainder"]:
         return []
-    rest = read(Remainder, found["remainder"])
-    size = size_of(rest, beside=bool(found["causes"]))
+    rest = read(Remainder, diagnosis["remainder"])
+    size = size_of(rest, beside=bool(diagnosis["causes"]))
     lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
-    if found["causes"] and (advice := advice_of(rest)):
+    if diagnosis["causes"] and (advice := advice_of(rest)):
         lines.append(f"          {advice}")
-    told = rest.formula or (found["unknown"] or {}).get("formula", "")
+    told = rest.formula or (diagnosis["unknown"] or {}).get("formula", "")
     if rest.port:
         amount = amount_of(rest)
         lines.append(f"          at the {rest.port} port{f', {amount}' if amount else ''}")
@@ -258,12 +260,12 @@ def _free_forms(unknown: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _ranking(found: dict[str, Any]) -> list[str]:
+def _ranking(diagnosis: dict[str, Any]) -> list[str]:
     """The candidates, the one that removes most first, after the meaning of the figures."""
     from pamid.base.share_words import percent_text, percents_text
     from pamid.verdict.verdict_words import chance_figure
 
-    rows = [r for r in found["ranking"] if r["removes"]][:8]
+    rows = [r for r in diagnosis["ranking"] if r["removes"]][:8]
     return [
         "",
         "Share of the gap that each candidate removes by itself (95 % interval, paired), standard",
@@ -279,12 +281,12 @@ def _ranking(found: dict[str, Any]) -> list[str]:
     ]
 
 
-def _further(found: dict[str, Any], output: Path) -> list[str]:
+def _further(diagnosis: dict[str, Any], output: Path) -> list[str]:
     """Lines about the next experiment."""
     from pamid.base.share_words import minutes_text
 
     lines = [""]
-    n = found["next_experiment"]
+    n = diagnosis["next_experiment"]
     if n:
         lines.append(
             f"Measure next: {n['name']}, {minutes_text(n['minutes'])} on the rig, separates "
@@ -297,16 +299,18 @@ def _further(found: dict[str, Any], output: Path) -> list[str]:
     return lines
 
 
-def _scoring(found: dict[str, Any]) -> list[str]:
+def _scoring(diagnosis: dict[str, Any]) -> list[str]:
     """Over which time and on which windows the errors are, and the prediction for a new
     recording."""
     from pamid.base.share_words import percent_text, percents_text, plain_number
 
-    horizon = f"predicted over up to {plain_number(found['horizon_s'])} s from one estimated state"
+    horizon = (
+        f"predicted over up to {plain_number(diagnosis['horizon_s'])} s from one estimated state"
+    )
     lines = [f"          {horizon}"]
-    if found["causes"]:
+    if diagnosis["causes"]:
         lines.append("          each half of the windows scored with the model of the other half")
-    if forecast := found.get("forecast"):
+    if forecast := diagnosis.get("forecast"):
         interval = percents_text(forecast["low"], forecast["high"])
         lines.append(
             f"          on a new recording {percent_text(forecast['share'])} of the error would be "
@@ -315,15 +319,15 @@ def _scoring(found: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _how_far(found: dict[str, Any]) -> list[str]:
+def _how_far(diagnosis: dict[str, Any]) -> list[str]:
     """Held-out errors of every channel; those over single windows where the horizon is longer."""
     return [
         ("How far   " if i == 0 else "          ")
         + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
         + _over_windows(h)
-        + (f", {h['mae_with_cause']:.4g} with the cause" if found["causes"] else "")
+        + (f", {h['mae_with_cause']:.4g} with the cause" if diagnosis["causes"] else "")
         + f" (noise floor {h['noise_floor']:.4g})"
-        for i, (c, h) in enumerate(found["how_far"].items())
+        for i, (c, h) in enumerate(diagnosis["how_far"].items())
     ]
 
 

@@ -309,7 +309,7 @@ def _sending(request: dict[str, Any]) -> _Sending:
                 f"--amplitude {name}: the columns are {', '.join(columns)}.", nearest(name, columns)
             )
     limits, notes = rig or Rig(), list[str]()
-    found, centres = {}, {}
+    amplitudes, centres = {}, {}
     for name, usual in columns.items():
         amplitude = given.get(name, given.get("", usual))
         if amplitude is None:
@@ -333,10 +333,10 @@ def _sending(request: dict[str, Any]) -> _Sending:
             notes.append(
                 f"{name} swings about {centre:g}, not {stated:g}: it lies within {allowed}."
             )
-        found[name], centres[name] = amplitude, centre
-    rests = {name: rest_level(limits, name, centres[name], found[name]) for name in found}
-    held, kept = _held(limits, found) if request["signal"] != "torque-loops" else ({}, [])
-    return _Sending(found, centres, rests, held, limits.ramped, (*notes, *kept))
+        amplitudes[name], centres[name] = amplitude, centre
+    rests = {name: rest_level(limits, name, centres[name], amplitudes[name]) for name in amplitudes}
+    held, kept = _held(limits, amplitudes) if request["signal"] != "torque-loops" else ({}, [])
+    return _Sending(amplitudes, centres, rests, held, limits.ramped, (*notes, *kept))
 
 
 def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[str]]:
@@ -364,16 +364,16 @@ def _given(texts: tuple[str, ...]) -> dict[str, float]:
     """("20", "reference_2_deg=30") as a table; "" stands for every column."""
     from pamid.base.errors import UsageError
 
-    found = {}
+    values = {}
     for text in texts:
         name, _, number = text.rpartition("=")
         try:
-            found[name.strip()] = float(number)
+            values[name.strip()] = float(number)
         except ValueError:
             raise UsageError(
                 f"--amplitude {text!r} is no number.", "Write 20, or reference_2_deg=30."
             ) from None
-    return found
+    return values
 
 
 # ---- tests of the muscles and of the links -----------------------------------------------------

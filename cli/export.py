@@ -105,8 +105,8 @@ def command(
 
     with told_progress("export") as progress:
         progress.say("reading")
-        found = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
-        model = found.knowing(parse_known(known))
+        identified = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
+        model = identified.knowing(parse_known(known))
         made = export_model(
             model, form, output, overwrite=overwrite, anyway=anyway, randomise=randomise
         )

@@ -100,17 +100,17 @@ def command(
             warn=warning,
             command=frame.command_line(),
         )
-    found, text = said_of(output / FIT_FILE, lambda found: fit_text(found, output))
-    return frame.Result(found, text, 5 if not model.converged else 6 if model.failed_jobs else 0)
+    content, text = said_of(output / FIT_FILE, lambda content: fit_text(content, output))
+    return frame.Result(content, text, 5 if not model.converged else 6 if model.failed_jobs else 0)
 
 
-def fit_text(found: dict[str, Any], output: Path) -> str:
+def fit_text(fit: dict[str, Any], output: Path) -> str:
     """Parameters, what is known only in combination, and held-out errors as a table."""
     from pamid.correction.residual_data import one_period
     from pamid.estimation.identifiable_combinations import tied_text
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
-    for name, p in found["parameters"].items():
+    for name, p in fit["parameters"].items():
         edge = f"at its {p['at_bound']} bound" if p["at_bound"] else ""
         word = "" if edge and p["word"] == "settled" else p["word"]
         null = p.get("null")
@@ -121,12 +121,11 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
             f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  "
             f"{', '.join(filter(None, (word, edge)))}{strain}{nothing}"
         )
-    if not found["parameters"]:
+    if not fit["parameters"]:
         lines = ["The rig has no parameters to fit: its errors are those of the model as it is."]
-    lines += tied_text(found)
+    lines += tied_text(fit)
     lines += [
-        f"From {found['from']['path']}: {remark}"
-        for remark in found.get("from", {}).get("remarks", ())
+        f"From {fit['from']['path']}: {remark}" for remark in fit.get("from", {}).get("remarks", ())
     ]
     lines.append("")
     lines.append(
@@ -135,13 +134,13 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
     )
     lines += [
         f"{c:34s} {m['data_sheet']:12.4g} {m['refitted']:12.4g} {m['noise_floor']:12.4g}"
-        for c, m in found["mae"].items()
+        for c, m in fit["mae"].items()
     ]
-    if not found["converged"]:
-        lines.append(f"Not converged: {found['why']}.")
-    lines += failed_text(found)
+    if not fit["converged"]:
+        lines.append(f"Not converged: {fit['why']}.")
+    lines += failed_text(fit)
     follow = ["pamid train-residual", "pamid report"][
-        not one_period(r["period_s"] for r in found["recordings"]) :
+        not one_period(r["period_s"] for r in fit["recordings"]) :
     ]
     lines.append("Next: " + "   or   ".join(f"{command} {quoted(output)}" for command in follow))
     return "\n".join(lines)

@@ -94,23 +94,23 @@ def command(
     )
     try:
         with progress_line("force-law") as progress:
-            found = judge(
+            validated = judge(
                 points,
                 sets=sets,
                 every=every,
                 seed=seed,
                 progress=progress.say,
             )
-        if strict and not found.monotone:
+        if strict and not validated.monotone:
             remedies = [
                 *["take fewer --sets"] * (sets > 2),
                 "measure more there",
                 "or accept it with --no-strict (and --overwrite: this run has taken the folder)",
             ]
             raise DataError(
-                found.guard, f"{', '.join(remedies).capitalize()}.", code="not-monotone"
+                validated.guard, f"{', '.join(remedies).capitalize()}.", code="not-monotone"
             )
-        about = write_law(run, found, rig, strict)
+        about = write_law(run, validated, rig, strict)
     except DataError:
         run.finish("failed")
         raise

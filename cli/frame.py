@@ -245,10 +245,14 @@ def require_command(name: str) -> None:
 def blank_context(name: str) -> click.Context:
     """A command as it stands before any word is said: its options at their settings."""
     parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings_files.ENVIRONMENT)
-    found = _GROUP.get_command(parent, name)
-    assert found is not None
-    return found.make_context(
-        name, [], parent, resilient_parsing=True, default_map=settings_files.defaults_for(found)
+    subcommand = _GROUP.get_command(parent, name)
+    assert subcommand is not None
+    return subcommand.make_context(
+        name,
+        [],
+        parent,
+        resilient_parsing=True,
+        default_map=settings_files.defaults_for(subcommand),
     )
 
 

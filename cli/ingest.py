@@ -168,7 +168,7 @@ def _guess(
     from pamid.ingest.ingesting import guess_mapping
     from pamid.schemas.command_files import GuessedMappingFile
 
-    found = guess_mapping(log, rig, **asked, known=known, output=output, overwrite=overwrite)
+    guess = guess_mapping(log, rig, **asked, known=known, output=output, overwrite=overwrite)
     further = "".join(
         f" {option} {value}"
         for option, value in (("--kind", asked["kind"]), ("--memory-limit", asked["memory_limit"]))
@@ -177,17 +177,17 @@ def _guess(
     said = GuessedMappingFile(
         log=str(log),
         output=str(output) if output else None,
-        toml=found.text,
-        open=found.open,
-        notes=found.notes,
+        toml=guess.text,
+        open=guess.open,
+        notes=guess.notes,
     )
-    for note in found.notes:
+    for note in guess.notes:
         aside(f"Warning: {note}")
     if output is None:
-        return frame.Result(said, found.text)
-    to_answer = "".join(f"\n  to be answered: {key}" for key in found.open)
+        return frame.Result(said, guess.text)
+    to_answer = "".join(f"\n  to be answered: {key}" for key in guess.open)
     text = (
-        f"{output}: {found.mapped} of {found.channels} channels guessed.{to_answer}\n"
+        f"{output}: {guess.mapped} of {guess.channels} channels guessed.{to_answer}\n"
         f"Next: look it through, then pamid ingest {quoted(log)} --mapping "
         f"{quoted(output)}{_named(rig or '')}"
         f"{further} --output {quoted(unused('recording.csv', [log]))}"

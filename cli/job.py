@@ -25,9 +25,9 @@ def said_of(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[
     from pamid.base.errors import FileError
     from pamid.base.json_file import read_json
 
-    found = read_json(path)
+    content = read_json(path)
     try:
-        return found, text_of(found)
+        return content, text_of(content)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise FileError(
             f"{path} is damaged: it lacks entries, or they are not what they should be "
@@ -37,9 +37,9 @@ def said_of(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[
         ) from None
 
 
-def failed_text(found: dict[str, Any]) -> list[str]:
+def failed_text(content: dict[str, Any]) -> list[str]:
     """A line per job that failed."""
-    return [f"Failed    {f['job']}: {f['why']}" for f in found.get("failed_jobs", ())]
+    return [f"Failed    {f['job']}: {f['why']}" for f in content.get("failed_jobs", ())]
 
 
 def parameter_values(parameters: dict[str, Any]) -> str:

@@ -68,18 +68,18 @@ def within(
     from pamid.base.errors import FileError, UsageError
 
     speeds = parse_known(request["speed_limit"], "Write elbow=2.")
-    found = None
+    limited = None
     if request["limits"]:
         columns = {column: one.samples for column, one in sent.items()}
         try:
-            found = within_limits(
+            limited = within_limits(
                 request["rig"], columns, request["period"], centres=offsets, speed_limits=speeds
             )
         except FileError:
             if request["column"] is None:
                 raise  # a rig is only noted where a column is named by hand
-    if speeds and found is None:
+    if speeds and limited is None:
         raise UsageError(
             "--speed-limit belongs to a MuJoCo or URDF model that is kept within its limits."
         )
-    return LimitedSignals(found)
+    return LimitedSignals(limited)

@@ -31,8 +31,8 @@ class Catalogued(click.ParamType):
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        found = [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
-        return found or [CompletionItem(incomplete, type="file")]
+        items = [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
+        return items or [CompletionItem(incomplete, type="file")]
 
     def _names(self) -> list[str]:
         return _entries(self.folder)
@@ -134,10 +134,10 @@ def _literal(file: Path, name: str) -> Any:
 
 def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """An option for every size that a kind of network can be asked for."""
-    found = network_sizes()
-    for name in sorted({name for sizes in found.values() for name in sizes}, reverse=True):
-        owners = [kind for kind, sizes in found.items() if name in sizes]
-        least, most, what, otherwise = found[owners[0]][name]
+    known_sizes = network_sizes()
+    for name in sorted({name for sizes in known_sizes.values() for name in sizes}, reverse=True):
+        owners = [kind for kind, sizes in known_sizes.items() if name in sizes]
+        least, most, what, otherwise = known_sizes[owners[0]][name]
         function = click.option(
             f"--{name.replace('_', '-')}",
             name,

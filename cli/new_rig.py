@@ -58,12 +58,12 @@ def command(
 
     said = {}
     for text in columns:
-        wanted, sign, found = text.partition("=")
-        if not sign or not wanted.strip() or not found.strip():
+        wanted, sign, separator = text.partition("=")
+        if not sign or not wanted.strip() or not separator.strip():
             raise UsageError(
                 f"--column {text!r} is not RIG_COLUMN=COLUMN.", "For example force_n=drive_v."
             )
-        said[wanted.strip()] = found.strip()
+        said[wanted.strip()] = separator.strip()
     made = new_rig(recording, like=like, columns=said, output=output, overwrite=overwrite)
     follow = (
         f"Next: pamid check {quoted(output)}   or   "

@@ -82,7 +82,7 @@ def command(
 
     require_png(figure, overwrite)
     with progress_line("power") as progress:
-        found = power(
+        result = power(
             excitation,
             rig,
             effects=effects,
@@ -92,8 +92,8 @@ def command(
             jobs=jobs,
             progress=progress,
         )
-    text = found.summary()
+    text = result.summary()
     if figure is not None:
-        text += f"\n\n{write_figure(figure, found.picture())}"
-    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig or found.rig)}"
-    return frame.Result(found.to_dict(), f"{text}\nNext: {follow} --output rec.csv")
+        text += f"\n\n{write_figure(figure, result.picture())}"
+    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig or result.rig)}"
+    return frame.Result(result.to_dict(), f"{text}\nNext: {follow} --output rec.csv")

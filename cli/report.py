@@ -91,7 +91,7 @@ def _page(
         report = write_report(run, output, paper, rig=rig, overwrite=overwrite)
     for note in report.notes:
         warning(f"{report.page}: {note}")
-    found = WrittenReport(
+    content = WrittenReport(
         page=str(report.page),
         figures=tuple(map(str, report.figures)),
         mae=report.mae,
@@ -102,9 +102,9 @@ def _page(
         table += f"{recording_errors_text(report.recordings)}\n\n"
     written = ""
     if report.pdf is not None:
-        found = found.model_copy(update={"pdf": str(report.pdf)})
+        content = content.model_copy(update={"pdf": str(report.pdf)})
         written = f"\nPDF:  {report.pdf}"
-    return frame.Result(found, f"{table}Page: {report.page}{written}")
+    return frame.Result(content, f"{table}Page: {report.page}{written}")
 
 
 def _comparison(
@@ -116,15 +116,15 @@ def _comparison(
     from pamid.report.writing import write_comparison
     from pamid.schemas.runs_file import WrittenComparison
 
-    found = compared_runs(runs)
+    comparison = compared_runs(runs)
     page = Path("comparison.html") if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
-    write_comparison(found, page, paper, overwrite=overwrite)
-    changed = changes_of(found)
+    write_comparison(comparison, page, paper, overwrite=overwrite)
+    changed = changes_of(comparison)
     told = WrittenComparison(
         page=str(page), runs=tuple(map(summary_of, runs)), changed=tuple(changed)
     )
-    lines = [comparison_sentence(found).replace("\u00a0", " ")]
+    lines = [comparison_sentence(comparison).replace("\u00a0", " ")]
     lines += [f"Differs in: {', '.join(changed)}."] if changed else []
     lines += ["", f"Page: {page}", *([f"PDF:  {paper}"] if paper is not None else [])]
     return frame.Result(told, "\n".join(lines))

@@ -80,7 +80,7 @@ def command(
     how = f"--paper {paper}" if paper != "joint" else "--quick" if quick else ""
     stages = WORK_STAGES.get(f"reproduce-paper {how}".rstrip())
     with progress_line("reproduce-paper", stages=stages) as progress:
-        found = reproduce_paper(
+        content = reproduce_paper(
             paper,
             output,
             command=frame.command_line(),
@@ -91,7 +91,7 @@ def command(
             overwrite=overwrite,
             progress=progress.say,
         )
-    return frame.Result(found, chosen.text(found), 0 if chosen.converged(found) else 5)
+    return frame.Result(content, chosen.text(content), 0 if chosen.converged(content) else 5)
 
 
 def _refuse_strangers(paper: str, strangers: list[str]) -> None:

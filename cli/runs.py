@@ -33,15 +33,15 @@ def command(folder: Path) -> frame.Result:
     from pamid.report.run_summaries import runs_below
     from pamid.schemas.runs_file import RunList
 
-    found = runs_below(folder)
-    lines = [line for one in found for line in _lines(one)] or [f"No run lies in {folder}."]
-    diagnosed = [one for one in found if one.kind in ("diagnosis", "fit")]
+    runs = runs_below(folder)
+    lines = [line for one in runs for line in _lines(one)] or [f"No run lies in {folder}."]
+    diagnosed = [one for one in runs if one.kind in ("diagnosis", "fit")]
     if len(diagnosed) > 1:
         pair = " ".join(quoted(one.path) for one in diagnosed[:2])
         lines.append(f"Next: pamid report --compare {pair}")
     elif diagnosed:
         lines.append(f"Next: pamid report {quoted(diagnosed[0].path)}")
-    return frame.Result(RunList(folder=str(folder), runs=tuple(found)), "\n".join(lines))
+    return frame.Result(RunList(folder=str(folder), runs=tuple(runs)), "\n".join(lines))
 
 
 def _lines(one: RunSummary) -> list[str]:

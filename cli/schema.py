@@ -24,9 +24,9 @@ def command(name: str | None) -> frame.Result:
     They are JSON Schema, draft 2020-12, for editors and for programs that read the results; keys
     may be added in later versions, none changes its meaning within one number (pamid.diagnosis/3).
     """
-    found = schemas()
+    known = schemas()
     if name is None:
-        titles = {key: str(one["title"]) for key, one in found.items()}
+        titles = {key: str(one["title"]) for key, one in known.items()}
         width = max(map(len, titles))
         return frame.Result(
             {"schema": "pamid.schemas/1", "schemas": titles},
@@ -35,12 +35,12 @@ def command(name: str | None) -> frame.Result:
     from pamid.schemas import stem_of
 
     numbered = name.removeprefix("pamid.")
-    stem = numbered if numbered in found else stem_of(name)
-    if stem not in found:
+    stem = numbered if numbered in known else stem_of(name)
+    if stem not in known:
         raise click.UsageError(
-            f"There is no schema {name!r}. {names.suggest(stem, found)}".rstrip()
+            f"There is no schema {name!r}. {names.suggest(stem, known)}".rstrip()
         )
-    one = found[stem]
+    one = known[stem]
     return frame.Result(
         {"schema": "pamid.schemas/1", "schemas": {stem: one}}, json.dumps(one, indent=1)
     )

@@ -52,17 +52,17 @@ def command(
     from pamid.api.run_scores import score
 
     with told_progress("score"):
-        found = score(
+        result = score(
             run,
             list(recordings),
             rig=rig,
             effects=effects,
             warn=lambda text: aside(f"Warning: {text}"),
         )
-    content = found.to_dict()
+    content = result.to_dict()
     return frame.Result(
         content,
-        f"{found.summary()}\nNext: pamid report {quoted(run)}",
+        f"{result.summary()}\nNext: pamid report {quoted(run)}",
         exit_code_of(conditions, _largest_errors(content)),
     )
 

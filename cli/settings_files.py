@@ -54,12 +54,12 @@ def settings_file(folder: Path | None = None) -> Path | None:
 
 def ignored_files(folder: Path | None = None) -> dict[Path, str]:
     """Those that would hold for the folder if they were to be believed, and why they are not."""
-    found = {}
+    reasons = {}
     for path, why in _found(folder):
         if not why:
             break
-        found[path] = why
-    return found
+        reasons[path] = why
+    return reasons
 
 
 def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
@@ -175,11 +175,11 @@ def is_risky(option: click.Option, value: Any) -> bool:
 
 def options_of(command: click.Command) -> dict[str, click.Option]:
     """Options by the name they have in pamid.toml: `--held-out` is held-out."""
-    found = {}
+    options = {}
     for option in command.params:
         if isinstance(option, click.Option) and option.name not in _OURS:
-            found[max(option.opts, key=len).lstrip("-")] = option
-    return found
+            options[max(option.opts, key=len).lstrip("-")] = option
+    return options
 
 
 def said_elsewhere(context: click.Context) -> list[str]:

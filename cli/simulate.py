@@ -123,7 +123,7 @@ def command(
         warning(text)
     # said here, to who asked for it; a recording names rigs of the catalogue only
     ran = rig or made.rig
-    found = SimulatedFile(
+    content = SimulatedFile(
         output=str(output),
         samples=len(made),
         rig=ran,
@@ -136,7 +136,7 @@ def command(
         f"{output}: {len(made)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
         f"Next: {_follow(output, len(made), ran or 'one-dof')}"
     )
-    return frame.Result(found, text)
+    return frame.Result(content, text)
 
 
 def _follow(output: Path, samples: int, rig: str) -> str:

@@ -20,8 +20,8 @@ _HEAD = re.compile(r'"""`pamid ([a-z0-9-]+)`: (.+?)(?:"""|\n\n).*?^PLACE = (\d+)
 def _scanned(folder: Path) -> dict[str, str]:
     """Every command of a folder and its line of help, in the order of PLACE."""
     heads = [_HEAD.match(file.read_text(encoding="utf-8")) for file in folder.glob("*.py")]
-    found = sorted((int(head[3]), head[1], " ".join(head[2].split())) for head in heads if head)
-    return {name: line for _, name, line in found}
+    entries = sorted((int(head[3]), head[1], " ".join(head[2].split())) for head in heads if head)
+    return {name: line for _, name, line in entries}
 
 
 #: name -> one line of help

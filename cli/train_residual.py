@@ -164,7 +164,7 @@ def command(
     if iterations is None:
         iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
     with progress_line("train-residual", iterations) as progress:
-        found = train_residual(
+        result = train_residual(
             run,
             network=network,
             iterations=iterations,
@@ -188,12 +188,12 @@ def command(
             command=frame.command_line(),
             **sizes,
         )
-    about = found.to_dict()
+    about = result.to_dict()
     text = training_text(about, run)
-    if found.interrupted:
+    if result.interrupted:
         aside(text)
         raise KeyboardInterrupt
-    stuck = not found.converged and found.iterations < iterations
+    stuck = not result.converged and result.iterations < iterations
     return frame.Result(about, text, 5 if stuck else 0)
 
 

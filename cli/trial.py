@@ -184,7 +184,7 @@ def command(
         )
         try:
             with progress_line("trial", cases) as progress:
-                found = run_trial(
+                scores = run_trial(
                     output,
                     CaseSelection(part, cases, seed, tried, only or "", bare, world),
                     pool,
@@ -193,14 +193,14 @@ def command(
         except BaseException as error:
             run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
             raise
-    lines = [trial_text(found)]
+    lines = [trial_text(scores)]
     if calibrate is not None:
         lessons = [lesson_of(folder) for folder in (output, *also)]
         write_json(calibrate, calibration_json(lessons))
         lines.append(learnt_text(lessons))
-    failed = bool(found["failed_jobs"])
+    failed = bool(scores["failed_jobs"])
     run.finish("partial" if failed else "done")
-    return frame.Result(found, "\n".join(lines), 6 if failed else 0)
+    return frame.Result(scores, "\n".join(lines), 6 if failed else 0)
 
 
 def _tried(rig: str, excitation: Path | None) -> str | OwnMachine:
@@ -264,15 +264,15 @@ def _share(
     with progress_line("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases", n))
     failed = failed_jobs(results)
-    found = TrialShare(
+    content = TrialShare(
         index=number, of=count, cases=tuple(c.number for c in cases), failed_jobs=failed
     ).as_json()
     text = [
         f"{len(cases)} of {len(every_case)} cases (share {number} of {count}).",
-        *failed_text(found),
+        *failed_text(content),
         f"When all shares are finished: {_scoring(output, fixed | options)}",
     ]
-    return frame.Result(found, "\n".join(text), 6 if failed else 0)
+    return frame.Result(content, "\n".join(text), 6 if failed else 0)
 
 
 def _scoring(output: Path, options: dict[str, Any]) -> str:

@@ -153,8 +153,8 @@ def check(
         looked_at = Path(subject)
     elif not isinstance(subject, type):
         looked_at = recording_given(subject)
-    found = inspect(looked_at, rig_given(rig))
-    said = found.said
+    inspection = inspect(looked_at, rig_given(rig))
+    said = inspection.said
     return CheckResult(
         said["file"],
         said["kind"],
@@ -162,8 +162,8 @@ def check(
         tuple(
             CheckOutcome(f["check"], f["ok"], f["detail"], f["advice"]) for f in said["findings"]
         ),
-        found.recording,
-        found,
+        inspection.recording,
+        inspection,
         looked_at
         if isinstance(looked_at, type) and issubclass(looked_at, Rig)
         else looked_at

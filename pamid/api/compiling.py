@@ -36,8 +36,8 @@ def compile_ahead() -> None:
         for name, one in shipped.items()
         for background in (False, True)
     } | {
-        f"{_FIRST} with {found.label}": Assembly(rig, (found,), background=True)
-        for found in attachments(rig, effects().values())
+        f"{_FIRST} with {attachment.label}": Assembly(rig, (attachment,), background=True)
+        for attachment in attachments(rig, effects().values())
     }
     with ProgressLine("compiling, once", len(models) + 2, in_logs=True) as line:
         line.update(0, "networks")

@@ -96,14 +96,14 @@ def diagnose(
     how = HowToRun(seed, jobs, cluster, output, overwrite, resume, progress, command)
     options = {"without": left_out} | ({"settings": chosen.changed} if chosen.changed else {})
     home = carry_out("diagnose", given, further, how, work, options=options)
-    found = result_of(home, given.rig, further)
-    if not isinstance(found, DiagnosisResult):
+    result = result_of(home, given.rig, further)
+    if not isinstance(result, DiagnosisResult):
         raise FileError(
             f"{home.folder} holds no diagnosis any more.",
             "Make the run again with --overwrite.",
             code="damaged",
         )
-    return found
+    return result
 
 
 def catalogue_of(

@@ -114,8 +114,8 @@ def fit(
             pool=pool,
             progress=show,
         )
-        found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
-        write_json(run.path(FIT_FILE), found)
+        content = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
+        write_json(run.path(FIT_FILE), content)
         write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
         a, e, fitted = model.assembly, model.evidence, model.fit
         free = {"free_run": free_runs(e, a, fitted.p, fitted.stepping)}

@@ -65,19 +65,19 @@ class Given:
 def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | type[Effect], ...]:
     """Words for `effects_with`, and effects themselves; UsageError for anything else."""
     single = isinstance(effects, str | os.PathLike | type)
-    found: list[str | type[Effect]] = []
+    resolved: list[str | type[Effect]] = []
     for one in [effects] if single else effects:  # type: ignore[list-item, union-attr]
         if isinstance(one, str) or isinstance(one, type) and issubclass(one, Effect):
-            found.append(one)
+            resolved.append(one)
         elif isinstance(one, os.PathLike):
-            found.append(as_file(one))
+            resolved.append(as_file(one))
         else:
             raise UsageError(
                 f"{one!r:.60} is no effect.",
                 "Give a name (see `pamid effects`), the path of an effect file, or a class "
                 "derived from pamid.Effect.",
             )
-    return tuple(found)
+    return tuple(resolved)
 
 
 def recording_given(recording: RecordingLike, name: str = "recording") -> Recording:
@@ -173,8 +173,8 @@ def _require_its_columns(rig: Rig, recordings: Sequence[Recording]) -> None:
 def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
     """A sentence per column that the rig does not know: it is kept and not used."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
-    found = {name: match_column(recording.columns, name) for name in wanted}
-    used, lacking = set(found.values()), [name for name, column in found.items() if not column]
+    matches = {name: match_column(recording.columns, name) for name in wanted}
+    used, lacking = set(matches.values()), [name for name, column in matches.items() if not column]
     strangers = [c for c in recording.columns if c not in used]
     if len(strangers) > MOST_STRANGERS:
         return [
@@ -224,8 +224,8 @@ def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, byte
     name = f"{number + 1}-{Path(recording.path).stem}"
     path = Path(RECORDINGS_FOLDER, f"{name}.csv")
     files = recording_files(path, recording.time, recording.columns, meta, digits=EXACT_DIGITS)
-    found = recording_of(recording.time, recording.columns, meta, name=name, digits=EXACT_DIGITS)
-    named = replace(found, name=recording.name, path=path)
+    rounded = recording_of(recording.time, recording.columns, meta, name=name, digits=EXACT_DIGITS)
+    named = replace(rounded, name=recording.name, path=path)
     return named, {file.as_posix(): content for file, content in files.items()}
 
 
@@ -235,15 +235,15 @@ def _is_its_file(recording: Recording) -> bool:
     try:
         if sha256_of(recording.path) != recording.sha256:
             return False
-        found = read_recording(recording.path)
+        reread = read_recording(recording.path)
     except (PamidError, OSError):
         return False
     same = ("rig", "loop", "known", "controller", "between", "sampling_period_s")
     return (
-        all(getattr(found, name) == getattr(recording, name) for name in same)
-        and np.array_equal(found.time, recording.time)
-        and found.columns.keys() == recording.columns.keys()
-        and all(np.array_equal(x, recording.columns[name]) for name, x in found.columns.items())
+        all(getattr(reread, name) == getattr(recording, name) for name in same)
+        and np.array_equal(reread.time, recording.time)
+        and reread.columns.keys() == recording.columns.keys()
+        and all(np.array_equal(x, recording.columns[name]) for name, x in reread.columns.items())
     )
 
 

@@ -197,5 +197,5 @@ def power(
     split = replace(split, fit=(Span(recording, 0, len(recording)),))
     catalogue, _ = effects_with(effects_given(effects))
     with progress_steps(progress, "power") as (show, _), worker_pool(jobs, None) as pool:
-        found = experiment_power(split, catalogue, pool=pool, progress=show)
-    return PowerResult(split.rig.name, str(source.path), noise, seed, found)
+        detectability = experiment_power(split, catalogue, pool=pool, progress=show)
+    return PowerResult(split.rig.name, str(source.path), noise, seed, detectability)

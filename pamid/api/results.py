@@ -103,7 +103,7 @@ class ParameterTable(Mapping[str, ParameterEstimate]):
 
     def rows(self) -> Cells:
         """Header and rows for a table."""
-        found = [
+        cells = [
             (
                 p.name,
                 number(p.value),
@@ -114,7 +114,7 @@ class ParameterTable(Mapping[str, ParameterEstimate]):
             )
             for p in self._by_name.values()
         ]
-        return ("parameter", "value", "95 %", "data sheet", "unit", "known"), found
+        return ("parameter", "value", "95 %", "data sheet", "unit", "known"), cells
 
 
 @dataclass(frozen=True)
@@ -188,8 +188,8 @@ class FitResult:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        found: dict[str, Any] = read_json(self.folder / "fit.json")
-        return found
+        content: dict[str, Any] = read_json(self.folder / "fit.json")
+        return content
 
     def simulate(
         self,
@@ -312,8 +312,8 @@ class DiagnosisResult(FitResult):
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        found: dict[str, Any] = read_json(self.folder / "diagnosis.json")
-        return found
+        content: dict[str, Any] = read_json(self.folder / "diagnosis.json")
+        return content
 
     def plot_rig(self) -> NotebookFigure:
         """The rig as a block diagram, tinted by the share of the gap; DataError for a run of an

@@ -101,11 +101,11 @@ def score(
         named, own = named or run.code[0], own or run.code[1]
     folder = run.folder if isinstance(run, FitResult) else Path(run)
     read = [recording_given(one, f"recording-{k + 1}") for k, one in enumerate(given)]
-    found = score_run(folder, read, rig=named, effects=own)
+    scores = score_run(folder, read, rig=named, effects=own)
     for recording in read:
         texts = list(recording.warnings)
-        if in_catalogue(found.rig):
-            texts += unknown_columns(catalogue_rig(found.rig), recording)
+        if in_catalogue(scores.rig):
+            texts += unknown_columns(catalogue_rig(scores.rig), recording)
         for text in texts:
             warn(f"{recording.path}: {text}")
-    return ScoreResult(folder, found)
+    return ScoreResult(folder, scores)

@@ -83,8 +83,8 @@ class NetworkResult:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command: network.json."""
-        found: dict[str, Any] = read_json(self.folder / NETWORK_FILE)
-        return found
+        content: dict[str, Any] = read_json(self.folder / NETWORK_FILE)
+        return content
 
     def plot_training(self) -> NotebookFigure:
         """Error, effective number of parameters and damping over the iterations."""
@@ -281,8 +281,8 @@ def _trainer(
     def at_port(
         run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
     ) -> tuple[dict[str, Any], bool]:
-        found = train_at_port(leftover, origin.model(), entry, show, **course)
-        return write_port_correction(run, found), found.interrupted
+        correction = train_at_port(leftover, origin.model(), entry, show, **course)
+        return write_port_correction(run, correction), correction.interrupted
 
     return at_port
 
@@ -310,8 +310,8 @@ def _trained(
 def _at_output(
     run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
 ) -> tuple[dict[str, Any], bool]:
-    found = train_correction(leftover, **course)
-    return write_correction(run, found), found.interrupted
+    correction = train_correction(leftover, **course)
+    return write_correction(run, correction), correction.interrupted
 
 
 def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[TrainingStep, int], None]:

@@ -102,7 +102,7 @@ def run_trial(
         about = about.model_copy(update={"world": selection.world})
     write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
-    found = score_cases(
+    scores = score_cases(
         labels,
         results,
         part=selection.part,
@@ -111,8 +111,8 @@ def run_trial(
         cases_sha256=digest,
         world=selection.world,
     ).as_json()
-    write_json(folder / "trial.json", found)
-    return found
+    write_json(folder / "trial.json", scores)
+    return scores
 
 
 def forget_cases(folder: Path) -> None:
@@ -169,8 +169,8 @@ class CaseWork(Work[Case, dict[str, Any]]):
         except Exception as error:
             return _result(item, failed=PamidError(fault_text(error), code="unexpected").as_dict())
 
-    def restored(self, item: Case, found: Plain) -> dict[str, Any]:
-        return found
+    def restored(self, item: Case, plain: Plain) -> dict[str, Any]:
+        return plain
 
     def name(self, item: Case) -> str:
         return str(item.number)

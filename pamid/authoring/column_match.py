@@ -113,17 +113,17 @@ def _side(column: str) -> str:
     return next((side for side, those in sides.items() if quantity in those), quantity)
 
 
-def _is_rate(found: str, wanted: str) -> bool:
+def _is_rate(recorded: str, wanted: str) -> bool:
     """Is a recorded column the speed of what a rig wants the way or angle of?"""
-    symbol, own = split_column(found)[1], split_column(wanted)[1]
+    symbol, own = split_column(recorded)[1], split_column(wanted)[1]
     return own != NONE and symbol != NONE and compatible(symbol, quotient(own, "s"))
 
 
-def _add_up(found: str, wanted: str) -> str:
+def _add_up(symbol: str, wanted: str) -> str:
     """How a way is made of a speed."""
     return (
-        f"Add it up into a column of its own, the running sum of {found} times the sampling "
-        f"period, and say --column {wanted}=THAT; or in a copy of the rig make {found} the input "
+        f"Add it up into a column of its own, the running sum of {symbol} times the sampling "
+        f"period, and say --column {wanted}=THAT; or in a copy of the rig make {symbol} the input "
         "and pass it as velocity."
     )
 
@@ -184,38 +184,39 @@ def match_columns(
     nothing does that is measured or moves. UsageError for a name on either side that is not
     there."""
     recorded, roles, said = list(recorded), roles_of(rig), dict(said or {})
-    for wanted, found in said.items():
+    for wanted, column in said.items():
         if wanted not in roles:
             raise UsageError(
                 f"rig {rig.name!r} has no column {wanted!r}.",
                 nearest(wanted, roles) or f"Its columns: {', '.join(roles)}.",
             )
-        if found not in recorded:
+        if column not in recorded:
             raise UsageError(
-                f"The recording has no column {found!r}.",
-                nearest(found, recorded) or f"Its columns: {listed(recorded)}.",
+                f"The recording has no column {column!r}.",
+                nearest(column, recorded) or f"Its columns: {listed(recorded)}.",
             )
-        if _is_rate(found, wanted):
+        if _is_rate(column, wanted):
             raise UsageError(
-                f"{found} is the rate of {wanted}: no gain makes one of the other.",
-                _add_up(found, wanted),
+                f"{column} is the rate of {wanted}: no gain makes one of the other.",
+                _add_up(column, wanted),
             )
     taken = {
-        wanted: Pair(wanted, found, roles[wanted], "you", not _same(found, wanted), 1.0)
-        for wanted, found in said.items()
+        wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
+        for wanted, column in said.items()
     }
-    free = [found for found in recorded if found not in said.values()]
+    free = [column for column in recorded if column not in said.values()]
     needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
-        (wanted, found): recorded_fit(found, wanted, sent=wanted in needed)
+        (wanted, column): recorded_fit(column, wanted, sent=wanted in needed)
         # a room's temperature, which a rig can do without, comes after that of the oven
         for wanted, role in sorted(roles.items(), key=lambda one: one[0] in rig.optional)
-        for found in free
-        if wanted not in said and not ((role == "output" or wanted in rig.ramped) and found in held)
+        for column in free
+        if wanted not in said
+        and not ((role == "output" or wanted in rig.ramped) and column in held)
     }
-    for wanted, found in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
-        score, by, scaled = fits[wanted, found]
-        taken[wanted] = Pair(wanted, found, roles[wanted], by, scaled, score)
+    for wanted, column in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
+        score, by, scaled = fits[wanted, column]
+        taken[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
     pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
     used = {q.found for q in pairs}
     unused = tuple(name for name in recorded if name not in used)
@@ -248,8 +249,8 @@ def _by_names(match: Match) -> bool:
     return all(q.by == "name" and not q.scaled for q in match.pairs)
 
 
-def _same(found: str, wanted: str) -> bool:
-    return compatible(split_column(found)[1], split_column(wanted)[1])
+def _same(symbol: str, wanted: str) -> bool:
+    return compatible(split_column(symbol)[1], split_column(wanted)[1])
 
 
 def best_match(

@@ -61,11 +61,11 @@ def open_data(path: str | Path, most: int) -> io.BufferedReader:
         source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
     )
     try:
-        found = os.fstat(handle)
-        _require_regular(source, found)  # whatever stands under that name by now
-        if found.st_size > most:
+        status = os.fstat(handle)
+        _require_regular(source, status)  # whatever stands under that name by now
+        if status.st_size > most:
             raise FileError(
-                f"{source} is too large: {size_words(found.st_size)}, of such a file at most "
+                f"{source} is too large: {size_words(status.st_size)}, of such a file at most "
                 f"{size_words(most)} are read.",
                 "Is it the file you meant?",
                 code="too-large",
@@ -114,17 +114,17 @@ def sha256_of(path: str | Path) -> str:
         raise FileError(f"{source} cannot be read: {error.strerror}.") from error
 
 
-def _require_regular(path: Path, found: os.stat_result) -> None:
-    if not stat.S_ISREG(found.st_mode):
+def _require_regular(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
         raise FileError(
-            f"{path} is {_word(found)}, not a file.",
+            f"{path} is {_word(status)}, not a file.",
             "Give a plain file with the data in it.",
             code="not-a-file",
         )
 
 
-def _word(found: os.stat_result) -> str:
-    return next((word for is_one, word in _WORDS if is_one(found.st_mode)), "something else")
+def _word(status: os.stat_result) -> str:
+    return next((word for is_one, word in _WORDS if is_one(status.st_mode)), "something else")
 
 
 def size_words(count: int) -> str:
@@ -245,10 +245,10 @@ def _require_replaceable(target: Path) -> None:
     """A folder, a pipe or a device is not replaced by a file, nor is a link to one
     (/dev/stdout)."""
     with contextlib.suppress(FileNotFoundError):
-        found = os.stat(target)
-        if not stat.S_ISREG(found.st_mode):
+        status = os.stat(target)
+        if not stat.S_ISREG(status.st_mode):
             raise FileError(
-                f"{target} cannot be written: it is {_word(found)}, not a file.",
+                f"{target} cannot be written: it is {_word(status)}, not a file.",
                 "Give another name.",
                 code="write",
             )
@@ -274,8 +274,8 @@ def remove_file(path: Path) -> None:
 def is_inside(folder: Path, below: PurePath) -> bool:
     """Is this place within the folder, and reached without a link?"""
     try:
-        base, found = folder.resolve(), (folder / below).resolve()
-        return found == base / below and found.is_relative_to(base)
+        base, target = folder.resolve(), (folder / below).resolve()
+        return target == base / below and target.is_relative_to(base)
     except (OSError, ValueError, RuntimeError):
         return False
 
@@ -305,8 +305,8 @@ def _abandoned(folder: Path) -> list[Path]:
     named = [(item, TEMPORARY_NAME.fullmatch(item.name)) for item in folder.glob(".*.tmp")]
     return [
         item
-        for item, found in named
-        if found and int(found[1]) != os.getpid() and not _alive(int(found[1]))
+        for item, match in named
+        if match and int(match[1]) != os.getpid() and not _alive(int(match[1]))
     ]
 
 

@@ -192,8 +192,8 @@ class ProgressLine:
             return
         self._again = own[0] < self._reached
         self._reached = max(self._reached, own[0])
-        found = _COUNTED.match(text)
-        part = min(1.0, int(found[2]) / int(found[3])) if found and int(found[3]) else 0.0
+        match = _COUNTED.match(text)
+        part = min(1.0, int(match[2]) / int(match[3])) if match and int(match[3]) else 0.0
         before = sum(one.share for one in self._stages[: own[0]])
         self._share = max(self._share, before + part * self._stages[own[0]].share)
 
@@ -204,10 +204,10 @@ class ProgressLine:
 
     def _counted(self, text: str, now: float) -> str:
         """How much of a stage that counts is done, and what of it is left; else nothing."""
-        found = _COUNTED.match(text)
-        if found is None or int(found[3]) == 0:
+        match = _COUNTED.match(text)
+        if match is None or int(match[3]) == 0:
             return ""
-        name, done, total = found[1], int(found[2]), int(found[3])
+        name, done, total = match[1], int(match[2]), int(match[3])
         if name != self._stage[0] or done < self._stage[1]:
             self._stage = (name, done, now)
         _, before, since = self._stage

@@ -35,8 +35,8 @@ def need_result(
     if not any_schema and earlier is not None:
         raise outdated(path, kind, earlier)
     if not any_schema and content.get("schema") not in (schema, *kind.readable):
-        found = repr(content["schema"])[:60] if "schema" in content else "missing"
-        raise damaged(path, "schema", repr(schema), found)
+        actual = repr(content["schema"])[:60] if "schema" in content else "missing"
+        raise damaged(path, "schema", repr(schema), actual)
     try:
         return read(kind, content, also=also)
     except Mismatch as mismatch:
@@ -47,8 +47,8 @@ def need_result(
                 hint or f"There are: {', '.join(mismatch.choices)}.",
                 code="damaged",
             ) from None
-        found = "missing" if mismatch.missing else f"{mismatch.value!r:.60}"
-        raise damaged(path, mismatch.place, mismatch.expected, found) from None
+        actual = "missing" if mismatch.missing else f"{mismatch.value!r:.60}"
+        raise damaged(path, mismatch.place, mismatch.expected, actual) from None
 
 
 def outdated(path: Path, kind: type[Model], schema: str) -> FileError:
@@ -63,8 +63,8 @@ def outdated(path: Path, kind: type[Model], schema: str) -> FileError:
     )
 
 
-def damaged(path: Path, place: str, expected: str, found: str) -> FileError:
+def damaged(path: Path, place: str, expected: str, actual: str) -> FileError:
     """The error of a file in which something else stands than what was expected."""
     return FileError(
-        f"{path}: {place} should be {expected}, it is {found}.", REMEDY, code="damaged"
+        f"{path}: {place} should be {expected}, it is {actual}.", REMEDY, code="damaged"
     )

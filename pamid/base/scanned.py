@@ -11,17 +11,17 @@ from typing import Any
 def modules_of(package: str) -> dict[str, ModuleType]:
     """The modules of a package, loaded, by their name in it and in its order."""
     folder = import_module(package)
-    names = sorted(found.name for found in iter_modules(folder.__path__))
+    names = sorted(module.name for module in iter_modules(folder.__path__))
     return {name: import_module(f"{package}.{name}") for name in names}
 
 
 def classes_of(module: ModuleType, base: type) -> list[type[Any]]:
     """The classes derived from `base` that a module itself defines."""
     return [
-        found
-        for found in vars(module).values()
-        if isinstance(found, type)
-        and issubclass(found, base)
-        and found is not base
-        and found.__module__ == module.__name__
+        member
+        for member in vars(module).values()
+        if isinstance(member, type)
+        and issubclass(member, base)
+        and member is not base
+        and member.__module__ == module.__name__
     ]

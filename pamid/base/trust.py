@@ -37,12 +37,12 @@ def why_shared(path: Path) -> str:
     try:
         for place in dict.fromkeys((path.absolute(), path.resolve())):
             for near in (place, place.parent):
-                if _is_anothers(found := near.lstat()):
-                    return f"{near} belongs to another user ({found.st_uid})"
+                if _is_anothers(status := near.lstat()):
+                    return f"{near} belongs to another user ({status.st_uid})"
             for depth, one in enumerate(_chain(place)):
-                found = one.lstat()
-                sticky = depth > 1 and bool(found.st_mode & stat.S_ISVTX)
-                if others_may_write(found) and not sticky:
+                status = one.lstat()
+                sticky = depth > 1 and bool(status.st_mode & stat.S_ISVTX)
+                if others_may_write(status) and not sticky:
                     return f"others may write {one}"
     except OSError as error:
         return f"{error.filename or path} cannot be looked at: {error.strerror}"
@@ -63,24 +63,24 @@ def within_home(path: Path) -> bool:
     return home != Path(home.anchor) and path.resolve().is_relative_to(home)
 
 
-def is_shared(found: os.stat_result) -> bool:
+def is_shared(status: os.stat_result) -> bool:
     """Of a file or folder by itself: does it belong to somebody else than the user or root, or may
     others write it?"""
-    return hasattr(os, "geteuid") and (_is_anothers(found) or others_may_write(found))
+    return hasattr(os, "geteuid") and (_is_anothers(status) or others_may_write(status))
 
 
-def _is_anothers(found: os.stat_result) -> bool:
-    return found.st_uid not in (0, os.geteuid())
+def _is_anothers(status: os.stat_result) -> bool:
+    return status.st_uid not in (0, os.geteuid())
 
 
-def others_may_write(found: os.stat_result) -> bool:
+def others_may_write(status: os.stat_result) -> bool:
     """By the mode: everybody, or a group that holds more than the user (or root)."""
-    if stat.S_ISLNK(found.st_mode):  # has no mode of its own
+    if stat.S_ISLNK(status.st_mode):  # has no mode of its own
         return False
     return (
-        bool(found.st_mode & stat.S_IWOTH)
-        or bool(found.st_mode & stat.S_IWGRP)
-        and not _own_group(found.st_gid)
+        bool(status.st_mode & stat.S_IWOTH)
+        or bool(status.st_mode & stat.S_IWGRP)
+        and not _own_group(status.st_gid)
     )
 
 

@@ -209,11 +209,11 @@ def named_with(name: str, symbol: str) -> str:
 
 def si_symbol(symbol: str) -> str:
     """The SI unit of the same quantity, "bar" -> "Pa", "cm2" -> "m2"; "" where it has no name."""
-    found = unit(symbol)
-    if found.dimension == _DIMENSIONLESS:
+    si = unit(symbol)
+    if si.dimension == _DIMENSIONLESS:
         return ""
-    names = (known for known, _ in _QUANTITIES if _dimension_of(known) == found.dimension)
-    return next(names, symbol if found.factor == 1.0 and not found.offset else "")
+    names = (known for known, _ in _QUANTITIES if _dimension_of(known) == si.dimension)
+    return next(names, symbol if si.factor == 1.0 and not si.offset else "")
 
 
 def _same_size(symbol_a: str, symbol_b: str) -> bool:
@@ -364,10 +364,10 @@ def kindred_units(symbol: str) -> tuple[str, ...]:
                 factors = [*above, *below]
                 factors[k] = (atom, power)
                 names.append(_join_symbol(factors[: len(above)], factors[len(above) :]))
-    found: dict[tuple[float, float], str] = {(here.factor, here.offset): symbol}
+    symbols: dict[tuple[float, float], str] = {(here.factor, here.offset): symbol}
     for name in names:
-        found.setdefault((unit(name).factor, unit(name).offset), name)
-    return tuple(found.values())[1:]
+        symbols.setdefault((unit(name).factor, unit(name).offset), name)
+    return tuple(symbols.values())[1:]
 
 
 def _quantity(dimension: Dimension, symbol: str) -> str:

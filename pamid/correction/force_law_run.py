@@ -25,66 +25,68 @@ LAW_FILE, RIG_FILE, MAP_FIGURE_FILE = "force-law.json", "rig.py", "figures/force
 CURVE_PRESSURES, CURVE_CONTRACTIONS = 6, 61
 
 
-def judged_law(found: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
+def judged_law(validated: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
     """force-law.json: all forces in N, errors on points held out unless the key says otherwise."""
-    points, network = found.map, found.trained.network
-    off = found.by_point.anfis - points.force_n
+    points, network = validated.map, validated.trained.network
+    off = validated.by_point.anfis - points.force_n
     ranges = zip(COLUMNS, (points.contraction, points.pressure_kpa, points.force_n), strict=True)
     return result.ForceLawFile(
-        finding=found.finding,
-        advice=tuple(found.advice),
+        finding=validated.finding,
+        advice=tuple(validated.advice),
         map=result.MapUsed(
             path=str(points.path),
             points=len(points),
             slack_points=points.slack.sum(),
             **{name: result.MeasuredRange(low=v.min(), high=v.max()) for name, v in ranges},
         ),
-        held_out_every=found.every,
+        held_out_every=validated.every,
         anfis=result.AnfisErrors(
             sets=getattr(network, "sets", None),
             n_weights=network.n_weights,
             rms_n=rms(off),
             worst_n=np.abs(off).max(),
-            rms_n_each_way=tuple(rms(off[way :: found.every]) for way in range(found.every)),
-            contraction_held_out_rms_n=found.rms_n(found.by_contraction),
-            rms_n_trained_on_all=rms(points.force_n, pulls(ForceLaw(found.trained), points)),
+            rms_n_each_way=tuple(
+                rms(off[way :: validated.every]) for way in range(validated.every)
+            ),
+            contraction_held_out_rms_n=validated.rms_n(validated.by_contraction),
+            rms_n_trained_on_all=rms(points.force_n, pulls(ForceLaw(validated.trained), points)),
         ),
         laws=tuple(
             result.LawErrors(
                 law=law,
                 scale=scale,
-                rms_n=rms(points.force_n, found.printed[law]),
-                worst_n=np.abs(points.force_n - found.printed[law]).max(),
-                scaled_rms_n=found.rms_n(found.by_point, law),
-                scaled_worst_n=np.abs(points.force_n - found.by_point.scaled[law]).max(),
-                contraction_held_out_scaled_rms_n=found.rms_n(found.by_contraction, law),
+                rms_n=rms(points.force_n, validated.printed[law]),
+                worst_n=np.abs(points.force_n - validated.printed[law]).max(),
+                scaled_rms_n=validated.rms_n(validated.by_point, law),
+                scaled_worst_n=np.abs(points.force_n - validated.by_point.scaled[law]).max(),
+                contraction_held_out_scaled_rms_n=validated.rms_n(validated.by_contraction, law),
             )
-            for law, scale in found.scale.items()
+            for law, scale in validated.scale.items()
         ),
         monotone=result.Monotone(
-            ok=found.monotone,
-            wrong_way_along_pressure_n=found.wrong_way[0],
-            wrong_way_along_contraction_n=found.wrong_way[1],
-            constrained=found.unconstrained is not None,
-            words=found.guard,
+            ok=validated.monotone,
+            wrong_way_along_pressure_n=validated.wrong_way[0],
+            wrong_way_along_contraction_n=validated.wrong_way[1],
+            constrained=validated.unconstrained is not None,
+            words=validated.guard,
         ),
-        training=TrainingSummary(**found.trained.summary),
+        training=TrainingSummary(**validated.trained.summary),
         rig=result.WrittenRig(
             file=RIG_FILE, name=f"{rig}-measured", derives_from=rig, strict=strict
         ),
     )
 
 
-def write_law(run: Run, found: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
+def write_law(run: Run, validated: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
     """Network, figures, picture and rig file into the run folder; returns what force-law.json
     holds."""
-    about = judged_law(found, rig, strict).as_json()
-    content, network = network_files(found.trained)
+    about = judged_law(validated, rig, strict).as_json()
+    content, network = network_files(validated.trained)
     names = (WEIGHTS_FILE, NETWORK_FILE, MAP_FIGURE_FILE, RIG_FILE, LAW_FILE)
     contents = (
         content,
         json_bytes(network, NETWORK_FILE),
-        _picture(found),
+        _picture(validated),
         rig_text(rig, strict).encode(),
         json_bytes(about, LAW_FILE),
     )
@@ -115,8 +117,8 @@ class {base.__name__}Measured({base.__name__}):
 '''  # noqa: E501
 
 
-def _picture(found: ValidatedMap) -> bytes:
-    points, best, scale = found.map, found.best, found.scale[found.best]
+def _picture(validated: ValidatedMap) -> bytes:
+    points, best, scale = validated.map, validated.best, validated.scale[validated.best]
     pressures = np.unique(points.pressure_kpa)
     # at the lowest there is little to see
     wanted = np.linspace(pressures[0], pressures[-1], CURVE_PRESSURES + 1)[1:]
@@ -129,7 +131,7 @@ def _picture(found: ValidatedMap) -> bytes:
         np.repeat(levels, CURVE_CONTRACTIONS),
         np.zeros(len(levels) * CURVE_CONTRACTIONS),
     )
-    network, held = ForceLaw(found.trained), found.by_point
+    network, held = ForceLaw(validated.trained), validated.by_point
     sides = (
         Side("ANFIS", pulls(network, lines).reshape(shape), held.anfis - points.force_n),
         Side(
@@ -139,5 +141,11 @@ def _picture(found: ValidatedMap) -> bytes:
         ),
     )
     return force_map_picture(
-        points.contraction, points.pressure_kpa, points.force_n, along, levels, sides, found.finding
+        points.contraction,
+        points.pressure_kpa,
+        points.force_n,
+        along,
+        levels,
+        sides,
+        validated.finding,
     ).png

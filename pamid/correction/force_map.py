@@ -212,16 +212,16 @@ def _column(path: Path, names: list[str], wanted: str) -> str:
             f"{path}, line 1: {stem} is there twice: {', '.join(same)}.", "Drop one.", code="header"
         )
     try:
-        found = match_column(names, wanted)
+        name = match_column(names, wanted)
     except FileError as error:
         raise FileError(f"{path}, line 1: {error.message}", error.hint, code=error.code) from None
-    if found is None:
+    if name is None:
         raise FileError(
             f"{path}, line 1: there is no column {wanted!r}.",
             nearest(wanted, names) or _HEADER,
             code="missing-column",
         )
-    return found
+    return name
 
 
 def _cells(path: Path, names: list[str], used: list[str]) -> Array:

@@ -186,11 +186,11 @@ class Identified:
     @cached_property
     def constants(self) -> dict[str, float]:
         """Every parameter of `lowered` by name, SI."""
-        found = dict(zip(self.assembly.keys, self.values.tolist(), strict=True))
+        values = dict(zip(self.assembly.keys, self.values.tolist(), strict=True))
         if self.beside is not None:
             uncorrected = zip(self.beside[0].keys, self.beside[1].tolist(), strict=True)
-            found |= {f"{BESIDE}{key}": value for key, value in uncorrected}
-        return found
+            values |= {f"{BESIDE}{key}": value for key, value in uncorrected}
+        return values
 
     @cached_property
     def program(self) -> Executable:
@@ -296,17 +296,20 @@ def record_identified(
 
 
 def _corrected_in_loop(
-    model: Identified, excitation: Recording, found: dict[str, Array]
+    model: Identified, excitation: Recording, outputs: dict[str, Array]
 ) -> dict[str, Array]:
     """Columns of a run in the control loop with the network's correction on its channel."""
     assert model.network is not None
-    rig, trained, signals = model.assembly.rig, model.network.trained, dict(found)
+    rig, trained, signals = model.assembly.rig, model.network.trained, dict(outputs)
     signals |= {name: excitation.signal(name) for name in rig.inputs if excitation.has(name)}
     for q in rig.loops:
-        motion = loop_motion(found[q.reading], found[q.command], model.period_s)
+        motion = loop_motion(outputs[q.reading], outputs[q.command], model.period_s)
         signals |= dict(zip(loop_names(q, len(rig.loops) > 1), motion, strict=True))
         signals[q.reference] = excitation.signal(q.reference)
-    return {**found, model.network.channel: found[model.network.channel] + trained.predict(signals)}
+    return {
+        **outputs,
+        model.network.channel: outputs[model.network.channel] + trained.predict(signals),
+    }
 
 
 # ---- reading a run -----------------------------------------------------------------------------

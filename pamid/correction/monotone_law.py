@@ -47,19 +47,19 @@ def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> Traine
     root = np.linalg.cholesky(rows.T @ rows + ridge * np.eye(size))
     wanted = rows.T @ scaled
     broken = np.zeros((0, size))
-    found = trained.weights[network.linear]
+    linear = trained.weights[network.linear]
     for _ in range(CUTTING_ROUNDS):
-        more = _broken(grid, found)
+        more = _broken(grid, linear)
         if not len(more):
             weights = trained.weights.copy()
-            weights[network.linear] = found
+            weights[network.linear] = linear
             return replace(trained, weights=weights)
         broken = np.vstack([broken, more])
         # c = H^-1 (b + G' l) with the l >= 0 that make |R^-T (b + G' l)| least, H = R' R
         dual = solve_triangular(root, broken.T, lower=True)
         free = solve_triangular(root, wanted, lower=True)
         multipliers = nnls(dual, -free, maxiter=50 * dual.shape[1])[0]
-        found = solve_triangular(root.T, free + dual @ multipliers, lower=False)
+        linear = solve_triangular(root.T, free + dual @ multipliers, lower=False)
     return None
 
 

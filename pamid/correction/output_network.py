@@ -75,7 +75,7 @@ class NetworkChoice:
                 code="unknown-network",
             )
         for name in self._asked:
-            owners = [kind for kind, found in kinds.items() if name in found.size_options]
+            owners = [kind for kind, candidate in kinds.items() if name in candidate.size_options]
             if self.kind not in owners:
                 raise UsageError(
                     f"--{name} belongs to --network {' or '.join(owners)}, not to {self.kind}."
@@ -192,7 +192,7 @@ def held_out_mae(residual: ResidualData, channel: str, **models: Array) -> dict[
     """MAE of a channel by several models (rows,) over the scored held-out rows: by the model's
     name, and by it with `_after_1_s` where the start-up is left out, too."""
     startup = math.ceil(STARTUP_S / residual.period_s - 1e-6)
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for ending, skip in (("", residual.washout), ("_after_1_s", max(startup, residual.washout))):
         rows = np.concatenate(
             [
@@ -202,33 +202,33 @@ def held_out_mae(residual: ResidualData, channel: str, **models: Array) -> dict[
         )
         if len(rows):  # windows may be shorter than the start-up
             measured = residual.columns[channel][rows]
-            found |= {
+            errors |= {
                 f"{name}{ending}": mae(measured, model[rows]) for name, model in models.items()
             }
-    return found
+    return errors
 
 
 # ---- files -------------------------------------------------------------------------------------
 
 
-def write_correction(run: Run, found: Correction) -> dict[str, Any]:
+def write_correction(run: Run, correction: Correction) -> dict[str, Any]:
     """network.npz, network.json, trace.csv and the network's column of residual.csv; returns
     network.json."""
-    one = found.residual
+    one = correction.residual
     about = {
         "enters": "output",
         "model": one.model,
         "on": one.on,
         "target": f"measured {one.channel} - {one.model_words}",
-        "mae": {one.channel: {**found.mae, "part": "held-out"}},
+        "mae": {one.channel: {**correction.mae, "part": "held-out"}},
         "notes": list(one.notes),
     }
     return write_network(
         run,
-        found.trained,
-        found.training,
+        correction.trained,
+        correction.training,
         about,
-        {one.channel: one.columns[one.modelled] + found.values},
+        {one.channel: one.columns[one.modelled] + correction.values},
     )
 
 

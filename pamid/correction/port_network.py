@@ -161,8 +161,8 @@ class Origin:
             earlier = read_posterior(Path(self.fit.from_.path))
             problem = replace(problem, prior=earlier.prior(problem))
         with threadpool_limits(limits=1, user_api="blas"):
-            found = fit_robustly(problem, p=self.p, stepping=self.stepping)
-        fitted = replace(found, p=self.p)
+            refitted = fit_robustly(problem, p=self.p, stepping=self.stepping)
+        fitted = replace(refitted, p=self.p)
         held_out = tuple(
             replay_track(a, self.p, t, self.stepping, e.noise) for t in e.tracks(a, held_out=True)
         )
@@ -271,13 +271,13 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
             f"What is missing at {entry.name} cannot be found: the model does not follow its data.",
             "Try another port.",
         )
-    found = []
+    missing = []
     for sliced, states in zip(smoother.tracks, smoothed.x, strict=True):
         middle = np.array([0.5 * (w.start + w.stop - 1) for w in sliced.slices])
         values = size_at(model.assembly, entry.port) * states[:, smoother.missing[0]]
-        found.append(np.interp(np.arange(len(sliced.runner.track)), middle, values))
+        missing.append(np.interp(np.arange(len(sliced.runner.track)), middle, values))
     p = transferred(model.assembly, (smoother.assembly, smoother.parameters(smoothed.s)))
-    return np.concatenate(found), p
+    return np.concatenate(missing), p
 
 
 # ---- the corrected model -----------------------------------------------------------------------
@@ -315,14 +315,14 @@ class Corrected:
     def replayed(self, values: Array) -> list[Replay]:
         """Replays of all fitted and held-out tracks with these values (SI; one track after the
         other) added."""
-        m, a, first, found = self.model, self.assembly, 0, []
+        m, a, first, replays = self.model, self.assembly, 0, []
         p, column = transferred(a, (m.assembly, self.p)), a.traced.inputs.index(ADDED)
         for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):
             u, last = t.u.copy(), first + len(t) - t.lead
             u[t.lead :, column] = values[first:last]
-            found.append(replay_track(a, p, replace(t, u=u), m.fit.stepping, m.evidence.noise))
+            replays.append(replay_track(a, p, replace(t, u=u), m.fit.stepping, m.evidence.noise))
             first = last
-        return found
+        return replays
 
 
 def train_at_port(
@@ -360,9 +360,11 @@ def train_at_port(
         at_output = _at_output(residual, **options)
     stage("simulating with the network")
     runs = Corrected(model, entry, p).replayed(to_si(values[rows], unit))
-    found = np.empty((len(rows), len(e.channels)))
-    found[rows] = np.concatenate([r.model for r in runs])
-    outputs = {c: from_si(y, split_column(c)[1]) for c, y in zip(e.channels, found.T, strict=True)}
+    corrected = np.empty((len(rows), len(e.channels)))
+    corrected[rows] = np.concatenate([r.model for r in runs])
+    outputs = {
+        c: from_si(y, split_column(c)[1]) for c, y in zip(e.channels, corrected.T, strict=True)
+    }
     notes = (
         ()
         if all(r.finite for r in runs)
@@ -410,35 +412,36 @@ def _at_output(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Co
     interrupted."""
     options["checkpoint"], options["resume"] = None, False
     try:
-        found = train_correction(residual, **options)
+        correction = train_correction(residual, **options)
     except KeyboardInterrupt:
         return None
-    return None if found.interrupted else found
+    return None if correction.interrupted else correction
 
 
 def _compared(
     residual: ResidualData, outputs: dict[str, Array], at_output: Correction | None
 ) -> dict[str, dict[str, float]]:
     """Held-out MAE of every channel by the model and the corrected ones."""
-    found = {}
+    errors = {}
     for channel, corrected in outputs.items():
         models = residual.models(channel) | {"with_network": corrected}
         if at_output is not None and channel == residual.channel:
             models["with_output_network"] = residual.columns[residual.modelled] + at_output.values
-        found[channel] = held_out_mae(residual, channel, **models)
-    return found
+        errors[channel] = held_out_mae(residual, channel, **models)
+    return errors
 
 
-def write_port_correction(run: Run, found: PortCorrection) -> dict[str, Any]:
+def write_port_correction(run: Run, correction: PortCorrection) -> dict[str, Any]:
     """network.npz, network.json, trace.csv and every corrected channel in residual.csv; returns
     network.json."""
     about = {
-        "enters": {"port": found.entry.name},
-        "model": found.residual.model,
-        "on": found.residual.on,
-        "target": f"what is missing at {found.entry.name} of {found.residual.model_words}",
-        "parameters": found.parameters,
-        "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()},
-        "notes": list(found.notes),
+        "enters": {"port": correction.entry.name},
+        "model": correction.residual.model,
+        "on": correction.residual.on,
+        "target": f"what is missing at {correction.entry.name} of "
+        f"{correction.residual.model_words}",
+        "parameters": correction.parameters,
+        "mae": {c: {**mae, "part": "held-out"} for c, mae in correction.mae.items()},
+        "notes": list(correction.notes),
     }
-    return write_network(run, found.trained, found.training, about, found.outputs)
+    return write_network(run, correction.trained, correction.training, about, correction.outputs)

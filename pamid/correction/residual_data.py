@@ -303,7 +303,7 @@ def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segm
 
     The model's own start-up lies there, and the network's may.
     """
-    found: list[tuple[int, int, int, int]] = []
+    windows: list[tuple[int, int, int, int]] = []
     for span in spans:
         window = columns["window"][span.rows]
         edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
@@ -311,10 +311,12 @@ def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segm
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             if window[a] >= 0:
                 first, last = span.rows.start + a, span.rows.start + b
-                found.append((first - free, first, last, span.part))
+                windows.append((first - free, first, last, span.part))
                 free = last
-    washout = min((before for before, *_ in found), default=0)
-    return [Segment(slice(first - washout, last), part) for _, first, last, part in found], washout
+    washout = min((before for before, *_ in windows), default=0)
+    return [
+        Segment(slice(first - washout, last), part) for _, first, last, part in windows
+    ], washout
 
 
 # ---- model and inputs --------------------------------------------------------------------------

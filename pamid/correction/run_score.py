@@ -92,17 +92,17 @@ def score_run(
     FileError where it lacks a column that the rig needs, or holds no channel of the run.
     """
     fit = need_result(folder / FIT_FILE, FitFile, also=("model", "cause"))
-    found = _models_of(folder, fit, rig, effects)
-    outputs = tuple(found.refitted.assembly.rig.outputs)
+    models = _models_of(folder, fit, rig, effects)
+    outputs = tuple(models.refitted.assembly.rig.outputs)
     used = _used_again(fit.recordings)
     for recording in recordings:
         _require_fresh(folder, recording, fit.recordings)
         require_apart(outputs, used, [recording])
-        _require_alike(recording, found.refitted)
-        measured_outputs(found.refitted.assembly, recording)
-    runs = _Counted(2 * len(recordings) * len(found.every))
-    rows = [row for one in recordings for row in _rows(found, one, runs)]
-    return RunScore(found.refitted.name, tuple(found.named), tuple(rows), _notes(found))
+        _require_alike(recording, models.refitted)
+        measured_outputs(models.refitted.assembly, recording)
+    runs = _Counted(2 * len(recordings) * len(models.every))
+    rows = [row for one in recordings for row in _rows(models, one, runs)]
+    return RunScore(models.refitted.name, tuple(models.named), tuple(rows), _notes(models))
 
 
 def _models_of(
@@ -127,12 +127,12 @@ def _models_of(
     return _Models(refitted, named, tuple(fit.channels), beside)
 
 
-def _notes(found: _Models) -> tuple[str, ...]:
-    one = found.named.get("with_network")
+def _notes(models: _Models) -> tuple[str, ...]:
+    one = models.named.get("with_network")
     if one is None or one.network is None:
         return ()
     where, other = ("closed loop", "replay") if one.network.in_loop else ("replay", "")
-    labels, without = ([a.label for a in m.effects] for m in (one, found.refitted))
+    labels, without = ([a.label for a in m.effects] for m in (one, models.refitted))
     model = "model with its causes" if labels != without else "refitted model"
     text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
@@ -156,15 +156,15 @@ def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingU
 def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
     """The run's recordings, where they still lie there as they were: one of them under another
     name, or a part of it, is known by its samples."""
-    found = []
+    repeated = []
     for one in used:
         path = Path(one.path)
         try:
             if path.is_file() and sha256_of(path) == one.sha256:
-                found.append(read_recording(path))
+                repeated.append(read_recording(path))
         except (PamidError, OSError):  # it has moved or changed: its digest is what is left
             continue
-    return found
+    return repeated
 
 
 def _require_alike(recording: Recording, model: Identified) -> None:
@@ -193,34 +193,34 @@ class _Counted:
         self.begun += 1
 
 
-def _rows(found: _Models, recording: Recording, runs: _Counted) -> Iterator[RecordingError]:
+def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[RecordingError]:
     """Replay, then closed loop, channel by channel."""
-    seen = [c for c in found.channels if recording.has(c)]
-    split = split_recordings(found.refitted.assembly.rig, [recording], [])
+    seen = [c for c in available.channels if recording.has(c)]
+    split = split_recordings(available.refitted.assembly.rig, [recording], [])
     replays = {}
-    for name, model in found.every:
+    for name, model in available.every:
         runs.next(name, recording)
         if model.network is None or not model.network.in_loop:
-            replays[id(model)] = _Replayed(model, found.channels, split, recording).outputs()
+            replays[id(model)] = _Replayed(model, available.channels, split, recording).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
-        k = found.channels.index(channel)
+        k = available.channels.index(channel)
         models = {
             name: _own(replays[id(model)][1][scored, k], channel)
             if replays[id(model)][0].finite
             else None
-            for name, model in found.of(channel).items()
+            for name, model in available.of(channel).items()
             if id(model) in replays
         }
         measured = recording.signal(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
-    if _has_loop(found.refitted.assembly.rig, recording):
+    if _has_loop(available.refitted.assembly.rig, recording):
         loops = {}
-        for name, model in found.every:
+        for name, model in available.every:
             runs.next(name, recording)
             loops[id(model)] = _loop_of(model, recording)
         for channel in seen:
-            own = {name: loops[id(model)] for name, model in found.of(channel).items()}
+            own = {name: loops[id(model)] for name, model in available.of(channel).items()}
             models = {n: None if run is None else run[channel] for n, run in own.items()}
             yield recording_error(
                 recording.name,
@@ -323,7 +323,7 @@ class _Replayed:
                 values = done.track.u[:, inputs.index(source)]
             columns.append(_own(values, source))
         signals = np.column_stack(columns)
-        found = np.zeros(len(signals))
+        prediction = np.zeros(len(signals))
         for w in done.windows:
-            found[w.start : w.stop] = network.trained.predict(signals[w.start : w.stop])
-        return found
+            prediction[w.start : w.stop] = network.trained.predict(signals[w.start : w.stop])
+        return prediction

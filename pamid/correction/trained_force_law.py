@@ -111,11 +111,11 @@ def check_force_law(
     low, high = _force_si(trained)
     forces = np.maximum(low + 0.5 * (_on_grid(trained) + 1.0) * (high - low), 0.0)
     axis = order.index("Pa")
-    found = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
+    violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = tolerance * (high - low)
     said = [
         _said(trained, k, places, forces)
-        for k, (by, places) in zip((axis, 1 - axis), found, strict=True)
+        for k, (by, places) in zip((axis, 1 - axis), violations, strict=True)
         if by > allowed
     ]
     if said:
@@ -128,7 +128,7 @@ def check_force_law(
         if strict:
             raise DataError(message, hint)
         warnings.warn(message, stacklevel=2)
-    return found[0][0], found[1][0]
+    return violations[0][0], violations[1][0]
 
 
 Place = tuple[int, int]
@@ -160,8 +160,8 @@ def _said(trained: TrainedNetwork, axis: int, places: tuple[Place, Place], force
 
 def _on_grid(trained: TrainedNetwork) -> Array:
     """The scaled force on the grid (POINTS, POINTS), axes in the order of the inputs."""
-    found = _extended(lambda u: trained.network.simulate(trained.weights, u))
-    return found.reshape(CHECKED_POINTS, CHECKED_POINTS)
+    grid = _extended(lambda u: trained.network.simulate(trained.weights, u))
+    return grid.reshape(CHECKED_POINTS, CHECKED_POINTS)
 
 
 def _extended(of: Callable[[Array], Array]) -> Array:

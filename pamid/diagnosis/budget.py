@@ -109,11 +109,11 @@ class _Baseline(ObjectWork[int, GreyBox]):
     def result(self, item: int) -> GreyBox:
         return fit_model(self.evidence, seed=item, progress=self.progress)
 
-    def plain_form(self, item: int, found: GreyBox) -> Plain:
-        return grey_box_plain(found)
+    def plain_form(self, item: int, result: GreyBox) -> Plain:
+        return grey_box_plain(result)
 
-    def restored(self, item: int, found: Plain) -> GreyBox:
-        return grey_box_restored(self.evidence, found)
+    def restored(self, item: int, plain: Plain) -> GreyBox:
+        return grey_box_restored(self.evidence, plain)
 
 
 def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:

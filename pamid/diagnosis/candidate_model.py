@@ -107,7 +107,7 @@ class CandidateModel:
 def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | None, ...]:
     """Slopes along a replay of what steps by itself, by its states alone and by the parameters,
     too, for smoothings along it to begin with; none of equations."""
-    found = []
+    slopes = []
     for own in (replace(runner, free=()).keeping(), runner.keeping()):
         if own.known is not None:
             values = own.parameters(p)
@@ -116,8 +116,8 @@ def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | Non
                 own.enter(memory, x)
                 if not own.run(memory, window, values, True)[2]:
                     memory = own.memory(values)
-        found.append(own.known)
-    return tuple(found)
+        slopes.append(own.known)
+    return tuple(slopes)
 
 
 def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> CandidateModel:
@@ -230,9 +230,9 @@ def refit(
     set_within_bounds(assembly, p, first or {})
     begun = begun_from(base, assembly)
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
-        found = [fit_robustly(problem, p=q) for q in (p, typical)]
+        fits = [fit_robustly(problem, p=q) for q in (p, typical)]
         return max(
-            found, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
+            fits, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
         )
     done = fit(
         problem,

@@ -84,11 +84,11 @@ class Responding(ObjectWork[Screened, Response]):
             np.concatenate([[[0.0, np.inf]], room]),
         )
 
-    def plain_form(self, item: Screened, found: Response) -> Plain:
-        return {"columns": found.columns, "room": found.room}
+    def plain_form(self, item: Screened, result: Response) -> Plain:
+        return {"columns": result.columns, "room": result.room}
 
-    def restored(self, item: Screened, found: Plain) -> Response:
-        return Response(found["columns"], found["room"])
+    def restored(self, item: Screened, plain: Plain) -> Response:
+        return Response(plain["columns"], plain["room"])
 
     def name(self, item: Screened) -> str:
         return item.added.label
@@ -141,10 +141,10 @@ def responses_of(
         known=reference.known,
     )
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
-    found = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
+    responses = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
     kept = [
         (s, r)
-        for s, r in zip(screened, found, strict=True)
+        for s, r in zip(screened, responses, strict=True)
         if not isinstance(r, Failed) and np.isfinite(r.columns).all()
     ]
     columns = np.column_stack([np.zeros((len(ground.away), 0)), *(r.columns for _, r in kept)])
@@ -172,7 +172,7 @@ class Subset:
 
 
 def best_subsets(
-    found: ScreenedResponses,
+    responses: ScreenedResponses,
     family: Callable[[Addition], str],
     size: int,
     settings: Settings = DEFAULT,
@@ -186,14 +186,14 @@ def best_subsets(
     Every pair is looked at; of larger sets those that add a candidate to one of the best that are
     smaller by one.
     """
-    families = [family(s.added) for s in found.screened]
+    families = [family(s.added) for s in responses.screened]
     everyone = range(len(families))
 
     def at_once(i: int, j: int) -> bool:
-        one, rest = found.screened[i].added, found.screened[j].added
+        one, rest = responses.screened[i].added, responses.screened[j].added
         return families[i] != families[j] or apart(one, rest)
 
-    leading: list[tuple[float, tuple[int, ...]]] = [(found.gain((i,)), (i,)) for i in everyone]
+    leading: list[tuple[float, tuple[int, ...]]] = [(responses.gain((i,)), (i,)) for i in everyone]
     fewer = 0.0
     for _ in range(size - 1):
         fewer = max((gain for gain, _ in leading), default=0.0)
@@ -206,7 +206,7 @@ def best_subsets(
         best: dict[tuple[str, ...], tuple[float, tuple[int, ...]]] = {}
         for members in sorted(tried):
             names = tuple(sorted(families[i] for i in members))
-            gain = found.gain(members)
+            gain = responses.gain(members)
             if names not in best or gain > best[names][0]:
                 best[names] = gain, members
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
@@ -214,7 +214,7 @@ def best_subsets(
     # first effect removes nearly all of these, one that halves the rest gains a fraction of one
     least = settings.pair_share * max((gain - fewer for gain, _ in leading), default=0.0)
     return [
-        Subset(tuple(found.screened[i] for i in m), gain)
+        Subset(tuple(responses.screened[i] for i in m), gain)
         for gain, m in leading
         if gain - fewer > max(least, 0.0)
     ]

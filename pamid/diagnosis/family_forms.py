@@ -105,8 +105,8 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
         if (span := _span(a, rig, reached)) is not None
     ]
     work = Refitting(search.evidence, best.fit, search.budget.sizes)
-    found = search.pool.run(work, starts, search.progress)
-    return [c for c in found if not isinstance(c, Failed) and c.finite]
+    models = search.pool.run(work, starts, search.progress)
+    return [c for c in models if not isinstance(c, Failed) and c.finite]
 
 
 def _start(search: Search, best: CandidateModel, a: Attachment, span: Span) -> RefitStart:
@@ -165,8 +165,8 @@ def curve_of(c: CandidateModel) -> FormCurve:
 
 
 def _shown_unit(si: str) -> str:
-    found = display_unit(si)
-    return "" if found == NONE else found
+    symbol = display_unit(si)
+    return "" if symbol == NONE else symbol
 
 
 def _covariance(fit: Fit, places: list[int]) -> Array:

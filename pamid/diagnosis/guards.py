@@ -50,23 +50,23 @@ class Guards:
         return self._objections[model]
 
     def _found(self, model: CandidateModel) -> list[str]:
-        found = []
+        reasons = []
         settings, base = self.search.settings, self.search.budget.baseline
         for a in _that_act(model):
             if ended := at_bounds(model, settings, a.label):
-                found.append(f"{', '.join(ended)} of {a.label} ended at a bound")
+                reasons.append(f"{', '.join(ended)} of {a.label} ended at a bound")
             if gone := vanished(model, a.label):
-                found.append(f"{', '.join(gone)} of {a.label} ended at nothing")
+                reasons.append(f"{', '.join(gone)} of {a.label} ended at nothing")
             for name, family in at_limits(model, a).items():
                 # without a candidate of that family it is the best name there is
                 if any(
                     self.search.family(k) == family and set(k.ports) & set(a.ports)
                     for k in self.search.candidates
                 ):
-                    found.append(f"{name} of {a.label} ended where it is {family}")
+                    reasons.append(f"{name} of {a.label} ended where it is {family}")
             if terms := duplicated_terms(model, a.label, base, settings):
-                found.append(f"{a.label} does what {', '.join(terms)} of the rig does")
-        return found
+                reasons.append(f"{a.label} does what {', '.join(terms)} of the rig does")
+        return reasons
 
     def ignores_inputs(self, model: CandidateModel) -> bool:
         """Whether a model explains no channel by its inputs, to which the outputs respond."""
@@ -82,11 +82,11 @@ class Guards:
 def _that_act(model: CandidateModel) -> list[Attachment]:
     """The model's effects, of the same one at several ports those whose amounts did not end at
     nothing: the others are no part of the model that is named."""
-    found: list[Attachment] = []
+    acting_members: list[Attachment] = []
     for added in model.additions:
         acting = [a for a in added.members if not vanished(model, a.label)]
-        found += acting or added.members
-    return found
+        acting_members += acting or added.members
+    return acting_members
 
 
 # ---- terms of the rig ----------------------------------------------------------------------------
@@ -203,7 +203,7 @@ class _Closed(Effect):
 def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
     """By port: parameters that the rig's equations read beside what passes it. The port is closed
     for this, not its value left out: what a sensor reads may act in the machine as well."""
-    found = {}
+    parameters = {}
     for closed in rig.ports:
 
         def effects_at(port: str, _: str, closed: str = closed) -> list[tuple[str, Effect]]:
@@ -214,5 +214,5 @@ def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
         except FileError:  # not defined there: nothing can be said of the port
             rest = trace(rig, lambda *_: [], {})
         read = symbols([*rest.rates.values(), *rest.outputs.values()])
-        found[closed] = frozenset(name for space, name in read if space == "parameter")
-    return found
+        parameters[closed] = frozenset(name for space, name in read if space == "parameter")
+    return parameters

@@ -31,19 +31,19 @@ WIDER = 4.0  # by which a range is widened
 def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     """The model with wider ranges of what its effects' parameters ended at; None where there is
     none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
-    found = {
+    ranges = {
         e.bound.key: _wider(e.bound, e.at_bound)
         for a in assembly.attachments
         for e, _ in _at_guesses(assembly, fitted, a.label)
         if not _is_limit(e)
     }
-    return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
+    return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else None
 
 
 def as_wide(assembly: Assembly, *others: Assembly) -> Assembly:
     """The model with the ranges to which those of its parameters were widened in others."""
-    found = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
-    return replace(assembly, ranges={**assembly.ranges, **found}) if found else assembly
+    ranges = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
+    return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else assembly
 
 
 def _wider(b: Bound, end: str | None) -> Range:
@@ -59,9 +59,9 @@ def at_bounds(
     bound which physics did not set, by their names outside. The lower end of a factor is none: it
     keeps an equation from growing stiff, and what ends there (friction that gives next to nothing
     before it slips) is as the limit of its form."""
-    found = _at_guesses(model.assembly, model.fit, label)
+    ended = _at_guesses(model.assembly, model.fit, label)
     return tuple(
-        e.bound.name for e, pressed in found if pressed > settings.pressed and not _is_limit(e)
+        e.bound.name for e, pressed in ended if pressed > settings.pressed and not _is_limit(e)
     )
 
 

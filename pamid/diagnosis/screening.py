@@ -320,10 +320,10 @@ def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screene
     fits: list[Fit] = []
     for start in (screened, *filter(None, [screened.rival])):
         assert start.p is not None
-        found = exact(start.p, start.starts, steps, start.stepping)
-        further = _screened(reference, added, start.first, *found)
+        exact_fit = exact(start.p, start.starts, steps, start.stepping)
+        further = _screened(reference, added, start.first, *exact_fit)
         best = further if further.gain > best.gain else best
-        fits.append(found.fit)
+        fits.append(exact_fit.fit)
     fitted = min(fits, key=lambda f: f.cost)
     scanned = _scanned_beside(reference, added, fitted, exact)
     if scanned is fitted:
@@ -395,32 +395,32 @@ def _shaping(problem: Problem, added: Addition) -> bool:
 
 
 def _scanned_beside(
-    reference: ScreeningBaseline, added: Addition, found: Fit, probe: _Probing
+    reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probing
 ) -> Fit:
     """The fit, or a better one from another value of a scanned parameter that shows beside the
     effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
     take something off."""
-    problem, settings = found.problem, reference.settings
-    helps = found.cost < (1.0 - SCAN_GAIN) * reference.cost
+    problem, settings = fitted.problem, reference.settings
+    helps = fitted.cost < (1.0 - SCAN_GAIN) * reference.cost
     wanted = _wanted(problem.assembly, added)
     if not helps or not _shaping(problem, added):
-        return found
-    best = found
+        return fitted
+    best = fitted
     for i in wanted:
         where = Scanned(
             problem,
-            found.p,
-            found.starts,
-            found.weights,
-            found.stepping,
+            fitted.p,
+            fitted.starts,
+            fitted.weights,
+            fitted.stepping,
             SCAN_SAMPLES,
             beside=True,
         )
         for value in scanned_values(where, where, i):
-            p = found.p.copy()
+            p = fitted.p.copy()
             p[i] = value
             steps = settings.probe_steps + settings.screen_steps
-            done = probe(p, found.starts, steps, found.stepping).fit
+            done = probe(p, fitted.starts, steps, fitted.stepping).fit
             best = done if done.cost < best.cost else best
     return best
 

@@ -87,13 +87,13 @@ class _Screening(ObjectWork[Addition, Screened]):
     def result(self, item: Addition) -> Screened:
         return screen(self.evidence, self.reference, item, self.sizes, self.hints)
 
-    def plain_form(self, item: Addition, found: Screened) -> Plain:
-        return _screened_plain(found)
+    def plain_form(self, item: Addition, result: Screened) -> Plain:
+        return _screened_plain(result)
 
-    def restored(self, item: Addition, found: Plain) -> Screened:
-        fits, made = found["fits"], self.reference.model_beside
+    def restored(self, item: Addition, plain: Plain) -> Screened:
+        fits, made = plain["fits"], self.reference.model_beside
         return _screened_restored(
-            item, made(self.evidence, item, self.sizes) if fits else None, found
+            item, made(self.evidence, item, self.sizes) if fits else None, plain
         )
 
     def name(self, item: Addition) -> str:
@@ -111,42 +111,42 @@ class _Advancing(ObjectWork[Screened, Screened]):
     def result(self, item: Screened) -> Screened:
         return advance(self.evidence, self.reference, item)
 
-    def plain_form(self, item: Screened, found: Screened) -> Plain:
-        return _screened_plain(found)
+    def plain_form(self, item: Screened, result: Screened) -> Plain:
+        return _screened_plain(result)
 
-    def restored(self, item: Screened, found: Plain) -> Screened:
-        return _screened_restored(item.added, item.assembly, found)
+    def restored(self, item: Screened, plain: Plain) -> Screened:
+        return _screened_restored(item.added, item.assembly, plain)
 
     def name(self, item: Screened) -> str:
         return item.added.label
 
 
-def _screened_plain(found: Screened) -> Plain:
+def _screened_plain(screened: Screened) -> Plain:
     return {
-        "first": found.first,
-        "gain": found.gain,
-        "why": found.why,
-        "fits": found.assembly is not None,
-        "p": found.p,
-        "starts": found.starts,
-        "stepping": found.stepping and [found.stepping.substeps, found.stepping.implicit],
-        "rival": found.rival and _screened_plain(found.rival),
-        "promised": found.promised,
+        "first": screened.first,
+        "gain": screened.gain,
+        "why": screened.why,
+        "fits": screened.assembly is not None,
+        "p": screened.p,
+        "starts": screened.starts,
+        "stepping": screened.stepping and [screened.stepping.substeps, screened.stepping.implicit],
+        "rival": screened.rival and _screened_plain(screened.rival),
+        "promised": screened.promised,
     }
 
 
-def _screened_restored(a: Addition, assembly: Assembly | None, found: Plain) -> Screened:
+def _screened_restored(a: Addition, assembly: Assembly | None, plain: Plain) -> Screened:
     return Screened(
         a,
         assembly,
-        found["first"],
-        found["gain"],
-        found["why"],
-        found["p"],
-        tuple(found["starts"]),
-        found["stepping"] and Stepping(*found["stepping"]),
-        found["rival"] and _screened_restored(a, assembly, found["rival"]),
-        found["promised"],
+        plain["first"],
+        plain["gain"],
+        plain["why"],
+        plain["p"],
+        tuple(plain["starts"]),
+        plain["stepping"] and Stepping(*plain["stepping"]),
+        plain["rival"] and _screened_restored(a, assembly, plain["rival"]),
+        plain["promised"],
     )
 
 
@@ -187,11 +187,11 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
             done = refit(self.evidence, assembly, self.after, p=done.p, known=known)
         return replayed(self.evidence, assembly, done)
 
-    def plain_form(self, item: RefitStart, found: CandidateModel) -> Plain:
-        return candidate_plain(found)
+    def plain_form(self, item: RefitStart, result: CandidateModel) -> Plain:
+        return candidate_plain(result)
 
-    def restored(self, item: RefitStart, found: Plain) -> CandidateModel:
-        return candidate_restored(self.evidence, self._assembly(item), found)
+    def restored(self, item: RefitStart, plain: Plain) -> CandidateModel:
+        return candidate_restored(self.evidence, self._assembly(item), plain)
 
     def _assembly(self, item: RefitStart) -> Assembly:
         made = item.assembly or model_with(self.evidence, item.attached, self.sizes)
@@ -276,12 +276,12 @@ def opposite_signs(
         for c, ranges in tried
     ]
     work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
-    found = [
+    shares = [
         (c, search.budget.shrinkage(c.absolutes))
         for c in search.pool.run(work, starts, search.progress)
         if not isinstance(c, Failed) and c.finite
     ]
-    return sorted(((c, v) for c, v in found if v > MIRRORED_SHARE), key=lambda e: -e[1])
+    return sorted(((c, v) for c, v in shares if v > MIRRORED_SHARE), key=lambda e: -e[1])
 
 
 def _start(s: Screened, base: CandidateModel) -> RefitStart:
@@ -289,8 +289,8 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
     sheet; of a rig that is stepped always the former, which may have taken more than a fit from
     the data sheet to find."""
     assert s.assembly is not None
-    found = base.attached or s.assembly.program.keeps_slopes
-    p = transferred(s.assembly, (base.assembly, base.fit.p)) if found else None
+    continues = base.attached or s.assembly.program.keeps_slopes
+    p = transferred(s.assembly, (base.assembly, base.fit.p)) if continues else None
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 
@@ -331,11 +331,11 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
             best = replayed(self.evidence, best.assembly, done)
         return best
 
-    def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:
-        return {} if found is item else candidate_plain(found)
+    def plain_form(self, item: CandidateModel, result: CandidateModel) -> Plain:
+        return {} if result is item else candidate_plain(result)
 
-    def restored(self, item: CandidateModel, found: Plain) -> CandidateModel:
-        return candidate_restored(self.evidence, item.assembly, found) if found else item
+    def restored(self, item: CandidateModel, plain: Plain) -> CandidateModel:
+        return candidate_restored(self.evidence, item.assembly, plain) if plain else item
 
     def name(self, item: CandidateModel) -> str:
         return item.label

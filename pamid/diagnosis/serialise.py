@@ -36,15 +36,15 @@ def candidate_plain(c: CandidateModel) -> Plain:
     }
 
 
-def candidate_restored(evidence: DataSplit, assembly: Assembly, found: Plain) -> CandidateModel:
-    ranges = {key: (low, high) for key, low, high in found["ranges"]}
+def candidate_restored(evidence: DataSplit, assembly: Assembly, plain: Plain) -> CandidateModel:
+    ranges = {key: (low, high) for key, low, high in plain["ranges"]}
     assembly = replace(assembly, ranges=ranges) if ranges else assembly
     held = evidence.tracks(assembly, held_out=True)
     return candidate_from(
         assembly,
-        _fit_of(evidence, assembly, found["fit"]),
-        _replays_of(held, found["replays"], evidence.noise),
-        _replays_of(held, found["runs"], evidence.noise) if found["runs"] else (),
+        _fit_of(evidence, assembly, plain["fit"]),
+        _replays_of(held, plain["replays"], evidence.noise),
+        _replays_of(held, plain["runs"], evidence.noise) if plain["runs"] else (),
     )
 
 
@@ -62,25 +62,25 @@ def grey_box_plain(g: GreyBox) -> Plain:
     }
 
 
-def grey_box_restored(evidence: DataSplit, found: Plain) -> GreyBox:
-    evidence = replace(evidence, rig=rig_with_background(evidence.rig, found["background"]))
+def grey_box_restored(evidence: DataSplit, plain: Plain) -> GreyBox:
+    evidence = replace(evidence, rig=rig_with_background(evidence.rig, plain["background"]))
     assembly = model_with(
-        evidence, (), {(port, signal): size for port, signal, size in found["sizes"]}
+        evidence, (), {(port, signal): size for port, signal, size in plain["sizes"]}
     )
     held = evidence.tracks(assembly, held_out=True)
     replays, sheet, floor = (
-        _replays_of(held, found[part], evidence.noise)
+        _replays_of(held, plain[part], evidence.noise)
         for part in ("held_out", "data_sheet", "floor")
     )
     return GreyBox(
         evidence,
         assembly,
-        _fit_of(evidence, assembly, found["fit"]),
-        found["recheck"],
+        _fit_of(evidence, assembly, plain["fit"]),
+        plain["recheck"],
         replays,
         sheet,
         floor,
-        remark=found["remark"],
+        remark=plain["remark"],
     )
 
 
@@ -103,23 +103,23 @@ def _fit_plain(f: Fit) -> Plain:
     }
 
 
-def _fit_of(evidence: DataSplit, assembly: Assembly, found: dict[str, Any]) -> Fit:
+def _fit_of(evidence: DataSplit, assembly: Assembly, plain: dict[str, Any]) -> Fit:
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     return Fit(
         problem,
-        found["p"],
-        tuple(found["starts"]),
-        Weights(found["sigma"], found["correlated"]),
-        found["cost"],
-        found["covariance"],
-        found["iterations"],
-        found["converged"],
-        found["why"],
-        Stepping(found["substeps"], found["implicit"]),
-        tuple(found["pulls"]),
-        tuple(found["residuals"]),
-        found["held"],
+        plain["p"],
+        tuple(plain["starts"]),
+        Weights(plain["sigma"], plain["correlated"]),
+        plain["cost"],
+        plain["covariance"],
+        plain["iterations"],
+        plain["converged"],
+        plain["why"],
+        Stepping(plain["substeps"], plain["implicit"]),
+        tuple(plain["pulls"]),
+        tuple(plain["residuals"]),
+        plain["held"],
     )
 
 
@@ -134,7 +134,7 @@ def _replay_plain(r: Replay) -> Plain:
     }
 
 
-def _replays_of(tracks: tuple[Track, ...], found: list[Plain], noise: Array) -> tuple[Replay, ...]:
+def _replays_of(tracks: tuple[Track, ...], plain: list[Plain], noise: Array) -> tuple[Replay, ...]:
     return tuple(
         Replay(
             _measured(t, f),
@@ -146,10 +146,10 @@ def _replays_of(tracks: tuple[Track, ...], found: list[Plain], noise: Array) -> 
             noise,
             f["per_run"],
         )
-        for t, f in zip(tracks, found, strict=True)
+        for t, f in zip(tracks, plain, strict=True)
     )
 
 
-def _measured(track: Track, found: Plain) -> Track:
+def _measured(track: Track, plain: Plain) -> Track:
     """The track, or the same with the channels that a replay was held against."""
-    return replace(track, y=found["measured"]) if "measured" in found else track
+    return replace(track, y=plain["measured"]) if "measured" in plain else track

@@ -73,9 +73,9 @@ def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
         _reach(base),
         periods,
         evidence.timescale_s,
-        {port: tuple(sorted(found)) for port, found in rests.items()},
+        {port: tuple(sorted(values)) for port, values in rests.items()},
         base.assembly.rig.period_s,
-        {port: tuple(sorted(found)) for port, found in ends.items()},
+        {port: tuple(sorted(values)) for port, values in ends.items()},
     )
 
 
@@ -246,14 +246,14 @@ def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
     frequency = np.arange(len(total)) / (4.0 * span)
     step = np.median(np.concatenate([np.abs(np.diff(x)) for x, _ in parts]))
     total[(frequency < FEWEST_PERIODS / span) | (2.0 * frequency * step > 1.0)] = 0.0
-    found = []
+    periods = []
     for _ in range(SPECTRUM_LINES):
         k = int(np.argmax(total))
         if total[k] <= 0.0:
             break
-        found.append(float(1.0 / frequency[k]))
+        periods.append(float(1.0 / frequency[k]))
         total[max(0, k - 8) : k + 9] = 0.0
-    return tuple(found)
+    return tuple(periods)
 
 
 def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, Array, Array]:

@@ -56,14 +56,14 @@ class Changes:
         there = self.share.reshape(2, half, 2, half).sum(axis=(1, 3)) > _SELDOM
         sizes = [
             word
-            for word, found in zip(("small", "large"), there.any(axis=1), strict=True)
-            if not found
+            for word, present in zip(("small", "large"), there.any(axis=1), strict=True)
+            if not present
         ]
         return sizes + [
             f"{size} {pace}"
             for size, row in zip(("small", "large"), there, strict=True)
-            for pace, found in zip(("slow", "fast"), row, strict=True)
-            if not found and size not in sizes
+            for pace, present in zip(("slow", "fast"), row, strict=True)
+            if not present and size not in sizes
         ]
 
 

@@ -256,8 +256,8 @@ def external_columns(rig: Rig) -> dict[str, float]:
     """Columns for a torque or force from outside, with the usual highest value, in their units.
     UsageError where there are none."""
     names = [name for name in rig.inputs if name.startswith(EXTERNAL)]
-    if found := {name: rig.external.get(name, HIGHEST_EXTERNAL) for name in names}:
-        return found
+    if limits := {name: rig.external.get(name, HIGHEST_EXTERNAL) for name in names}:
+        return limits
     raise UsageError(
         f"rig {rig.name!r} has no input {EXTERNAL}<torque or force>, so no torque loops.",
         f"Its inputs: {', '.join(rig.inputs) or 'none'}.",

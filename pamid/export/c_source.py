@@ -99,12 +99,12 @@ def _fields(step: SampleStep) -> list[str]:
         "cells": (len(step.updates), "memories"),
         "lines": (sum(step.lines), "delay lines"),
     }
-    found = [
+    fields = [
         f"double {name}[{size}];   /* {about} */" for name, (size, about) in sizes.items() if size
     ]
     if step.lines:
-        found.append(f"int heads[{len(step.lines)}];")
-    return [*found, "long long samples;   /* since the start */"]
+        fields.append(f"int heads[{len(step.lines)}];")
+    return [*fields, "long long samples;   /* since the start */"]
 
 
 # ---- source ------------------------------------------------------------------------------------

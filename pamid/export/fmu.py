@@ -58,18 +58,18 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
     """An FMU of FMI 2 or 3; compiler: a C compiler to use (default: the first of cc, gcc, clang;
     "": none)."""
     sources = _sources(step, version)
-    found = (
+    cc = (
         next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), "")
         if compiler is None
         else compiler
     )
     folder, ending = _place(version)
-    why = "no C compiler (cc, gcc or clang) was found" if not found else ""
+    why = "no C compiler (cc, gcc or clang) was found" if not cc else ""
     why = why or ("" if folder else f"FMI {version}.0 has no name for binaries of this machine")
     binary = b""
     if not why:
         tell("compiling")
-        binary, why = _compiled(sources, version, found)
+        binary, why = _compiled(sources, version, cc)
     described = _description_2(step, sources) if version == 2 else _description_3(step, sources)
     content = {"modelDescription.xml": _xml(described)}
     content |= {f"sources/{name}": text.encode() for name, text in sources.items()}
@@ -230,12 +230,12 @@ def _units(root: ElementTree.Element, step: SampleStep) -> None:
 def _variables(step: SampleStep) -> list[tuple[dict[str, str], dict[str, str]]]:
     """Of every variable, in the order of value references: what it is, and its unit and start."""
     kinds = {"input": step.inputs, "output": step.outputs, "parameter": step.parameters}
-    found: list[tuple[dict[str, str], dict[str, str]]] = []
+    entries: list[tuple[dict[str, str], dict[str, str]]] = []
     for causality, variables in kinds.items():
         for v in variables:
             about = {
                 "name": v.name,
-                "valueReference": str(len(found)),
+                "valueReference": str(len(entries)),
                 **({"description": v.about} if v.about else {}),
                 "causality": causality,
                 "variability": "continuous",
@@ -245,8 +245,8 @@ def _variables(step: SampleStep) -> list[tuple[dict[str, str], dict[str, str]]]:
             if causality != "input":
                 about["initial"] = "calculated" if causality == "output" else "exact"
             start = {} if causality == "output" else {"start": repr(v.start)}
-            found.append((about, {**({"unit": v.unit} if v.unit else {}), **start}))
-    return found
+            entries.append((about, {**({"unit": v.unit} if v.unit else {}), **start}))
+    return entries
 
 
 def _offers(step: SampleStep, state: str) -> dict[str, str]:

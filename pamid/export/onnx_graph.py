@@ -133,12 +133,12 @@ def graph_of(
 
 def _used(nodes: Iterable[Any]) -> set[str]:
     """Every name that nodes and their subgraphs take in."""
-    found: set[str] = set()
+    names: set[str] = set()
     for node in nodes:
-        found.update(node.input)
+        names.update(node.input)
         for attribute in node.attribute:
-            found |= _used(attribute.g.node) | {o.name for o in attribute.g.output}
-    return found
+            names |= _used(attribute.g.node) | {o.name for o in attribute.g.output}
+    return names
 
 
 def model_bytes(graph: Any, about: Mapping[str, str]) -> bytes:

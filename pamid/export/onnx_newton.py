@@ -54,7 +54,7 @@ class Implicit:
             {again: (), taken: (self.nx,), done: ()},
             types={count: TensorProto.INT64, **boolean},
         )
-        found, fine = g.several(
+        solution, fine = g.several(
             "Loop",
             2,
             g.array(NEWTON_STEPS, np.int64),
@@ -63,7 +63,7 @@ class Implicit:
             g.array(False, np.bool_),
             body=body,
         )
-        return g.choose(fine, found, g.number(np.nan))
+        return g.choose(fine, solution, g.number(np.nan))
 
     def _residual(self, g: Graph, base: str, gh: str, x: str) -> str:
         return g.add("Sub", g.add("Add", base, g.add("Mul", gh, self.rates(g, x))), x)
@@ -75,12 +75,12 @@ class Implicit:
         smaller."""
         full, shorter = g.inside(), g.inside()
         after = full.add("Add", x, change)
-        found = self._shortened(shorter, base, gh, x, matrix, change, worst)
+        accepted = self._shortened(shorter, base, gh, x, matrix, change, worst)
         large = g.add("Squeeze", g.add("Greater", worst, g.number(DAMPED)))
         return g.add(
             "If",
             large,
-            then_branch=graph_of(shorter, "shortened", {}, {found: (self.nx,)}),
+            then_branch=graph_of(shorter, "shortened", {}, {accepted: (self.nx,)}),
             else_branch=graph_of(full, "whole", {}, {after: (self.nx,)}),
         )
 

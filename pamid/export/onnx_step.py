@@ -61,10 +61,10 @@ class Sampled:
     @cached_property
     def known(self) -> dict[Symbol, float]:
         """Parameters, and what is derived from them."""
-        found: dict[Symbol, float] = {("parameter", v.name): v.start for v in self.step.parameters}
+        values: dict[Symbol, float] = {("parameter", v.name): v.start for v in self.step.parameters}
         for i, root in enumerate(self.step.derived):
-            found["derived", str(i)] = _number(root, found)
-        return found
+            values["derived", str(i)] = _number(root, values)
+        return values
 
     @property
     def start(self) -> Array:
@@ -213,16 +213,16 @@ class Sampled:
 def _number(root: Expr, known: dict[Symbol, float]) -> float:
     """The value of an expression whose symbols are known; not finite where a division or a
     logarithm is."""
-    found: dict[Expr, float] = {}
+    values: dict[Expr, float] = {}
     with np.errstate(all="ignore"):
         for node in walk([root]):
-            arguments = [np.float64(found[a]) for a in node.args]
+            arguments = [np.float64(values[a]) for a in node.args]
             if node.op == "const":
-                found[node] = node.value
+                values[node] = node.value
             elif node.op == "symbol":
-                found[node] = known[node.value]
+                values[node] = known[node.value]
             elif node.op == "where":
-                found[node] = float(arguments[1] if arguments[0] else arguments[2])
+                values[node] = float(arguments[1] if arguments[0] else arguments[2])
             else:
-                found[node] = float(getattr(np, OPERATORS[node.op].numpy)(*arguments))
-    return found[root]
+                values[node] = float(getattr(np, OPERATORS[node.op].numpy)(*arguments))
+    return values[root]

@@ -58,18 +58,18 @@ def identifier(name: str, taken: Iterable[str] = ()) -> str:
     word = f"v{word}" if word[0].isdigit() else word
     functions = (name for o in OPERATORS.values() for name in (o.c, o.matlab))
     used = {*_RESERVED, *functions, *taken}
-    found, n = word, 2
-    while found in used or re.fullmatch(r"k\d+", found):  # k12 is the name of a part
-        found, n = f"{word}_{n}", n + 1
-    return found
+    unique, n = word, 2
+    while unique in used or re.fullmatch(r"k\d+", unique):  # k12 is the name of a part
+        unique, n = f"{word}_{n}", n + 1
+    return unique
 
 
 def identifiers(names: Iterable[str]) -> list[str]:
     """A word of its own for each of the names."""
-    found: list[str] = []
+    unique: list[str] = []
     for name in names:
-        found.append(identifier(name, found))
-    return found
+        unique.append(identifier(name, unique))
+    return unique
 
 
 @dataclass

@@ -109,9 +109,9 @@ class SampleStep:
         behind: dict[str, set[str]] = {}
 
         def reached(roots: list[Expr]) -> set[str]:
-            found = symbols(roots)
-            through = (behind[name] for space, name in found if space == "cell")
-            return {name for space, name in found if space == "input"}.union(*through)
+            used = symbols(roots)
+            through = (behind[name] for space, name in used if space == "cell")
+            return {name for space, name in used if space == "input"}.union(*through)
 
         for update in self.updates:
             behind[update.name] = reached([update.value, update.seconds])
@@ -301,9 +301,9 @@ def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
         except (PamidError, ArithmeticError, TypeError, ValueError):
             pass  # start() may do with its numbers what cannot be done with symbols
     numbers = {symbol("parameter", o.key): const(o.value) for o in owned}
-    found = []
+    starts = []
     for name, value in zip(model.lowered.states, model.start.tolist(), strict=True):
         formula = formulas.get(name, const(value))
         (check,) = substitute([formula], numbers)
-        found.append(formula if isclose(float(check), value, rel_tol=1e-12) else const(value))
-    return found
+        starts.append(formula if isclose(float(check), value, rel_tol=1e-12) else const(value))
+    return starts

@@ -245,16 +245,16 @@ def tokens(name: str) -> tuple[str, ...]:
 def meanings(name: str) -> frozenset[str]:
     """Possible meanings of a channel's name."""
     words = [word for word in tokens(name) if not word.isdigit()]
-    found = frozenset(
+    kinds = frozenset(
         kind
         for kind, names in WORDS.items()
         for one in names
         if one in words or (len(one) >= 4 and any(one in word for word in words))
     )
     # a commanded angle is a reference, and so is a desired one; a time constant is no time
-    if "reference" in found or {"command", "angle"} <= found:
+    if "reference" in kinds or {"command", "angle"} <= kinds:
         return frozenset({"reference"})
-    return found - {"time"} if len(found) > 1 else found
+    return kinds - {"time"} if len(kinds) > 1 else kinds
 
 
 def number(name: str) -> str:

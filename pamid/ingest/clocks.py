@@ -160,16 +160,16 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
             code="unit",
         )
     try:
-        found = in_unit(channel.values, read_unit(text), "s")
+        stamps = in_unit(channel.values, read_unit(text), "s")
     except FileError as error:
         raise FileError(
             f"{where}: time.unit is {text!r}: {error.message}", error.hint, code="unit"
         ) from None
     # a clock that counts from 1970 is kept only where channels with stamps of their own may count
     # so too
-    finite = found[np.isfinite(found)]
+    finite = stamps[np.isfinite(stamps)]
     own = any(other.stamps is not None for other in log.channels)
-    return np.asarray(found if own or not finite.size else found - finite[0], dtype=np.float64)
+    return np.asarray(stamps if own or not finite.size else stamps - finite[0], dtype=np.float64)
 
 
 def _require_sane(channel: Channel, log: Log) -> None:
@@ -208,30 +208,30 @@ def _clock(
     rows = usable_rows(group.stamps, [c.values for c in group.sampled], place)
     staying = tuple(replace(c, values=c.values[rows.keep]) for c in group.sampled)
     try:
-        found = diagnose_stamps(
+        diagnosis = diagnose_stamps(
             rows, {c.signal.column: c.values for c in staying if not c.signal.hold}
         )
     except DataError as error:
         raise DataError(f"{place}: {error.message}", error.hint, code=error.code) from None
     if group.of_rows and mapping.time.source is not None:
-        _require_plausible(found.period, mapping, rig, where)
+        _require_plausible(diagnosis.period, mapping, rig, where)
     elif group.of_rows:
-        found = replace(found, why="the log has no clock: its rows are time.period_s apart")
-    if mapping.time.max_gap_s is not None and mapping.time.max_gap_s < 1.5 * found.period:
+        diagnosis = replace(diagnosis, why="the log has no clock: its rows are time.period_s apart")
+    if mapping.time.max_gap_s is not None and mapping.time.max_gap_s < 1.5 * diagnosis.period:
         raise FileError(
             f"{where}: time.max_gap_s is {mapping.time.max_gap_s:g}, but samples are "
-            f"{found.period:.4g} s apart.",
+            f"{diagnosis.period:.4g} s apart.",
             "A gap is longer than a few samples.",
             code="mapping",
         )
-    cure, notes = _choose(found, wanted, rows, place)
+    cure, notes = _choose(diagnosis, wanted, rows, place)
     return Clock(
         group.name,
         staying,
         rows,
-        found,
+        diagnosis,
         cure,
-        reconstructed_time_base(rows, found, cure, mapping.time.max_gap_s),
+        reconstructed_time_base(rows, diagnosis, cure, mapping.time.max_gap_s),
         notes,
     )
 
@@ -265,19 +265,19 @@ def _events(group: Group, place: str) -> Clock:
 
 
 def _choose(
-    found: StampDiagnosis, wanted: str, rows: Rows, place: str
+    diagnosis: StampDiagnosis, wanted: str, rows: Rows, place: str
 ) -> tuple[Cure, tuple[str, ...]]:
     """The cure of a time base, and what to say about it; DataError where only the user can tell."""
-    if found.state == "even":
+    if diagnosis.state == "even":
         return "none", ()
     if wanted == "none":
         raise FileError(
-            f'{place}: time.repair is "none", but the stamps are uneven: {found.why}.',
+            f'{place}: time.repair is "none", but the stamps are uneven: {diagnosis.why}.',
             'A recording is uniform to 1 %: choose "late-stamps", "jittered-sampling" or "ask".',
             code="time-base",
         )
     if wanted == "ask":
-        if found.cure is None:
+        if diagnosis.cure is None:
             hint = (
                 'Say which with --time-base or time.repair. "late-stamps": a device samples '
                 "evenly and a host "
@@ -287,20 +287,20 @@ def _choose(
                 "by the stamps. The wrong one does harm."
             )
             raise DataError(
-                f"{place}: the stamps are uneven, and the data do not tell why: {found.why}.",
+                f"{place}: the stamps are uneven, and the data do not tell why: {diagnosis.why}.",
                 hint,
                 code="time-base",
             )
-        return found.cure, ()
+        return diagnosis.cure, ()
     if rows.blocks and wanted == "jittered-sampling":
         raise FileError(
-            f"{place}: {found.why}. Samples cannot be told apart by such stamps.",
+            f"{place}: {diagnosis.why}. Samples cannot be told apart by such stamps.",
             'Choose "late-stamps".',
             code="time-base",
         )
     cure: Cure = "late-stamps" if wanted == "late-stamps" else "jittered-sampling"
-    against = found.cure is not None and found.cure != cure
-    return cure, ((f"the data speak against {cure}: {found.why}",) if against else ())
+    against = diagnosis.cure is not None and diagnosis.cure != cure
+    return cure, ((f"the data speak against {cure}: {diagnosis.why}",) if against else ())
 
 
 def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: str) -> None:

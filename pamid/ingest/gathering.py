@@ -76,11 +76,11 @@ class Gathering:
         if stamps is not None and stamps.size != array.size:
             self.leave_out(name, "its values and its stamps differ in number")
             return
-        found = as_numbers(array)
-        if found is None:
+        parsed = as_numbers(array)
+        if parsed is None:
             self.leave_out(name, "not numbers")
             return
-        numbers, seconds, note = found
+        numbers, seconds, note = parsed
         if note:
             self.note(f"{name}: {note}")
         if (
@@ -128,8 +128,8 @@ class Gathering:
             f"left out, {why}: {listed(names, MOST_NAMED)}" for why, names in self.left_out.items()
         ]
         if not self.channels:
-            found = "; ".join([*left, *self.notes]) or "it is empty"
-            raise FileError(f"{path}: there are no signals in it ({found}).", code="no-signals")
+            contents = "; ".join([*left, *self.notes]) or "it is empty"
+            raise FileError(f"{path}: there are no signals in it ({contents}).", code="no-signals")
         return Log(path, kind, tuple(_unique(self.channels)), (*self.notes, *left))
 
 

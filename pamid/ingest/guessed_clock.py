@@ -201,11 +201,11 @@ def diagnosed(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:
         return clock
     try:
         rows = usable_rows(stamps, [c.values for c in moving], "the stamps")
-        found = diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
+        diagnosis = diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
     except PamidError as error:
         return replace(clock, stamps=stamps, trouble=str(error))
     trouble = "; ".join(repair.detail for repair in rows.repairs)
-    return replace(clock, stamps=stamps, found=found, trouble=trouble)
+    return replace(clock, stamps=stamps, found=diagnosis, trouble=trouble)
 
 
 def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:

@@ -233,11 +233,11 @@ def guess_mapping(
     given = rig_given(rig)
     made, name = (None, "") if given is None else (rig_named(given), name_of(given))
     with limited_memory(memory_limit):
-        found = guess_of(read_log(Path(log), kind), made, name, answers, only)
-    found = replace(found, text=printable(found.text))
+        guess = guess_of(read_log(Path(log), kind), made, name, answers, only)
+    guess = replace(guess, text=printable(guess.text))
     if target is not None:
-        write_atomically(target, found.text.encode())
-    return found
+        write_atomically(target, guess.text.encode())
+    return guess
 
 
 def _period(seconds: float | None) -> float | None:

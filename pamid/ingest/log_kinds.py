@@ -37,17 +37,17 @@ def known_kinds() -> dict[str, Kind]:
 def read_here(path: Path, kind: str) -> Log:
     """The signals of a log of this kind, read in this process. FileError whatever is wrong with
     it."""
-    found = known_kinds()[kind]
+    reader = known_kinds()[kind]
     try:
-        return found.read(path)
+        return reader.read(path)
     except PamidError:
         raise
     except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] not in found.packages:
+        if (error.name or "").split(".")[0] not in reader.packages:
             raise
         raise FileError(
             f"{path}: reading such a {kind} file needs {error.name}, which is not installed.",
-            f"pip install 'pamid[{found.extra}]'",
+            f"pip install 'pamid[{reader.extra}]'",
             code="missing-extra",
         ) from error
     except MemoryError as error:

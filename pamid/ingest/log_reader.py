@@ -84,8 +84,8 @@ def read_log(path: Path, kind: str | None = None) -> Log:
             else ""
         )
         raise FileError(f"{path}: there is no such file.", near)
-    found, note = _kind_of(path, kind)
-    log = read_in_child(path, found.name) if found.extra else read_here(path, found.name)
+    log_kind, note = _kind_of(path, kind)
+    log = read_in_child(path, log_kind.name) if log_kind.extra else read_here(path, log_kind.name)
     return join_stamp_parts(replace(log, details=(note, *log.details)) if note else log)
 
 

@@ -166,12 +166,12 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
             code="period",
         )
     try:
-        found = Mapping.model_validate(tables)
+        mapping = Mapping.model_validate(tables)
     except ValidationError as error:
         raise _explain(error, where) from None
-    for column in found.signals:
+    for column in mapping.signals:
         _check_column(column, where)
-    for title, table in (("known", found.known), ("controller", found.controller)):
+    for title, table in (("known", mapping.known), ("controller", mapping.controller)):
         for key in table:
             if not _COLUMN.fullmatch(key):
                 raise FileError(
@@ -179,14 +179,14 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
                     "Names are letters, digits and _.",
                     code="mapping",
                 )
-    for column in found.between:
-        if column not in found.signals:
+    for column in mapping.between:
+        if column not in mapping.signals:
             raise FileError(
                 f"{where}: between.{column} is no column that the mapping makes.",
-                nearest(column, list(found.signals)) or f"Columns: {', '.join(found.signals)}.",
+                nearest(column, list(mapping.signals)) or f"Columns: {', '.join(mapping.signals)}.",
                 code="mapping",
             )
-    return found
+    return mapping
 
 
 def settle(
@@ -340,13 +340,13 @@ def _read(text: str, symbol: str, place: str) -> SourceUnit:
             f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit"
         )
     try:
-        found = read_unit(text)
-        require_same_quantity(found, symbol)
+        source_unit = read_unit(text)
+        require_same_quantity(source_unit, symbol)
     except FileError as error:
         raise FileError(
             f"{place}.unit is {text!r}: {error.message}", error.hint, code="unit"
         ) from None
-    return found
+    return source_unit
 
 
 def _held(rig: Rig) -> list[str]:

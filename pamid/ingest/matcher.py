@@ -43,21 +43,26 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     given, asked = number(stem), number(wanted_stem)
     if given and asked and given != asked:
         return NO_FIT
-    found, sought = meanings(stem), meanings(wanted_stem)
-    if ("reference" in found) != ("reference" in sought):
+    recorded_meanings, sought = meanings(stem), meanings(wanted_stem)
+    if ("reference" in recorded_meanings) != ("reference" in sought):
         return NO_FIT
     score, by = 0.0, ""
     if stem == wanted_stem:
         score, by = SAME_NAME, "name"
-    elif dimension is None and found and sought and not found & sought:
+    elif dimension is None and recorded_meanings and sought and not recorded_meanings & sought:
         return NO_FIT  # where no unit says it, the speed of a shoulder is not its angle
     elif plain_words(stem) & plain_words(wanted_stem):
         score, by = SHARED_WORD, "word"
-    elif found & sought:
+    elif recorded_meanings & sought:
         score, by = SAME_MEANING, "word"
     elif dimension is not None and same and wanted_symbol != NONE:
         score, by = SAME_UNIT, "unit"
-    if not same and by == "word" and score == SAME_MEANING and found & sought == {"reference"}:
+    if (
+        not same
+        and by == "word"
+        and score == SAME_MEANING
+        and recorded_meanings & sought == {"reference"}
+    ):
         return NO_FIT  # a set-point is a role: a goal current is not a wanted angle
     if not same:
         score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
@@ -103,9 +108,9 @@ def pair_fit(
     )
 
 
-def recorded_fit(found: str, wanted: str, sent: bool = False) -> ColumnFit:
+def recorded_fit(name: str, wanted: str, sent: bool = False) -> ColumnFit:
     """How well a recorded column fits one of a rig."""
-    stem, symbol = split_column(found)
+    stem, symbol = split_column(name)
     return pair_fit(stem, unit(symbol).dimension, wanted, sent, symbol != NONE)
 
 

@@ -31,7 +31,7 @@ def own_columns(channels: Sequence[Channel], angles: str = "") -> dict[str, tupl
     """Column -> (channel, unit in which the log has it, "" where it does not say); of two that
     would be called alike the second is numbered. angles: unit of those whose unit the log does not
     say."""
-    found: dict[str, tuple[Channel, str]] = {}
+    columns: dict[str, tuple[Channel, str]] = {}
     for channel in channels:
         text = logged_unit(channel)
         if not text and meanings(channel.name.rpartition("/")[2]) == {"angle"}:
@@ -39,11 +39,11 @@ def own_columns(channels: Sequence[Channel], angles: str = "") -> dict[str, tupl
         symbol = column_unit(text) if text else NONE
         stem, count = _apart(_stem(channel), symbol), 1
         column = with_unit(stem, symbol)
-        while column in found:
+        while column in columns:
             count += 1
             column = with_unit(f"{stem}_{count}", symbol)
-        found[column] = (channel, text)
-    return found
+        columns[column] = (channel, text)
+    return columns
 
 
 def logged_unit(channel: Channel) -> str:

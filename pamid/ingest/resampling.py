@@ -38,13 +38,13 @@ def smooth(instants: FloatArray, values: FloatArray, base: FloatArray, step: flo
     period = max(float(np.median(np.diff(instants))), 0.2 * float(np.mean(np.diff(instants))))
     if step > COARSER * period:
         instants, values = _filtered(instants, values, period, step)
-    found = np.asarray(
+    resampled = np.asarray(
         PchipInterpolator(instants, values)(np.clip(base, instants[0], instants[-1]))
     )
     nearest = np.clip(np.searchsorted(instants, base - 0.5 * period), 0, instants.size - 1)
     same = np.abs(instants[nearest] - base) <= SAME_INSTANT * period
-    found[same] = values[nearest[same]]
-    return found
+    resampled[same] = values[nearest[same]]
+    return resampled
 
 
 def _filtered(

@@ -70,15 +70,15 @@ class NameFit:
 def fits_by_name(channels: Sequence[Channel], rig: Rig) -> dict[tuple[int, str], NameFit]:
     """How well channels (by number) fit columns, those that fit at all."""
     names, values = log_names(rig), robot_values(channels)
-    found = {}
+    fits = {}
     for i, value in values.items():
         if not rig.log_names and channels[i].robot is None:
             continue  # what a rig that is no robot calls its columns says nothing of such a log
         for column, name in names.items():
             fit = _fit(value, name, rig.vector_sizes)
             if fit is not None:
-                found[i, column] = fit
-    return found
+                fits[i, column] = fit
+    return fits
 
 
 def log_names(rig: Rig) -> dict[str, LogName]:
@@ -86,26 +86,26 @@ def log_names(rig: Rig) -> dict[str, LogName]:
     columns."""
     if rig.log_names:
         return dict(rig.log_names)
-    found = {}
+    names = {}
     for column in (*rig.inputs, *rig.outputs):
         stem, symbol = split_column(column)
         own = [word for word in tokens(stem) if word not in _MEANT and not says_sent(word)]
         quantity = _QUANTITY_OF.get(unit(symbol).dimension, "")
-        found[column] = LogName(("_".join(own) or stem,), quantity, sent=column in rig.inputs)
-    return found
+        names[column] = LogName(("_".join(own) or stem,), quantity, sent=column in rig.inputs)
+    return names
 
 
 def robot_values(channels: Sequence[Channel]) -> dict[int, RobotValue]:
     """Roles of channels on a robot: as the log states them, or by their names."""
     vectors: dict[str, list[tuple[int, int]]] = {}
-    found: dict[int, RobotValue] = {}
+    roles: dict[int, RobotValue] = {}
     for i, channel in enumerate(channels):
         if channel.robot is not None:
-            found[i] = channel.robot
+            roles[i] = channel.robot
         elif element := _place(channel.name):
             vectors.setdefault(element[0], []).append((i, element[1]))
         elif spoken := _spoken(channel.name):
-            found[i] = spoken
+            roles[i] = spoken
     for group, members in vectors.items():
         kind = re.split(r"[/._ ]", group)[-1] if group not in _VECTORS else group
         kind = next((word for word in _VECTORS if group.endswith(word)), kind)
@@ -113,10 +113,10 @@ def robot_values(channels: Sequence[Channel]) -> dict[int, RobotValue]:
         first = min(place for _, place in members)
         for i, place in members:
             whole = max(p for _, p in members) - min(first, 1) + 1
-            found[i] = RobotValue(
+            roles[i] = RobotValue(
                 group, "", place - min(first, 1), whole, quantity, sent, si=kind in _VECTORS
             )
-    return found
+    return roles
 
 
 def _place(name: str) -> tuple[str, int] | None:
@@ -245,8 +245,8 @@ def _apart(one: str, other: str) -> str:
 
 def chosen_by(only: str, channels: Sequence[Channel], log: Log) -> list[Channel]:
     """The channels whose names contain `only`; FileError where none does."""
-    found = [channel for channel in channels if only in channel.name]
-    if not found:
+    chosen = [channel for channel in channels if only in channel.name]
+    if not chosen:
         names = [channel.name for channel in channels]
         words = list(dict.fromkeys(part for name in names for part in name.split("/") if part))
         raise FileError(
@@ -254,7 +254,7 @@ def chosen_by(only: str, channels: Sequence[Channel], log: Log) -> list[Channel]
             nearest(only, words) or f"Its channels are: {', '.join(names[:20])}.",
             code="missing-channel",
         )
-    return found
+    return chosen
 
 
 def refuse_strangers(log: Log, channels: Sequence[Channel], rig: Rig) -> None:

@@ -68,9 +68,9 @@ def _with_units(labels: Sequence[str], lines: Iterable[str]) -> list[str]:
     matches = [list(_LABELLED.finditer(line)) for line in lines if _labels(line) == labels]
     units = [{line[place]["unit"] or "" for line in matches} for place in range(len(labels))]
     return [
-        f"{label} [{unit}]" if len(found) == 1 and unit and looks_like_unit(unit) else label
-        for label, found in zip(labels, units, strict=True)
-        for unit in (min(found),)
+        f"{label} [{unit}]" if len(symbol) == 1 and unit and looks_like_unit(unit) else label
+        for label, symbol in zip(labels, units, strict=True)
+        for unit in (min(symbol),)
     ]
 
 
@@ -97,5 +97,5 @@ def _labels(line: str) -> tuple[str, ...]:
 
 def _most(checks: Iterable[object]) -> bool:
     """Do nearly all hold, of one at least?"""
-    found = [bool(one) for one in checks]
-    return bool(found) and sum(found) >= SHARE_OF_ROWS * len(found)
+    results = [bool(one) for one in checks]
+    return bool(results) and sum(results) >= SHARE_OF_ROWS * len(results)

@@ -294,8 +294,8 @@ def _period_by_stretches(rows: Rows) -> float:
     stamps = rows.stamps[longest]
     runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
     lag = min(max(50, 20 * int(runs.max(initial=1))), max(stamps.size // 2, 1))
-    found = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
-    return found if rows.blocks or found <= FASTEST else _sharpest(stamps, found)
+    period = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
+    return period if rows.blocks or period <= FASTEST else _sharpest(stamps, period)
 
 
 def count_samples(stamps: FloatArray, period: float) -> IntArray:

@@ -134,7 +134,7 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
 
 
 def reconstructed_time_base(
-    rows: Rows, found: StampDiagnosis, cure: Cure, max_gap: float | None
+    rows: Rows, diagnosis: StampDiagnosis, cure: Cure, max_gap: float | None
 ) -> TimeBase:
     """The instants at which rows were sampled, under a cure; gaps longer than max_gap (s, default
     ten periods) split.
@@ -159,7 +159,7 @@ def reconstructed_time_base(
         )
         lost = steps if clock.wanders else min(lost, steps)
         said = _repairs(rows.stamps, pieces, rows.starts, lost)
-        return TimeBase(rows.stamps, tuple(pieces), found.period, said)
+        return TimeBase(rows.stamps, tuple(pieces), diagnosis.period, said)
     even = rows.stamps - late
     instants = even.copy()
     for piece in pieces:

@@ -164,13 +164,13 @@ def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Poi
     `errors` are those of a plain simulation: the pass with derivatives adds up in another order,
     and a step must be judged by the same arithmetic before and after, to the last bit.
     """
-    found = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
-    if found is None:
+    point = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
+    if point is None:
         return None
-    if resolved(attempt.evidence, found[1]):
-        return Point(attempt, errors, found[1], found[2])
+    if resolved(attempt.evidence, point[1]):
+        return Point(attempt, errors, point[1], point[2])
     spectrum = problem.spectrum(attempt.weights, attempt.evidence)
-    return Point(attempt, errors, found[1], found[2], spectrum)
+    return Point(attempt, errors, point[1], point[2], spectrum)
 
 
 def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tuple[str, bool]:

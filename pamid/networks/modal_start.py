@@ -101,8 +101,8 @@ def _from_rest(inputs: Array | Complex, pole: complex) -> Complex:
     """z(k) = pole z(k-1) + inputs(k) from rest, column by column."""
     from scipy.signal import lfilter  # takes half a second to load
 
-    found: Complex = lfilter([1.0], [1.0, -pole], inputs, axis=0)
-    return found
+    response: Complex = lfilter([1.0], [1.0, -pole], inputs, axis=0)
+    return response
 
 
 def _gain(features: Array, left: Array) -> float:

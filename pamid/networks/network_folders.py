@@ -27,9 +27,9 @@ def network_files_beside(channel: str) -> tuple[str, ...]:
 
 def networks_beside(folder: Path) -> dict[str, Path]:
     """The folders of a run's other networks by channel, in alphabetical order."""
-    found = (folder / NETWORKS_FOLDER).glob(f"*/{NETWORK_FILE}")
+    files = (folder / NETWORKS_FOLDER).glob(f"*/{NETWORK_FILE}")
     return {
         path.parent.name: path.parent
-        for path in sorted(found)
+        for path in sorted(files)
         if _CHANNEL.fullmatch(path.parent.name)
     }

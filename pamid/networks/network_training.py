@@ -303,11 +303,11 @@ def _training_of(
 
 def _supported(problem: TrainingProblem, weights: Array, evidence: Evidence) -> float:
     """gamma at these weights; NaN where they overflow."""
-    found = problem.evaluate(weights)
-    if found is None:
+    evaluation = problem.evaluate(weights)
+    if evaluation is None:
         return math.nan
-    spectrum = None if resolved(evidence, found[1]) else problem.spectrum(weights, evidence)
-    return effective_weights(evidence, spectrum or found[1])
+    spectrum = None if resolved(evidence, evaluation[1]) else problem.spectrum(weights, evidence)
+    return effective_weights(evidence, spectrum or evaluation[1])
 
 
 def _finite(value: float) -> float | None:

@@ -150,8 +150,8 @@ class RootSums:
         assert self.root is not None
         above = np.column_stack([self.root, self.along])
         stacked = np.vstack([above, np.column_stack([rows, error])])
-        found = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
-        signs = np.where(np.diag(found) < 0.0, -1.0, 1.0)
-        found = signs[:, None] * found
-        self.along = np.ascontiguousarray(found[:, -1])
-        self._set_root(np.ascontiguousarray(found[:, :-1]))
+        triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
+        signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
+        triangle = signs[:, None] * triangle
+        self.along = np.ascontiguousarray(triangle[:, -1])
+        self._set_root(np.ascontiguousarray(triangle[:, :-1]))

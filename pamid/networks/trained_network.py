@@ -232,7 +232,7 @@ def load_network(folder: Path | str) -> TrainedNetwork:
 def network_kinds() -> dict[str, type[Network]]:
     """Every kind of network by its name: the classes in the files of this package, no others."""
     modules = modules_of("pamid.networks").values()
-    return {found.kind: found for module in modules for found in classes_of(module, Network)}
+    return {kind.kind: kind for module in modules for kind in classes_of(module, Network)}
 
 
 def _class_of(kind: str, path: Path) -> type[Any]:
@@ -256,8 +256,10 @@ def _weights(path: Path, sha256: str, n_weights: int) -> Array:
     arrays = load_arrays(path, content)
     weights = arrays.get("weights")
     if weights is None or weights.shape != (n_weights,) or weights.dtype != np.float64:
-        found = "none" if weights is None else f"{weights.dtype} {weights.shape}"
-        raise FileError(f"{path} should hold {n_weights} float64 weights, found: {found}.", _REMEDY)
+        actual = "none" if weights is None else f"{weights.dtype} {weights.shape}"
+        raise FileError(
+            f"{path} should hold {n_weights} float64 weights, found: {actual}.", _REMEDY
+        )
     if not np.isfinite(weights).all():
         raise FileError(f"{path} holds weights that are not finite.", _REMEDY)
     return weights

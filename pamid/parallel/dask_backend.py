@@ -122,18 +122,18 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
         time.sleep(0.1)
     own = fingerprint()
     try:
-        found = client.run(fingerprint)
+        fingerprints = client.run(fingerprint)
     except (ImportError, AttributeError) as error:
         raise FileError(
             f"the workers of {address} cannot load pamid: {error}",
             "Install the same version there.",
             code="cluster",
         ) from error
-    other = sorted(worker for worker, theirs in found.items() if theirs != own)
+    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != own)
     if other:
         raise FileError(
-            f"{len(other)} of {len(found)} workers of {address} run another pamid, or another "
-            f"version of what it computes with, than this machine: {', '.join(other[:3])}",
+            f"{len(other)} of {len(fingerprints)} workers of {address} run another version of pamid or "
+            f"of a numerical package than this machine: {', '.join(other[:3])}",
             "Results would depend on who worked them out: install the same versions everywhere.",
             code="cluster",
         )
@@ -219,8 +219,8 @@ class Cluster:
             raise self._lost()
         error = future.exception() if future.status == "error" else None
         if error is None:
-            found: Plain | Failed = future.result()
-            return found
+            outcome: Plain | Failed = future.result()
+            return outcome
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1
             return Failed(label, f"its worker was killed {times} times, perhaps for want of memory")

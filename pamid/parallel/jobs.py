@@ -50,7 +50,7 @@ class Work(Generic[T, R]):
     def __call__(self, item: T) -> Plain:
         raise NotImplementedError
 
-    def restored(self, item: T, found: Plain) -> R:
+    def restored(self, item: T, plain: Plain) -> R:
         raise NotImplementedError
 
     def name(self, item: T) -> str:
@@ -75,7 +75,7 @@ class ObjectWork(Work[T, R]):
     def result(self, item: T) -> R:
         raise NotImplementedError
 
-    def plain_form(self, item: T, found: R) -> Plain:
+    def plain_form(self, item: T, result: R) -> Plain:
         raise NotImplementedError
 
     def __call__(self, item: T) -> Plain:
@@ -130,8 +130,8 @@ class WorkerPool:
         several jobs and all failed."""
         todo = list(items)
         results: dict[int, R | Failed] = {}
-        for i, found in self.finished(work, todo):
-            results[i] = found
+        for i, outcome in self.finished(work, todo):
+            results[i] = outcome
             progress(f"{work.what} {len(results)}/{len(todo)}: {work.name(todo[i])}")
         failed = [f for f in results.values() if isinstance(f, Failed)]
         if len(failed) == len(todo) > 1:
@@ -146,12 +146,12 @@ class WorkerPool:
         keys = self._keys(work, items)
         todo = []
         for i in sorted(range(len(items)), key=lambda i: -work.cost(items[i])):
-            found = self.store.get(keys[i]) if self.store else None
-            if found is None:
+            stored = self.store.get(keys[i]) if self.store else None
+            if stored is None:
                 todo.append(i)
             else:
                 self.from_store += 1
-                yield i, work.restored(items[i], found)
+                yield i, work.restored(items[i], stored)
         if self.executor is None and self.jobs <= 1:
             for i in todo:
                 made = attempted(work, items[i], partial(self._here, work, items[i], keys[i:]))
@@ -170,11 +170,11 @@ class WorkerPool:
     def one(self, work: Work[T, R], item: T) -> R:
         """A single job, done here and now; its errors are its caller's."""
         keys = self._keys(work, [item])
-        found = self.store.get(keys[0]) if self.store else None
-        if found is None:
+        stored = self.store.get(keys[0]) if self.store else None
+        if stored is None:
             return self._here(work, item, keys)
         self.from_store += 1
-        return work.restored(item, found)
+        return work.restored(item, stored)
 
     def _here(self, work: Work[T, R], item: T, keys: list[str]) -> R:
         """The result, worked out in this process; keys: its own first."""
@@ -184,14 +184,14 @@ class WorkerPool:
                 kept = work.plain_form(item, made) if self.store else {}
                 self._store_result(keys, work.label(item), kept)
                 return made
-            found = plain(work(item))
-        self._store_result(keys, work.label(item), found)
-        return work.restored(item, found)
+            outcome = plain(work(item))
+        self._store_result(keys, work.label(item), outcome)
+        return work.restored(item, outcome)
 
-    def _store_result(self, keys: list[str], label: str, found: Plain) -> None:
+    def _store_result(self, keys: list[str], label: str, result: Plain) -> None:
         self.worked += 1
         if self.store:
-            self.store.put(keys[0], label, plain(found))
+            self.store.put(keys[0], label, plain(result))
 
     def _keys(self, work: Work[T, R], items: Sequence[T]) -> list[str]:
         """The items' keys; none where nothing is stored."""
@@ -275,7 +275,7 @@ class Processes:
                     assert isinstance(connection, Connection)
                     worker, i = busy.pop(connection)
                     try:
-                        found = connection.recv()
+                        outcome = connection.recv()
                     except (EOFError, OSError):
                         attempts[i] += 1
                         reason = worker.end()
@@ -293,7 +293,7 @@ class Processes:
                             )
                         continue
                     idle.append(worker)
-                    yield i, found
+                    yield i, outcome
         finally:
             for worker in workers:
                 worker.process.terminate()

@@ -106,8 +106,8 @@ def run_limited(
         raise FileError(
             error["message"], error["hint"], code=error["code"], exit_code=error["exit_code"]
         )
-    found: dict[str, Any] = answer["answer"]
-    return found
+    content: dict[str, Any] = answer["answer"]
+    return content
 
 
 def _finished(request: bytes, folder: Path, patience: float, label: str) -> int:

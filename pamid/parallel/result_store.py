@@ -54,11 +54,11 @@ class Store:
         with contextlib.suppress(FileError, ValueError, KeyError, TypeError, RecursionError):
             held = load_arrays(self.folder / f"{key}.npz")
             about = json.loads(held[_ABOUT].tobytes())
-            found: Plain = _with_arrays(
+            result: Plain = _with_arrays(
                 about["result"], [held[f"a{i}"] for i in range(about["arrays"])]
             )
-            if about["key"] == key and about["sha256"] == digest(found):
-                return found
+            if about["key"] == key and about["sha256"] == digest(result):
+                return result
         return None
 
     def put(self, key: str, what: str, result: Plain) -> None:
@@ -92,11 +92,11 @@ class Store:
         left out."""
         path = self.folder / JOURNAL
         lines = read_data(path, MAP).splitlines() if path.is_file() else []
-        found = []
+        entries = []
         for line in lines:
             with contextlib.suppress(ValueError, RecursionError):
-                found.append(json.loads(line))
-        return [one for one in found if isinstance(one, dict)]
+                entries.append(json.loads(line))
+        return [one for one in entries if isinstance(one, dict)]
 
     def clear(self) -> None:
         """Remove the stored results."""

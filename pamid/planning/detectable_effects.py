@@ -154,10 +154,10 @@ def experiment_power(
     ground = linearised(base, base.problem, base.p, settings)
     work = _Responding(evidence, base, sizes, settings, ground.away)
     candidates = attachments(evidence.rig, catalogue.values())
-    found = pool.run(work, candidates, progress)
+    powers = pool.run(work, candidates, progress)
     responses = {
         a.label: r.columns
-        for a, r in zip(candidates, found, strict=True)
+        for a, r in zip(candidates, powers, strict=True)
         if not isinstance(r, Failed)
     }
     progress("comparing effects")
@@ -169,7 +169,7 @@ def experiment_power(
     usual = settings.sizes.index(1.0)
     inner = _inner(everything, responses, usual, len(settings.sizes))
     effects = []
-    for a, r in zip(candidates, found, strict=True):
+    for a, r in zip(candidates, powers, strict=True):
         about = (a.label, a.family(evidence.rig), a.group(evidence.rig))
         if isinstance(r, Failed):
             effects.append(EffectPower(*about, None, failed=r.why))
@@ -214,7 +214,7 @@ def linearised(
     stepping = base.stepping
     for _ in range(settings.finer):
         with np.errstate(over="ignore", invalid="ignore"):
-            found = linear_rows(
+            linear = linear_rows(
                 problem,
                 p,
                 base.starts,
@@ -224,10 +224,10 @@ def linearised(
                 settings.rows,
                 derivatives=derivatives,
             )
-        if found.finite:
+        if linear.finite:
             break
         stepping = stepping.doubled()
-    return found
+    return linear
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,9 +286,9 @@ class _Responding(Work[Attachment, _Change]):
         common = len(away) - own
         return np.concatenate([away[:common], self.ground[common:]])
 
-    def restored(self, item: Attachment, found: Plain) -> _Change:
-        amount = found["amount"]
-        return _Change(found["columns"], Amount(**amount) if amount else None)
+    def restored(self, item: Attachment, plain: Plain) -> _Change:
+        amount = plain["amount"]
+        return _Change(plain["columns"], Amount(**amount) if amount else None)
 
     def name(self, item: Attachment) -> str:
         return item.label
@@ -322,15 +322,15 @@ def _inner(
 ) -> dict[str, tuple[Array, Array]]:
     """Of every effect that stays finite: its response at the usual size, projected, and an
     orthonormal base of it with the derivatives by its own parameters."""
-    found = {}
+    spans = {}
     for label, columns in responses.items():
         with np.errstate(over="ignore", invalid="ignore"):  # slopes of what runs away may be large
             size = np.square(columns).sum()
         if not np.isfinite(size):
             continue
         own = projected(np.column_stack([columns[:, usual], columns[:, count:]]))
-        found[label] = own[:, 0], orthonormal_span(own)
-    return found
+        spans[label] = own[:, 0], orthonormal_span(own)
+    return spans
 
 
 def _confused(

@@ -83,15 +83,15 @@ class PredictedReach:
 
 def reaches(evidence: DataSplit, made: Recording) -> list[PredictedReach]:
     """Of every channel and of every imposed speed that went there and back, in an experiment."""
-    found = []
+    predicted = []
     for channel in evidence.channels:
         before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
         now = made.columns[channel]
         seen = float(before.min()), float(before.max())
-        found.append(
+        predicted.append(
             PredictedReach(channel, float(now[0]), float(now.min()), float(now.max()), seen)
         )
-    return found + [r for name in evidence.rig.inputs for r in _way(evidence, made, name)]
+    return predicted + [r for name in evidence.rig.inputs for r in _way(evidence, made, name)]
 
 
 def _way(evidence: DataSplit, made: Recording, speed: str) -> Iterator[PredictedReach]:
@@ -131,7 +131,7 @@ def carried(evidence: DataSplit, bench: Bench) -> dict[str, Array]:
     the rig would run at their defaults. Not what a loop sends, nor what pushes from outside."""
     rig = evidence.rig
     loops = {name for q in rig.loops for name in (q.reference, q.reading, q.command)}
-    found = {}
+    columns = {}
     for name in rig.inputs:
         having = [r for r in evidence.recordings if r.has(name)]
         if not having or name in loops or name in bench.driven or name.startswith(EXTERNAL):
@@ -139,8 +139,8 @@ def carried(evidence: DataSplit, bench: Bench) -> dict[str, Array]:
         r = having[0]
         samples = max(round(len(r) * r.sampling_period_s / bench.period_s), 1)
         at = np.floor(np.arange(samples) * bench.period_s / r.sampling_period_s + 1e-9).astype(int)
-        found[name] = np.asarray(r.signal(name)[np.minimum(at, len(r) - 1)], dtype=np.float64)
-    return found
+        columns[name] = np.asarray(r.signal(name)[np.minimum(at, len(r) - 1)], dtype=np.float64)
+    return columns
 
 
 def carried_texts(bench: Bench) -> list[str]:
@@ -251,11 +251,11 @@ def _ways(evidence: DataSplit, bench: Bench) -> Iterator[list[Bench]]:
 def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float]]:
     """Excitation about the recorded mean, where the rig stayed in its recorded range, and no larger
     than before."""
-    found = {}
+    ranges = {}
     for name, (centre, half) in bench.driven.items():
         mean = float(np.concatenate([r.signal(name) for r in evidence.recordings]).mean())
-        found[name] = mean, max(half - abs(mean - centre), 0.0)
-    return found
+        ranges[name] = mean, max(half - abs(mean - centre), 0.0)
+    return ranges
 
 
 def _leaving(evidence: DataSplit, made: list[Recording | None]) -> list[PredictedReach]:

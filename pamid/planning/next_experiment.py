@@ -140,15 +140,15 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
     what = "looking for the next experiment"
 
     def __call__(self, item: Diagnosis) -> Plain:
-        found = next_experiment(item)
-        if isinstance(found, Proposal):
-            return {**vars(found), "experiment": found.experiment.as_json()}
-        return vars(found) if found else {}
+        proposal = next_experiment(item)
+        if isinstance(proposal, Proposal):
+            return {**vars(proposal), "experiment": proposal.experiment.as_json()}
+        return vars(proposal) if proposal else {}
 
-    def restored(self, item: Diagnosis, found: Plain) -> Proposal | WithheldExperiment | None:
-        if "experiment" not in found:
-            return WithheldExperiment(**found) if found else None
-        return Proposal(**{**found, "experiment": NextExperiment(**found["experiment"])})
+    def restored(self, item: Diagnosis, plain: Plain) -> Proposal | WithheldExperiment | None:
+        if "experiment" not in plain:
+            return WithheldExperiment(**plain) if plain else None
+        return Proposal(**{**plain, "experiment": NextExperiment(**plain["experiment"])})
 
     def name(self, item: Diagnosis) -> str:
         return ""
@@ -313,11 +313,11 @@ class _RivalModel:
 
     @cached_property
     def stepping(self) -> Stepping:
-        a, found = self.model.assembly, [self.model.fit.stepping]
+        a, steppings = self.model.assembly, [self.model.fit.stepping]
         for t in self.tracks:
             p = Runner(a, t, Stepping()).parameters(self.model.fit.p)
-            found.append(choose_stepping(a, t.u, p, t.period_s, a.start(p)))
-        return max(found, key=lambda s: (s.implicit, s.substeps))
+            steppings.append(choose_stepping(a, t.u, p, t.period_s, a.start(p)))
+        return max(steppings, key=lambda s: (s.implicit, s.substeps))
 
     @cached_property
     def problem(self) -> Problem:

@@ -95,23 +95,23 @@ def require_apart(
     """DataError where two recordings hold the same samples of these outputs: what was fitted is not
     held out, and nothing may count twice. It names both and the overlap in seconds."""
     recordings = [*fitted, *held_out]
-    found = max(overlaps(outputs, recordings), key=lambda o: o.samples, default=None)
-    if found is None:
+    longest = max(overlaps(outputs, recordings), key=lambda o: o.samples, default=None)
+    if longest is None:
         return
-    one, other = recordings[found.first], recordings[found.second]
-    crossed = found.first < len(fitted) <= found.second
+    one, other = recordings[longest.first], recordings[longest.second]
+    crossed = longest.first < len(fitted) <= longest.second
     why = "what was fitted is not held out" if crossed else "no sample may count twice"
-    seconds = found.samples * one.sampling_period_s
+    seconds = longest.samples * one.sampling_period_s
     if one.path == other.path:
         message = f"{one.path} is given twice ({seconds:.4g} s): {why}"
     else:
         places = [
-            f"{r.path} ({r.time[at]:.6g} .. {r.time[at + found.samples - 1]:.6g} s)"
-            for r, at in ((one, found.start), (other, found.again))
+            f"{r.path} ({r.time[at]:.6g} .. {r.time[at + longest.samples - 1]:.6g} s)"
+            for r, at in ((one, longest.start), (other, longest.again))
         ]
         message = (
             f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s "
-            f"of them{', apart from an offset or a scale' if found.rescaled else ''}: {why}"
+            f"of them{', apart from an offset or a scale' if longest.rescaled else ''}: {why}"
         )
     raise DataError(
         f"{message}.",
@@ -151,15 +151,15 @@ def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterato
 
 def _signals(recording: Recording, outputs: Sequence[str]) -> dict[str, _Signal]:
     """The measured signals that move, by the rig's name for them."""
-    found = {}
+    signals = {}
     for name in outputs:
         column = match_column(recording.columns, name)
         if column is None or motion(recording.columns[column]) == 0.0:
             continue
         values, symbol = recording.columns[column], split_column(column)[1]
         factor = abs(float(to_si(1.0, symbol)) - float(to_si(0.0, symbol)))
-        found[name] = _Signal(np.asarray(to_si(values, symbol)), factor * _printed_step(values))
-    return found
+        signals[name] = _Signal(np.asarray(to_si(values, symbol)), factor * _printed_step(values))
+    return signals
 
 
 def _printed_step(values: Array) -> float:
@@ -242,12 +242,12 @@ def _hashed(word: NDArray[np.uint64], doublings: int) -> NDArray[np.uint64]:
     return word
 
 
-def _matches(found: dict[int, Words]) -> Places:
+def _matches(words: dict[int, Words]) -> Places:
     """(i, j, shift) for every word that recordings i < j share; of those that share one, each with
     the next."""
-    word = np.concatenate([w for w, _ in found.values()])
-    place = np.concatenate([p for _, p in found.values()])
-    owner = np.concatenate([np.full(len(w), i) for i, (w, _) in found.items()])
+    word = np.concatenate([w for w, _ in words.values()])
+    place = np.concatenate([p for _, p in words.values()])
+    owner = np.concatenate([np.full(len(w), i) for i, (w, _) in words.items()])
     order = np.lexsort((place, owner, word))
     word, place, owner = word[order], place[order], owner[order]
     first = np.concatenate([[True], (word[1:] != word[:-1]) | (owner[1:] != owner[:-1])])[

@@ -222,17 +222,15 @@ class Recording:
 
         FileError if it was not recorded, or in a unit that pamid does not know.
         """
-        found = match_column(self.columns, column)
-        if found is None:
+        name = match_column(self.columns, column)
+        if name is None:
             hint = nearest(column, self.columns) or f"Its columns are: {listed(self.columns)}."
             raise FileError(
                 f"{self.path}: there is no column {column!r}.", hint, code="missing-column"
             )
-        if found == column:
-            return self.columns[found]
-        values = from_si(
-            to_si(self.columns[found], split_column(found)[1]), split_column(column)[1]
-        )
+        if name == column:
+            return self.columns[name]
+        values = from_si(to_si(self.columns[name], split_column(name)[1]), split_column(column)[1])
         return np.asarray(values)
 
     def si(self, column: str) -> FloatArray:
@@ -312,11 +310,11 @@ def recording_of(
         path = Path(folder, f"{plain}.csv")
         try:
             write_recording(path, time, columns, tables, digits=digits)
-            found = read_recording(path)
+            recording = read_recording(path)
         except (FileError, DataError) as error:
             message = error.message.replace(str(path), path.name)
             raise type(error)(message, error.hint, code=error.code) from None
-    return replace(found, path=Path(path.name))
+    return replace(recording, path=Path(path.name))
 
 
 def write_recording(
@@ -384,17 +382,17 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
         return wanted
     stem, symbol = split_column(wanted)
     for name in every:
-        found_stem, found = split_column(name)
-        if found_stem == stem and compatible(found, symbol):
+        found_stem, own_symbol = split_column(name)
+        if found_stem == stem and compatible(own_symbol, symbol):
             return name
     for name in every:
-        found_stem, found = split_column(name)
+        found_stem, own_symbol = split_column(name)
         if wanted == (meant := divided_name(name)):
-            message = f"Column {name!r} is in {found!r}; {wanted!r} is wanted."
+            message = f"Column {name!r} is in {own_symbol!r}; {wanted!r} is wanted."
             hint = f"In a name _ multiplies and _per_ divides: rename it {meant!r}."
             raise FileError(message, hint, code="unit")
-        if found_stem == stem and found != NONE and symbol != NONE:
-            raise _wrong_unit(name, f"in {found!r}", wanted, symbol)
+        if found_stem == stem and own_symbol != NONE and symbol != NONE:
+            raise _wrong_unit(name, f"in {own_symbol!r}", wanted, symbol)
         tail = name.removeprefix(stem + "_").lower() if name.startswith(stem + "_") else ""
         if tail in _FOREIGN_UNITS:
             raise _wrong_unit(name, f"in {tail!r}, which is no unit pamid knows", wanted, symbol)

@@ -30,12 +30,12 @@ def last_digits(stamps: FloatArray) -> FloatArray:
 
 def _decimals(stamps: FloatArray) -> NDArray[np.int64]:
     """How many decimals each stamp has, (n,); at most _DIGITS."""
-    found = np.full(stamps.size, _DIGITS, dtype=np.int64)
+    counts = np.full(stamps.size, _DIGITS, dtype=np.int64)
     for decimals in range(_DIGITS - 1, -1, -1):
         scaled = stamps * 10.0**decimals
         whole = np.abs(scaled - np.round(scaled)) <= np.maximum(1e-6, 4.0 * np.spacing(scaled))
-        found[whole] = decimals
-    return found
+        counts[whole] = decimals
+    return counts
 
 
 def even_but_rounded(stamps: FloatArray) -> bool:

@@ -50,7 +50,7 @@ class PulsedStretch:
 
 def stretches(r: Recording) -> list[PulsedStretch]:
     """One per joint whose valves are pulsed, in time apart from the other's."""
-    found, samples = [], round(SETTLED_S / r.sampling_period_s)
+    selected, samples = [], round(SETTLED_S / r.sampling_period_s)
     for pulsed, moved in zip(JOINTS, JOINTS[::-1], strict=True):
         sent, other = (np.flatnonzero(r.signal(f"command_{j}")) for j in (pulsed, moved))
         if not len(sent):
@@ -58,8 +58,8 @@ def stretches(r: Recording) -> list[PulsedStretch]:
         first, last = int(sent[0]), min(int(sent[-1]) + samples, len(r))
         later = other[other > first]
         last = min(last, int(later[0])) if len(later) else last
-        found.append(PulsedStretch(pulsed, moved, slice(first, last)))
-    return found
+        selected.append(PulsedStretch(pulsed, moved, slice(first, last)))
+    return selected
 
 
 def coupling_json(

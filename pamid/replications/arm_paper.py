@@ -182,11 +182,11 @@ def fit_stages(
             progress=lambda text: progress(f"{name}: {text}"),
             earlier=earlier,
         )
-        found = FitStage(grey, fit_json(grey, plan.seed))
+        fitted = FitStage(grey, fit_json(grey, plan.seed))
         own = part(run, name, plan, [r.path for r in evidence.recordings])
-        write_json(own.path(FIT_FILE), found.found)
+        write_json(own.path(FIT_FILE), fitted.found)
         own.finish()
-        return found
+        return fitted
 
     def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> FitStage:
         rig.static_force = law or rig.static_force
@@ -238,7 +238,7 @@ def models_of(stages: dict[str, FitStage]) -> dict[str, ArmModel]:
 
 def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any]:
     """By kind of test and variable: the errors of all models in free runs, and the noise floor."""
-    models, found = models_of(stages), {}
+    models, errors = models_of(stages), {}
     for kind in (GRAVITY_TEST, PULSES):
         chosen = dict(models)
         if kind == GRAVITY_TEST:
@@ -247,26 +247,26 @@ def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any
         by = {
             name: model.free_mae(records.of(kind, held_out=True)) for name, model in chosen.items()
         }
-        found[kind] = _by_variable({**by, NOISE_FLOOR: records.floor(kind)})
-    return found
+        errors[kind] = _by_variable({**by, NOISE_FLOOR: records.floor(kind)})
+    return errors
 
 
 def windowed_json(stages: dict[str, FitStage]) -> dict[str, Any]:
     """The same as the fits themselves judge, in short windows whose states are set anew. The
     gravity tests were fitted with the analytic law alone of the two."""
-    found = {}
+    errors = {}
     for kind, names in ((GRAVITY_TEST, {ANALYTIC: GRAVITY_TEST}), (PULSES, dict.fromkeys(FITTED))):
         greys = {name: stages[stage or name].grey for name, stage in names.items()}
         by = {name: windowed_mae(g.evidence, g.held_out) for name, g in greys.items()}
         plain = greys[ANALYTIC]
-        found[kind] = _by_variable(
+        errors[kind] = _by_variable(
             {
                 DATA_SHEET: windowed_mae(plain.evidence, plain.data_sheet),
                 **by,
                 NOISE_FLOOR: windowed_mae(plain.evidence, plain.floor),
             }
         )
-    return found
+    return errors
 
 
 def windowed_mae(evidence: DataSplit, replays: tuple[Replay, ...]) -> dict[str, float]:
@@ -307,16 +307,19 @@ def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, A
     """Inertial combinations that the rig declares, by stage; holds: does the interval hold the
     truth?"""
     plain = Assembly(catalogue_rig(ARM_RIG))
-    truth, found = (
+    truth, combinations = (
         plain.values(twin.hidden()),
         {name: s.found["combinations"] for name, s in stages.items() if name != WITHOUT_DRY},
     )
     return {
         name: {
-            "unit": found[GRAVITY_TEST][name]["unit"],
-            DATA_SHEET: found[GRAVITY_TEST][name]["prior"],
+            "unit": combinations[GRAVITY_TEST][name]["unit"],
+            DATA_SHEET: combinations[GRAVITY_TEST][name]["prior"],
             "truth": of(truth),
-            **{stage: _interval(of_stage[name], of(truth)) for stage, of_stage in found.items()},
+            **{
+                stage: _interval(of_stage[name], of(truth))
+                for stage, of_stage in combinations.items()
+            },
         }
         for name, of in declared(plain).items()
     }
@@ -325,7 +328,7 @@ def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, A
 def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
     """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
     another law)"""
-    hidden, found = {**twin.hidden(), **twin.friction}, {}
+    hidden, rows = {**twin.hidden(), **twin.friction}, {}
     for name, one in stages[GRAVITY_TEST].found["parameters"].items():
         truth = hidden.get(name, one["prior"])
         sheet = one["prior"] if one.get("null") is None else one["null"]
@@ -334,19 +337,19 @@ def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any
             for stage, s in stages.items()
             if stage != WITHOUT_DRY
         }
-        found[name] = {"unit": one["unit"], DATA_SHEET: sheet, "truth": truth, **by}
-    return found
+        rows[name] = {"unit": one["unit"], DATA_SHEET: sheet, "truth": truth, **by}
+    return rows
 
 
-def ties_of(found: dict[str, Any]) -> tuple[result.ArmTie, ...]:
+def ties_of(paper: dict[str, Any]) -> tuple[result.ArmTie, ...]:
     """Parameters that a stage knows only in combination, and what it knows of them."""
-    known = found["combinations"]
+    known = paper["combinations"]
     return tuple(
         result.ArmTie(
             parameters=tie["parameters"],
             known={name: known[name]["value"] for name in tie["known"]},
         )
-        for tie in found["tied"]
+        for tie in paper["tied"]
     )
 
 
@@ -368,7 +371,7 @@ def reproduce_arm(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> di
     coupling, swings = coupling_json(
         records.taken_of(PULSES, held_out=True)[0], coupling_runs(stages, records)
     )
-    found = result.ArmPaperFile(
+    content = result.ArmPaperFile(
         quick=plan.quick,
         plan=result.ArmPlanUsed(**asdict(plan)),
         notes=ARM_NOTES,
@@ -398,11 +401,11 @@ def reproduce_arm(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> di
             for name, s in stages.items()
         },
     ).as_json()
-    write_json(run.path(ARM_TABLE_FILE), found)
+    write_json(run.path(ARM_TABLE_FILE), content)
     for kind, file in ARM_FIGURES.items():
         write_atomically(run.path(file), picture_of(stages, records, kind, mae[kind]))
     write_atomically(run.path(COUPLING_FIGURE), coupling_png(coupling, swings))
-    return found
+    return content
 
 
 def coupling_runs(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Array]:

@@ -179,7 +179,7 @@ def _diagnosed(
 ) -> dict[str, Any]:
     # noted as the command that does just this: with another --output anyone can repeat it
     words = ["pamid", "diagnose", str(recording), "--rig", rig, "--output", str(run.folder)]
-    found = diagnose(
+    diagnosis = diagnose(
         recording,
         rig,
         seed=seed,
@@ -188,11 +188,11 @@ def _diagnosed(
         progress=progress,
         command=[*words, "--seed", str(seed), "--jobs", str(jobs)],
     )
-    return found.to_dict()
+    return diagnosis.to_dict()
 
 
 def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
-    found = train_residual(
+    network = train_residual(
         run.folder,
         iterations=ITERATIONS,
         seed=seed,
@@ -207,6 +207,6 @@ def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
             str(seed),
         ],
     )
-    if found.interrupted:
+    if network.interrupted:
         raise KeyboardInterrupt
-    return found.to_dict()
+    return network.to_dict()

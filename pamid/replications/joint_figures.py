@@ -43,21 +43,21 @@ def responses_png(
     steps: Mapping[str, Recording], models: Mapping[str, Mapping[str, Array | None]]
 ) -> bytes:
     """models: by word and inertia, angle (samples,), deg; None: unstable, and not drawn."""
-    found = []
+    traces = []
     for case, r in steps.items():
         angles = {word: angle for word, by in models.items() if (angle := by.get(case)) is not None}
         measured = r.signal(ANGLE_COLUMN)
-        found.append(StepResponse(case, r.signal(REFERENCE_COLUMN), measured, angles))
+        traces.append(StepResponse(case, r.signal(REFERENCE_COLUMN), measured, angles))
     off = "; ".join(
         f"{word} off by "
         + " and ".join(
             f"{mae(one.measured, one.models[word]):.2f} deg at {one.case}"
-            for one in found
+            for one in traces
             if word in one.models
         )
         for word in models
     )
-    return responses_picture(clock(found[0].reference), found, f"On the steps: {off}")
+    return responses_picture(clock(traces[0].reference), traces, f"On the steps: {off}")
 
 
 def pressures_png(steps: Mapping[str, Recording]) -> bytes:

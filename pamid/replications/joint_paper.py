@@ -240,7 +240,7 @@ def train_elman(
     network.json, network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted.
     """
     begun = time.perf_counter()
-    found = train_correction(
+    correction = train_correction(
         residual_data_of(records),
         iterations=plan.iterations,
         seed=plan.seed,
@@ -254,16 +254,16 @@ def train_elman(
         ),
     )
     run.claim(WEIGHTS_FILE, NETWORK_FILE)
-    save_network(run.folder, found.trained)
-    write_atomically(run.path(TRACE_FILE), trace_csv(found.training))
-    if found.interrupted:
+    save_network(run.folder, correction.trained)
+    write_atomically(run.path(TRACE_FILE), trace_csv(correction.training))
+    if correction.interrupted:
         raise KeyboardInterrupt
     tests = _rows([records.training, *records.steps.values()])[1:]
     angles: dict[str, Array | None] = {
-        case: records.analytic[case][derived(ANGLE_COLUMN, "loop")] + found.values[rows]
+        case: records.analytic[case][derived(ANGLE_COLUMN, "loop")] + correction.values[rows]
         for case, rows in zip(records.steps, tests, strict=True)
     }
-    return records.row(ELMAN, angles, time.perf_counter() - begun), found
+    return records.row(ELMAN, angles, time.perf_counter() - begun), correction
 
 
 def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
@@ -318,11 +318,13 @@ def explain(
     grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, progress=progress)
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()
-    found = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, progress=progress)
-    write_json(run.path("diagnosis.json"), diagnosis_file(found).as_json())
-    if found.cause is not None:
-        rows += named_rows(records, found.budget.model, found.cause, time.perf_counter() - begun)
-    return rows, found
+    diagnosis = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, progress=progress)
+    write_json(run.path("diagnosis.json"), diagnosis_file(diagnosis).as_json())
+    if diagnosis.cause is not None:
+        rows += named_rows(
+            records, diagnosis.budget.model, diagnosis.cause, time.perf_counter() - begun
+        )
+    return rows, diagnosis
 
 
 def _errors_text(row: ModelRow) -> str:
@@ -356,7 +358,7 @@ def reproduce(
     rows = [analytic, refitted, elman, *named]
     table = tuple(table_row(row, analytic) for row in rows)
     named_ones = diagnosis_file(diagnosis).as_json()
-    found = result.PaperFile(
+    content = result.PaperFile(
         quick=plan.quick,
         plan=result.JointPlanUsed(**asdict(plan)),
         notes=JOINT_NOTES,
@@ -372,7 +374,7 @@ def reproduce(
             **{key: named_ones[key] for key in ("verdict", "sentence", "causes")}
         ),
     )
-    write_json(run.path(TABLE_FILE), found.as_json())
+    write_json(run.path(TABLE_FILE), content.as_json())
     write_atomically(run.path(FIGURE_FILE), picture_of(records, [analytic, elman, *named[:1]]))
     for file, png in own_figures(records, analytic, elman, network).items():
         write_atomically(run.path(file), png)
@@ -380,7 +382,7 @@ def reproduce(
         cells.model_copy(update={"seconds": row.seconds})
         for cells, row in zip(table, rows, strict=True)
     )
-    return found.model_copy(update={"rows": timed}).as_json()
+    return content.model_copy(update={"rows": timed}).as_json()
 
 
 def own_figures(

@@ -150,9 +150,9 @@ def analytic_loop(recording: Recording) -> dict[str, Array]:
 def calibration(twin: Twin) -> dict[str, float]:
     """MAE (deg) of the analytic model against the twin without noise, by inertia: what the twin was
     made to meet."""
-    found = {}
+    errors = {}
     for case, inertia in TWIN_INERTIAS.items():
         truth = twin.record(step_reference(), inertia, noise=0.0)["columns"]
         known = replace(excitation(truth[REFERENCE_COLUMN]), known={"inertia_kg_m2": inertia})
-        found[case] = mae(truth[ANGLE_COLUMN], analytic_loop(known)[derived(ANGLE_COLUMN, "loop")])
-    return found
+        errors[case] = mae(truth[ANGLE_COLUMN], analytic_loop(known)[derived(ANGLE_COLUMN, "loop")])
+    return errors

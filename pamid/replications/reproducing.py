@@ -30,10 +30,10 @@ class Paper(Protocol):
         """Run the reproduction, write all files into the run, and return the result in the schema
         of its file."""
 
-    def text(self, found: dict[str, Any]) -> str:
+    def text(self, content: dict[str, Any]) -> str:
         """The same for people."""
 
-    def converged(self, found: dict[str, Any]) -> bool:
+    def converged(self, content: dict[str, Any]) -> bool:
         """Is it what it was to become?"""
 
 
@@ -72,12 +72,12 @@ def reproduce_paper(
         run = Run.create(output, command=command, seed=seed, options=noted, overwrite=overwrite)
     more = {"resume": resume} if "resume" in paper.OPTIONS else {}
     try:
-        found = paper.reproduce(run, plan, progress=progress, **more)
+        content = paper.reproduce(run, plan, progress=progress, **more)
     except (PamidError, KeyboardInterrupt) as error:
         run.finish("failed" if isinstance(error, PamidError) else "interrupted")
         raise
     run.finish()
-    return found
+    return content
 
 
 def number_cell(value: float | None, width: int) -> str:

@@ -375,11 +375,13 @@ def _horizon(run: RunData, row: ChannelErrors, unit_text: str) -> list[str]:
 
 def _forecast(run: RunData) -> list[str]:
     """The share of the error that the causes would remove on a new recording."""
-    found = run.diagnosis.forecast if run.diagnosis is not None else None
-    if found is None:
+    forecast = run.diagnosis.forecast if run.diagnosis is not None else None
+    if forecast is None:
         return []
-    interval = formatting.interval_tail(percent_span(found.low, found.high))
-    return [f"On a new recording {percent(found.share)} of the error would be removed{interval}."]
+    interval = formatting.interval_tail(percent_span(forecast.low, forecast.high))
+    return [
+        f"On a new recording {percent(forecast.share)} of the error would be removed{interval}."
+    ]
 
 
 def _channel_point(row: ChannelErrors) -> str:

@@ -95,13 +95,13 @@ def columns_of(rig: RigMap) -> dict[str, list[str]]:
     kinds: dict[str, list[str]] = {}
     for one in rig.ports:
         kinds.setdefault(one.group or one.port, []).append(one.kind)
-    found: dict[str, list[str]] = {kind: [] for kind in order}
+    columns: dict[str, list[str]] = {kind: [] for kind in order}
     for group, own in kinds.items():
         known = [kind for kind in own if kind in order]
         acting = [kind for kind in known if kind != "reading"]
         if known:
-            found[max(acting or known, key=order.index)].append(group)
-    return {kind: groups for kind, groups in found.items() if groups}
+            columns[max(acting or known, key=order.index)].append(group)
+    return {kind: groups for kind, groups in columns.items() if groups}
 
 
 def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str, bool]]:
@@ -172,11 +172,11 @@ def gathered(
 ) -> tuple[dict[str, list[str]], dict[str, BlockText]]:
     """Columns of more than `MOST_IN_COLUMN` blocks, with those in which nothing is taken
     together."""
-    texts, found = dict(texts), {}
+    texts, merged = dict(texts), {}
     for kind, groups in columns.items():
         quiet = [g for g in groups if texts[g].weight < 0.005 and not texts[g].named]
         if len(groups) <= MOST_IN_COLUMN or len(quiet) < 3:
-            found[kind] = groups
+            merged[kind] = groups
             continue
         name = f"{kind} others"
         share = sum(texts[g].weight for g in quiet)
@@ -184,8 +184,8 @@ def gathered(
         texts[name] = BlockText(
             f"{len(quiet)} {called}", texts[quiet[0]].lines[:1], share, tuple(quiet)
         )
-        found[kind] = [g for g in groups if g not in quiet] + [name]
-    return found, texts
+        merged[kind] = [g for g in groups if g not in quiet] + [name]
+    return merged, texts
 
 
 def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
@@ -235,14 +235,14 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
 
 def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
     """Between two blocks of one column that stand side by side, where one leads to the other."""
-    found = []
+    links = []
     for a, b in zip(row, row[1:], strict=False):
         y = a.y + 0.5 * a.tall
         if (a.name, b.name) in led:
-            found.append(Link((a.x + a.wide + 1.0, y), (b.x - 2.0, y), led[a.name, b.name]))
+            links.append(Link((a.x + a.wide + 1.0, y), (b.x - 2.0, y), led[a.name, b.name]))
         elif (b.name, a.name) in led:
-            found.append(Link((b.x - 1.0, y), (a.x + a.wide + 2.0, y), led[b.name, a.name]))
-    return found
+            links.append(Link((b.x - 1.0, y), (a.x + a.wide + 2.0, y), led[b.name, a.name]))
+    return links
 
 
 def _stack_height(boxes: Sequence[Box]) -> float:
@@ -284,15 +284,15 @@ def _wide_links(
     rig: RigMap, columns: dict[str, list[str]], placed: dict[str, Box], middle: float
 ) -> Iterable[Link]:
     holder = {member: box.name for box in placed.values() for member in box.members}
-    found: dict[tuple[str, str], bool] = {}
+    directions: dict[tuple[str, str], bool] = {}
     for a, b, both in links_of(rig, columns_of(rig)):
         ends = holder[a], holder[b]
         if ends[0] != ends[1]:
-            found[ends] = found.get(ends, False) or both
-    if len(found) > MOST_LINKS:
+            directions[ends] = directions.get(ends, False) or both
+    if len(directions) > MOST_LINKS:
         return _broad(list(columns.values()), placed, middle)
     links: list[Link] = []
-    for (a, b), both in found.items():
+    for (a, b), both in directions.items():
         aside = sum(bool(one.corners) for one in links)
         links.append(_link(placed[a], placed[b], both, list(placed.values()), aside))
     return links

@@ -39,8 +39,8 @@ class ChannelErrors:
 
     def known(self) -> dict[str, float]:
         """The MAE that a file of the run states, by field."""
-        found = {name: getattr(self, name) for name in MODEL_NAMES}
-        return {name: value for name, value in found.items() if value is not None}
+        errors = {name: getattr(self, name) for name in MODEL_NAMES}
+        return {name: value for name, value in errors.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def _row(name: str, run: RunData) -> ChannelErrors:
     # else there is no "with cause"
     named = reached if run.diagnosis is not None and run.diagnosis.causes else None
 
-    def stated(found: float | None, field: str) -> float | None:
-        return fitted.get(field) if found is None else found
+    def stated(value: float | None, field: str) -> float | None:
+        return fitted.get(field) if value is None else value
 
     return ChannelErrors(
         channel=name,
@@ -94,7 +94,7 @@ def disagreements(
 ) -> list[tuple[str, str, float, float]]:
     """Where another file scored the refitted model on other windows: (channel, file, its MAE, the
     MAE shown)."""
-    found = []
+    differing = []
     replayed = run.network_errors(in_loop=False)
     others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": replayed}
     for row in rows:
@@ -105,8 +105,8 @@ def disagreements(
                 and row.refitted is not None
                 and abs(other - row.refitted) > _AGREE * row.refitted
             ):
-                found.append((row.channel, file, other, row.refitted))
-    return found
+                differing.append((row.channel, file, other, row.refitted))
+    return differing
 
 
 def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:

@@ -150,8 +150,8 @@ def _causes(one: ComparedRun) -> str:
     texts = []
     for cause in diagnosis.causes if diagnosis is not None else ():
         values = [
-            f"{channel_label(name)} {formatting.span(found.low, found.high, channel_unit(name))}"
-            for name, found in cause.parameters.items()
+            f"{channel_label(name)} {formatting.span(parameter.low, parameter.high, channel_unit(name))}"
+            for name, parameter in cause.parameters.items()
         ]
         chance = (
             f", P {formatting.chance(cause.probability)}" if cause.probability is not None else ""
@@ -205,11 +205,11 @@ def _errors(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
 
 
 def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
-    found = [dict(parameters_of(one.run)[0]) for one in runs]
-    names = list(dict.fromkeys(name for each in found for name in each))
+    tables = [dict(parameters_of(one.run)[0]) for one in runs]
+    names = list(dict.fromkeys(name for each in tables for name in each))
     body: list[list[str | TableCell]] = []
     for name in names:
-        known = [each.get(name) for each in found]
+        known = [each.get(name) for each in tables]
         unit = formatting.clean(channel_unit(name))
         body.append(
             [

@@ -22,8 +22,8 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
     posterior = fit.posterior if fit is not None else None
     if posterior is None:
         return None
-    names, found = _correlations(posterior)
-    if len(names) < _FEWEST or np.abs(np.tril(found, -1)).max() < _WRITTEN:
+    names, correlations = _correlations(posterior)
+    if len(names) < _FEWEST or np.abs(np.tril(correlations, -1)).max() < _WRITTEN:
         return None  # the sentence says all of it
 
     def draw(figure: Figure, narrow: bool) -> None:
@@ -31,13 +31,13 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
         count = len(names)
         for row in range(1, count):
             for column in range(row):
-                _cell(axes.add_patch, row, column, float(found[row, column]))
-                written = abs(found[row, column]) >= _WRITTEN
+                _cell(axes.add_patch, row, column, float(correlations[row, column]))
+                written = abs(correlations[row, column]) >= _WRITTEN
                 if written:
                     axes.text(
                         column,
                         row,
-                        f"{found[row, column]:.2f}".replace("-", formatting.MINUS),
+                        f"{correlations[row, column]:.2f}".replace("-", formatting.MINUS),
                         ha="center",
                         va="center",
                         fontsize=6.0 if narrow or count > 9 else 8.0,
@@ -55,15 +55,15 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
             axes.spines[side].set_visible(False)
 
     tall = 1.2 + 0.3 * len(names)
-    return Drawing("correlation", correlation_title(names, found), draw, tall, tall + 0.3)
+    return Drawing("correlation", correlation_title(names, correlations), draw, tall, tall + 0.3)
 
 
 def correlation_note(fit: FitFile | None) -> str:
     """Sentence in place of a picture that would be one cell, or empty cells."""
     if fit is None or fit.posterior is None or correlation_drawing(fit) is not None:
         return ""
-    names, found = _correlations(fit.posterior)
-    return f"{correlation_title(names, found)}." if len(names) > 1 else ""
+    names, correlations = _correlations(fit.posterior)
+    return f"{correlation_title(names, correlations)}." if len(names) > 1 else ""
 
 
 def _cell(add, row: int, column: int, value: float) -> None:  # type: ignore[no-untyped-def]
@@ -79,11 +79,11 @@ def _cell(add, row: int, column: int, value: float) -> None:  # type: ignore[no-
     )
 
 
-def correlation_title(names: list[str], found: FloatArray) -> str:
+def correlation_title(names: list[str], correlations: FloatArray) -> str:
     """ "mass and gain go together (correlation 0.98): the data fix them only in combination"."""
-    apart = np.abs(np.tril(found, -1))
+    apart = np.abs(np.tril(correlations, -1))
     row, column = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    value = f"{found[row, column]:.2f}".replace("-", formatting.MINUS)
+    value = f"{correlations[row, column]:.2f}".replace("-", formatting.MINUS)
     pair = f"{formatting.port_label(names[row])} and {formatting.port_label(names[column])}"
     if apart.max() >= _STRONG:
         return f"{pair} are hard to tell apart: correlation {value}"
@@ -108,10 +108,12 @@ def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
     ]
     if len(own) < 2:
         return [], np.zeros((0, 0))
-    found = (whole / np.where(spread > 0.0, spread, 1.0)).T / np.where(spread > 0.0, spread, 1.0)
-    found = np.clip(found[np.ix_(own, own)], -1.0, 1.0)
+    correlations = (whole / np.where(spread > 0.0, spread, 1.0)).T / np.where(
+        spread > 0.0, spread, 1.0
+    )
+    correlations = np.clip(correlations[np.ix_(own, own)], -1.0, 1.0)
     if len(own) > _MOST:
-        strength = np.sort(np.abs(found - np.eye(len(own))), axis=1)[:, -1]
+        strength = np.sort(np.abs(correlations - np.eye(len(own))), axis=1)[:, -1]
         kept = sorted(np.argsort(-strength, kind="stable")[:_MOST].tolist())
-        own, found = [own[k] for k in kept], found[np.ix_(kept, kept)]
-    return [posterior.keys[k] for k in own], found
+        own, correlations = [own[k] for k in kept], correlations[np.ix_(kept, kept)]
+    return [posterior.keys[k] for k in own], correlations

@@ -121,8 +121,8 @@ def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> 
     bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
     at = _NamedSignals(offered, port.kind, rig_period_s, {k: b.high for k, b in bounds.items()})
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
-    found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
-    value, rates = found if isinstance(found, tuple) else (found, {})
+    change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+    value, rates = change if isinstance(change, tuple) else (change, {})
     names = {name: b.name for name, b in bounds.items()}
     return Acting(
         effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
@@ -149,7 +149,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
     """The equations of the effects that the fitted model already had."""
     if run.fit is None:
         return ()
-    found = []
+    equations = []
     for label in run.fit.effects:
         own = {
             name.removeprefix(f"{label}:"): CauseParameter(
@@ -158,7 +158,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
             for name, one in run.fit.parameters.items()
             if name.startswith(f"{label}:")
         }
-        found.append(
+        equations.append(
             _cause_equation(
                 run.rig,
                 Cause(
@@ -175,11 +175,11 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
                 ),
             )
         )
-    return _known(found)
+    return _known(equations)
 
 
-def _known(found: Iterable[Equation | None]) -> tuple[Equation, ...]:
-    return tuple(one for one in found if one is not None)
+def _known(equations: Iterable[Equation | None]) -> tuple[Equation, ...]:
+    return tuple(one for one in equations if one is not None)
 
 
 def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
@@ -194,30 +194,30 @@ def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
 
 
 def _cause_equation(rig: str, cause: Cause) -> Equation | None:
-    found = acting(rig, cause.effect)
-    if found is None:
+    act = acting(rig, cause.effect)
+    if act is None:
         return None
-    title, in_names = _title(cause), _plain(found, {})
+    title, in_names = _title(cause), _plain(act, {})
     if len(in_names) > _LONGEST_PLAIN:
-        return Equation(title, code=found.effect.story().get("Equation", ""))
-    with_names = Typeset(_shown(found, {}))
-    math = [math_html(_rows(found, with_names), in_names)]
+        return Equation(title, code=act.effect.story().get("Equation", ""))
+    with_names = Typeset(_shown(act, {}))
+    math = [math_html(_rows(act, with_names), in_names)]
     if cause.parameters:
-        with_values = Typeset(_shown(found, cause.parameters))
-        math.append(math_html(_rows(found, with_values), _plain(found, cause.parameters)))
-    return Equation(title, tuple(math), notes=tuple(_legend(found, with_names)))
+        with_values = Typeset(_shown(act, cause.parameters))
+        math.append(math_html(_rows(act, with_values), _plain(act, cause.parameters)))
+    return Equation(title, tuple(math), notes=tuple(_legend(act, with_names)))
 
 
 def _title(cause: Cause) -> str:
     at = f" at the {port_label(cause.port)} port" if cause.port and "@" not in cause.effect else ""
-    found = ", and with the values found" if cause.parameters else ""
-    return f"The equation of {effect_label(cause.effect)}{at}{found}"
+    values = ", and with the values found" if cause.parameters else ""
+    return f"The equation of {effect_label(cause.effect)}{at}{values}"
 
 
-def _rows(found: Acting, typeset: Typeset) -> list[list[Markup]]:
-    after = tag("mrow", name(found.letter), operator("′", lspace="0", rspace="0"))
-    rows = [[after, tag("mrow", operator("="), typeset(found.value))]]
-    for state, rate in found.rates.items():
+def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
+    after = tag("mrow", name(act.letter), operator("′", lspace="0", rspace="0"))
+    rows = [[after, tag("mrow", operator("="), typeset(act.value))]]
+    for state, rate in act.rates.items():
         left = fraction(
             tag("mrow", tag("mi", "d"), name(state)), tag("mrow", tag("mi", "d"), name("t"))
         )
@@ -225,34 +225,31 @@ def _rows(found: Acting, typeset: Typeset) -> list[list[Markup]]:
     return rows
 
 
-def _plain(found: Acting, values: Mapping[str, CauseParameter]) -> str:
+def _plain(act: Acting, values: Mapping[str, CauseParameter]) -> str:
     """The same in plain text."""
     shown = {
         key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
         if outside in values
         else split_column(outside)[0]
-        for key, outside in found.names.items()
+        for key, outside in act.names.items()
     }
     named = {symbol("parameter", key): symbol("shown", name) for key, name in shown.items()}
-    value, *rates = substitute([found.value, *found.rates.values()], named)
+    value, *rates = substitute([act.value, *act.rates.values()], named)
     return "; ".join(
         [
-            f"{found.letter}′ = {text(value)}",
-            *(
-                f"d {state}/dt = {text(rate)}"
-                for state, rate in zip(found.rates, rates, strict=True)
-            ),
+            f"{act.letter}′ = {text(value)}",
+            *(f"d {state}/dt = {text(rate)}" for state, rate in zip(act.rates, rates, strict=True)),
         ]
     )
 
 
-def _shown(found: Acting, values: Mapping[str, CauseParameter]) -> Any:
+def _shown(act: Acting, values: Mapping[str, CauseParameter]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
     def shown(space: str, key: str) -> Markup:
         if space != "parameter":
             return name(key)
-        outside = found.names[key]
+        outside = act.names[key]
         if outside in values:
             return number_html(values[outside].value, channel_unit(outside))
         return name(split_column(outside)[0])
@@ -260,11 +257,11 @@ def _shown(found: Acting, values: Mapping[str, CauseParameter]) -> Any:
     return shown
 
 
-def _legend(found: Acting, typeset: Typeset) -> Iterator[str]:
+def _legend(act: Acting, typeset: Typeset) -> Iterator[str]:
     """Meanings of the letters and the functions."""
-    letter = found.letter
+    letter = act.letter
     yield (
-        f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are "
+        f"{letter}: the {act.what} without the effect, {letter}′ with it. Plain numbers are "
         "in SI units."
     )
     meanings = [

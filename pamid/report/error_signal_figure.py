@@ -86,43 +86,43 @@ def _along(residual: Residual, name: str) -> FloatArray:
     """A signal at every row, a rate along each whole recording; nan where it is not known."""
     values = np.full(residual.columns["time_s"].size, np.nan)
     for one in stretches_of(residual, values.size):
-        found = signal_along(residual, name, one.rows)
-        if found is not None:
-            values[one.rows] = found
+        signal = signal_along(residual, name, one.rows)
+        if signal is not None:
+            values[one.rows] = signal
     return values
 
 
 def _signals(residual: Residual) -> dict[str, str]:
     """Names of signals, with their units."""
-    measured, found = channels_of(residual), {}
+    measured, units = channels_of(residual), {}
     for column in (*measured, *inputs_of(residual)):
         stem, unit = split_column(column)
-        found[stem] = unit
+        units[stem] = unit
     for column in measured:
         stem, unit = split_column(column)
         name = "velocity" if stem in ("angle", "position") else f"{stem}_rate"
-        found.setdefault(name, quotient(unit, "s"))
-    return found
+        units.setdefault(name, quotient(unit, "s"))
+    return units
 
 
 def error_signal_drawing(run: RunData, channel: str) -> Drawing | None:
     """Points and medians: the error over the signal that explains most of it."""
-    found = error_over_signal(run.residual, channel) if run.residual is not None else None
-    if found is None:
+    curve = error_over_signal(run.residual, channel) if run.residual is not None else None
+    if curve is None:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        every = -(-found.values.size // _SIGNAL_DOTS)
-        x, y = found.values[::every], found.errors["refitted"][::every]
+        every = -(-curve.values.size // _SIGNAL_DOTS)
+        x, y = curve.values[::every], curve.errors["refitted"][::every]
         wide = float(np.ptp(x)) or 1.0
         axes.set_xlim(float(x.min()) - 0.03 * wide, float(x.max()) + 0.03 * wide)
         tall = 1.08 * (float(np.abs(y).max()) or 1.0)
         axes.set_ylim(-tall, tall)
         axes.add_patch(dots(x, y, 6e-4 * wide))
         axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
-        for kind, error in found.errors.items():
-            centres, middles, _ = binned(found.values, error)
+        for kind, error in curve.errors.items():
+            centres, middles, _ = binned(curve.values, error)
             role = colour(MODEL_LINES[kind][0])
             axes.plot(
                 centres,
@@ -133,13 +133,13 @@ def error_signal_drawing(run: RunData, channel: str) -> Drawing | None:
                 markersize=4.0,
                 label=f"median, {_ERROR_KINDS[kind]}",
             )
-        unit = label(formatting.unit_label(found.unit))
-        axes.set_xlabel(formatting.axis_label(label(formatting.port_label(found.signal)), unit))
+        unit = label(formatting.unit_label(curve.unit))
+        axes.set_xlabel(formatting.axis_label(label(formatting.port_label(curve.signal)), unit))
         what = f"{label(formatting.channel_label(channel), 22)} error"
         axes.set_ylabel(formatting.axis_label(what, label(formatting.channel_unit(channel))))
         axes.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
         grid(axes, "y")
         legend_above(axes, 2)
 
-    title = error_signal_title(channel, found.signal, found.share, found.removed, run.diagnosis)
+    title = error_signal_title(channel, curve.signal, curve.share, curve.removed, run.diagnosis)
     return Drawing("error-signal", title, draw, 2.8, 2.8)

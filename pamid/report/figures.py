@@ -149,13 +149,13 @@ def missing_drawing(run: RunData) -> Drawing | None:
     stems = {split_column(name)[0]: name for name in run.missing}
     named = (s for s in stems if s not in NO_SIGNALS and s in term.formula)
     told = term.variables or sorted(named, key=term.formula.index)
-    found = [
+    signals = [
         *(v for v in told if v in stems),
         *(s for s in stems if s not in NO_SIGNALS),
     ]
-    if not found:
+    if not signals:
         return None
-    signal, x, y = stems[found[0]], run.missing[stems[found[0]]], run.missing[stems["missing"]]
+    signal, x, y = stems[signals[0]], run.missing[stems[signals[0]]], run.missing[stems["missing"]]
     centres, middles, share = binned(x, y)
     share = adjusted_share(share, centres.size, independent_samples(x, y))
 
@@ -195,7 +195,7 @@ def missing_drawing(run: RunData) -> Drawing | None:
         grid(axes, "y")
         legend_above(axes, 2)
 
-    return Drawing("missing", missing_title(term.port, found[0], share), draw, 2.8, 2.8)
+    return Drawing("missing", missing_title(term.port, signals[0], share), draw, 2.8, 2.8)
 
 
 def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -342,8 +342,8 @@ def window_drawing(
     diagnosis = run.diagnosis
     unit_text, what = formatting.channel_unit(channel), formatting.channel_label(channel)
     time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
-    found = ((kind, residual.of(channel, kind)) for kind in kinds)
-    traces = {kind: trace[window.rows] for kind, trace in found if trace is not None}
+    samples = ((kind, residual.of(channel, kind)) for kind in kinds)
+    traces = {kind: trace[window.rows] for kind, trace in samples if trace is not None}
 
     def draw(figure: Figure, narrow: bool) -> None:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1.7, 1.0]})

@@ -54,11 +54,11 @@ class _Reader:
         self._tokens: list[tuple[str, str]] = []
         place = 0
         while place < len(text.rstrip()):
-            found = _TOKEN.match(text, place)
-            if found is None:
+            match = _TOKEN.match(text, place)
+            if match is None:
                 raise FormulaError(f"unexpected {text[place : place + 10]!r}")
-            self._tokens.append((str(found.lastgroup), str(found[str(found.lastgroup)])))
-            place = found.end()
+            self._tokens.append((str(match.lastgroup), str(match[str(match.lastgroup)])))
+            place = match.end()
 
     def formula(self) -> Markup:
         row: list[Markup] = []
@@ -104,17 +104,17 @@ class _Reader:
         return tag("mrow", parts)
 
     def _term(self) -> Markup:
-        found = self._factor()
+        term = self._factor()
         # a constant is written as a number times 1
         if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _ONE:
             self._at += 1
         while True:
             if self._take("/"):
-                found = fraction(found, self._factor())
+                term = fraction(term, self._factor())
             elif self._take("*") or self._begins():
-                found = tag("mrow", found, operator("⋅"), self._factor())
+                term = tag("mrow", term, operator("⋅"), self._factor())
             else:
-                return found
+                return term
 
     def _begins(self) -> bool:
         """Can what comes next begin another factor, with no sign between?"""

@@ -181,13 +181,13 @@ def _closest_line(diagnosis: DiagnosisFile) -> tuple[str, ...]:
 
 def _with_value(cause: Cause) -> str:
     name = effect_label(cause.effect)
-    found = first_parameter(cause)
-    if found is None:
+    parameter = first_parameter(cause)
+    if parameter is None:
         return name
-    unit_text = channel_unit(found[0])
-    value = set_spaces(formatting.with_unit_text(found[1].value, unit_text))
+    unit_text = channel_unit(parameter[0])
+    value = set_spaces(formatting.with_unit_text(parameter[1].value, unit_text))
     # a number without unit says nothing without its name
-    return f"{name} {value}" if unit_text else f"{name}, {channel_label(found[0])} {value}"
+    return f"{name} {value}" if unit_text else f"{name}, {channel_label(parameter[0])} {value}"
 
 
 def _cause_line(cause: Cause, several: bool) -> str:
@@ -196,10 +196,10 @@ def _cause_line(cause: Cause, several: bool) -> str:
         parts.append(f"removes {percent(cause.removes.share)} of the gap")
     if cause.probability is not None:
         parts.append(f"P {chance_figure(cause.probability)}")
-    found = first_parameter(cause)
-    if found is not None and None not in (found[1].low, found[1].high):
-        span = formatting.span(found[1].low, found[1].high, channel_unit(found[0]))
-        parts.append(f"{channel_label(found[0])} {span}")
+    parameter = first_parameter(cause)
+    if parameter is not None and None not in (parameter[1].low, parameter[1].high):
+        span = formatting.span(parameter[1].low, parameter[1].high, channel_unit(parameter[0]))
+        parts.append(f"{channel_label(parameter[0])} {span}")
     text = ", ".join(parts)
     return f"{effect_label(cause.effect)}: {text}" if several and text else text
 

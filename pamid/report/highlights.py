@@ -40,18 +40,18 @@ class Highlight:
 
 
 def highlights_of(
-    run: RunData, residual: Residual, channel: str, found: Sequence[Stretch]
+    run: RunData, residual: Residual, channel: str, stretches: Sequence[Stretch]
 ) -> list[Highlight]:
     """Stretches of a recording worth a look, for errors of this channel."""
     error = np.abs(residual.columns[channel] - _refitted(residual, channel))
-    worst = _worst(residual, channel, error, found, run)
+    worst = _worst(residual, channel, error, stretches, run)
     where = run.diagnosis.where if run.diagnosis is not None else None
     if where is None or (
         run.diagnosis is not None and run.diagnosis.verdict == "no-structural-gap"
     ):
         return worst
-    named = [_named(residual, error, found, span) for span in sorted(where.windows_s)]
-    regimes = [_regime(residual, error, found, one) for one in where.regimes]
+    named = [_named(residual, error, stretches, span) for span in sorted(where.windows_s)]
+    regimes = [_regime(residual, error, stretches, one) for one in where.regimes]
     return [*(one for one in (*named, *regimes) if one is not None), *worst]
 
 
@@ -61,20 +61,20 @@ def _refitted(residual: Residual, channel: str) -> FloatArray:
     return values
 
 
-def _judged(found: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
+def _judged(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
     """Windows as (stretch, first, last), of the held-out ones only if there are any."""
-    every = [(one, *window) for one in found for window in one.windows]
+    every = [(one, *window) for one in stretches for window in one.windows]
     held_out = any(window[3] for window in every)
     return [(one, first, last) for one, first, last, held in every if held == held_out]
 
 
 def _worst(
-    residual: Residual, channel: str, error: FloatArray, found: Sequence[Stretch], run: RunData
+    residual: Residual, channel: str, error: FloatArray, stretches: Sequence[Stretch], run: RunData
 ) -> list[Highlight]:
     """The windows in which the refitted model is off most, worst first."""
     scored = [
         (float(np.nanmean(error[one.rows[first : last + 1]])), one, first, last)
-        for one, first, last in _judged(found)
+        for one, first, last in _judged(stretches)
         if np.isfinite(error[one.rows[first : last + 1]]).any()
     ]
     time, places = residual.columns["time_s"], []
@@ -90,12 +90,12 @@ def _worst(
 
 
 def _named(
-    residual: Residual, error: FloatArray, found: Sequence[Stretch], span: tuple[float, float]
+    residual: Residual, error: FloatArray, stretches: Sequence[Stretch], span: tuple[float, float]
 ) -> Highlight | None:
     """A window of the diagnosis, which does not say of which recording: the one with most error
     there."""
     best: tuple[float, Stretch] | None = None
-    for one in found:
+    for one in stretches:
         time = residual.columns["time_s"][one.rows]
         inside = error[
             one.rows[
@@ -113,14 +113,14 @@ def _named(
 
 
 def _regime(
-    residual: Residual, error: FloatArray, found: Sequence[Stretch], regime: Regime
+    residual: Residual, error: FloatArray, stretches: Sequence[Stretch], regime: Regime
 ) -> Highlight | None:
     """The window with most error within the regime; None where its signal does not stand in
     residual.csv."""
     low = -np.inf if regime.low is None else regime.low
     high = np.inf if regime.high is None else regime.high
     inside = {}
-    for one in found:
+    for one in stretches:
         values = signal_along(residual, regime.signal, one.rows)
         if values is None:
             return None
@@ -133,7 +133,7 @@ def _regime(
             first,
             last,
         )
-        for one, first, last in _judged(found)
+        for one, first, last in _judged(stretches)
     ]
     if not scored:
         return None

@@ -55,11 +55,11 @@ class RunData:
     def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
         """Errors with the networks of the run, by channel: those that correct the replayed model,
         or those that correct the model in its own loop."""
-        found: dict[str, dict[str, float]] = {}
+        errors: dict[str, dict[str, float]] = {}
         for one in (*self.beside, self.network):
             if one is not None and one.in_loop == in_loop:
-                found |= one.errors
-        return found
+                errors |= one.errors
+        return errors
 
     def network_on_causes(self, channel: str) -> bool:
         """Does the network that corrects a channel correct the model with the causes?"""
@@ -163,11 +163,11 @@ def _in_loops(
 
 def _free_runs(folder: Path, residual: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """The columns of free-run.csv that residual.csv has not; none where it is of other rows."""
-    found = read_columns(folder / FREE_RUN_FILE) or {}
+    columns = read_columns(folder / FREE_RUN_FILE) or {}
     keys = ("time_s", "recording")
-    if not all(k in found and np.array_equal(found[k], residual[k]) for k in keys):
+    if not all(k in columns and np.array_equal(columns[k], residual[k]) for k in keys):
         return {}
-    return {name: x for name, x in found.items() if name not in residual}
+    return {name: x for name, x in columns.items() if name not in residual}
 
 
 def _beside(folder: Path) -> tuple[NetworkFile, ...]:
@@ -179,11 +179,11 @@ def _beside(folder: Path) -> tuple[NetworkFile, ...]:
 
 def read_diagnosis(path: Path) -> DiagnosisFile | None:
     """The diagnosis in a file; None if there is no such file, FileError where it is damaged."""
-    found = read_result(path, DiagnosisFile)
-    if found is not None and found.verdict in CAUSED and not found.causes:
-        needed = f"a list with at least one effect, as the verdict is {found.verdict!r}"
+    diagnosis = read_result(path, DiagnosisFile)
+    if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
+        needed = f"a list with at least one effect, as the verdict is {diagnosis.verdict!r}"
         raise damaged(path, "causes", needed, "empty")
-    return found
+    return diagnosis
 
 
 def read_steps(path: Path) -> tuple[Step, ...]:

@@ -58,9 +58,9 @@ def breakable(text: str) -> Markup:
     return Markup(str(escape(text)).replace("_", "_<wbr>"))
 
 
-def _code(found: re.Match[str]) -> str:
+def _code(match: re.Match[str]) -> str:
     # escaped already
-    return f"<code>{found[1].replace('_', '_<wbr>')}</code>"
+    return f"<code>{match[1].replace('_', '_<wbr>')}</code>"
 
 
 def paragraphs(sentences: Iterable[str], class_: str = "") -> Markup:

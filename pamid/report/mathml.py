@@ -146,10 +146,12 @@ class Typeset:
             and factor > 1e-3
         ):
             below, factor = [const(1.0 / factor)], 1.0
-        found = self._factors(([const(factor)] if factor != 1.0 or not rest else []) + rest)
-        found = fraction(found, self._factors(below)) if below else found
+        product = self._factors(([const(factor)] if factor != 1.0 or not rest else []) + rest)
+        product = fraction(product, self._factors(below)) if below else product
         return (
-            (tag("mrow", operator("−", form="prefix"), found), _SUM) if minus else (found, _PRODUCT)
+            (tag("mrow", operator("−", form="prefix"), product), _SUM)
+            if minus
+            else (product, _PRODUCT)
         )
 
     def _factors(self, factors: list[Expr]) -> Markup:

@@ -236,8 +236,8 @@ class _Outputs(Mapping[str, FloatArray]):
                 f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run lacks.", hint
             )
         self.read.add(name)
-        found: FloatArray = to_si(self._columns[name], split_column(name)[1])
-        return found
+        values: FloatArray = to_si(self._columns[name], split_column(name)[1])
+        return values
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._columns)
@@ -259,11 +259,11 @@ def _parameters(run: RunData, rig: Rig) -> Names:
 
 def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, ...]:
     """The polylines of a pose, checked; they may come from a user's file."""
-    found = rig.pose(outputs, parameters)
+    pose = rig.pose(outputs, parameters)
     size = len(next(iter(outputs.values())))
-    if not found:
+    if not pose:
         raise FileError(f"The rig {rig.name!r} has no pose to draw.", code="rig")
-    lines = {name: np.asarray(line, dtype=float) for name, line in found.items()}
+    lines = {name: np.asarray(line, dtype=float) for name, line in pose.items()}
     for name, line in lines.items():
         if line.ndim != 3 or line.shape[0] != size or line.shape[1] < 2 or line.shape[2] != 2:
             raise FileError(
@@ -282,23 +282,23 @@ def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, 
 def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, ...]:
     """The best model that was run on every channel, and the one before it."""
     causes = run.diagnosis is not None and bool(run.diagnosis.causes)
-    found = [
+    complete = [
         kind
         for kind in TRACE_ROLES
         if (causes or kind != "cause")
         and all(residual.of(name, kind) is not None for name in channels)
     ]
-    if not found:
+    if not complete:
         raise DataError(
             "residual.csv holds no model of what the pose needs.", REMEDY, code="no-model"
         )
-    return tuple(found[-2:])
+    return tuple(complete[-2:])
 
 
 def _trace(residual: Residual, channel: str, kind: str) -> FloatArray:
-    found = residual.columns[channel] if kind == MEASURED else residual.of(channel, kind)
-    assert found is not None
-    return found
+    values = residual.columns[channel] if kind == MEASURED else residual.of(channel, kind)
+    assert values is not None
+    return values
 
 
 def _worst(residual: Residual, channels: list[str]) -> WorstWindow:
@@ -324,8 +324,8 @@ def _rows(
     for traces in columns.values():
         for trace in traces.values():
             usable &= np.isfinite(trace)
-    found = np.flatnonzero(usable)
-    return found[np.unique(table["time_s"][found], return_index=True)[1]]
+    rows = np.flatnonzero(usable)
+    return rows[np.unique(table["time_s"][rows], return_index=True)[1]]
 
 
 def _span(

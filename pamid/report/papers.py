@@ -136,7 +136,7 @@ def read_paper(folder: Path) -> PaperStory | None:
 
 
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
-    found = []
+    stills = []
     for name in names:
         path = folder / FIGURES_FOLDER / f"{name}.png"
         if not path.exists():
@@ -151,8 +151,8 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
             raise FileError(
                 f"{path} is too large a picture: {wide} x {tall}.", REMEDY, code="damaged"
             )
-        found.append(Still(name, png, wide, tall))
-    return tuple(found)
+        stills.append(Still(name, png, wide, tall))
+    return tuple(stills)
 
 
 # ---- the first paper ---------------------------------------------------------------------------
@@ -235,7 +235,7 @@ def _joint_rows(rows: Sequence[PaperRow], cases: list[str]) -> Iterable[tuple[st
 
 
 def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
-    found = [
+    rows = [
         (
             effect_label(cause.effect),
             channel_label(name),
@@ -246,7 +246,7 @@ def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
         for cause in causes
         for name, one in cause.parameters.items()
     ]
-    return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *found) if found else ()
+    return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *rows) if rows else ()
 
 
 # ---- the second paper --------------------------------------------------------------------------

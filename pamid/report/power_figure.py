@@ -18,7 +18,7 @@ PLAINEST = 100.0  # error over the noise floor at which the colours end
 MARKS = (2.0, 5.0, 10.0, 20.0, 50.0, PLAINEST)
 
 
-def power_drawing(found: Power, effects: Sequence[EffectPower], title: str) -> Drawing:
+def power_drawing(power: Power, effects: Sequence[EffectPower], title: str) -> Drawing:
     """A row per effect (plainest first), a column per size; the colour is the error of the
     refitted model over the noise floor, what does not show is left white."""
     shown = [e for e in effects if e.visible]
@@ -26,23 +26,23 @@ def power_drawing(found: Power, effects: Sequence[EffectPower], title: str) -> D
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         table = np.array([e.visible for e in shown])
-        seen = np.ma.masked_less(np.minimum(table, PLAINEST), found.seen)
+        seen = np.ma.masked_less(np.minimum(table, PLAINEST), power.seen)
         image = axes.imshow(
             seen,
             aspect="auto",
             cmap=colormaps["viridis_r"],
-            norm=LogNorm(found.seen, PLAINEST),
+            norm=LogNorm(power.seen, PLAINEST),
         )
         axes.set_yticks(range(len(shown)), [label(e.effect) for e in shown], fontsize=7.0)
-        axes.set_xticks(range(len(found.sizes)), [f"{s:g}" for s in found.sizes])
+        axes.set_xticks(range(len(power.sizes)), [f"{s:g}" for s in power.sizes])
         axes.set_xlabel("size [usual sizes]")
         for i, e in enumerate(shown):
             for j, v in enumerate(e.visible):
-                if v < found.seen:
+                if v < power.seen:
                     axes.text(
                         j, i, "-", ha="center", va="center", fontsize=7.0, color=colour("muted")
                     )
-        marks = [found.seen, *(m for m in MARKS if m > found.seen)]
+        marks = [power.seen, *(m for m in MARKS if m > power.seen)]
         bar = figure.colorbar(
             image, ax=axes, pad=0.02, aspect=40, ticks=marks, format=lambda v, _: f"{v:g}"
         )

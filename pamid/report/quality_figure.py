@@ -213,14 +213,14 @@ def quietest(values: Array) -> int:
 
 def joined(windows: Sequence[tuple[float, float]], least: float) -> list[tuple[float, float]]:
     """Windows widened to at least `least` and joined where they then overlap."""
-    found: list[tuple[float, float]] = []
+    spans: list[tuple[float, float]] = []
     for begin, end in sorted(windows):
         spare = max(0.0, 0.5 * (least - (end - begin)))
         begin, end = begin - spare, end + spare
-        if found and begin <= found[-1][1]:
-            begin, end = found[-1][0], max(found.pop()[1], end)
-        found.append((begin, end))
-    return found
+        if spans and begin <= spans[-1][1]:
+            begin, end = spans[-1][0], max(spans.pop()[1], end)
+        spans.append((begin, end))
+    return spans
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:

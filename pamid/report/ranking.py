@@ -65,8 +65,8 @@ def rivals_table(diagnosis: DiagnosisFile) -> Table:
 
 def _parameters(one: Candidate) -> str:
     texts = [
-        f"{channel_label(name)} {formatting.with_unit_text(found.value, channel_unit(name))}"
-        for name, found in one.parameters.items()
+        f"{channel_label(name)} {formatting.with_unit_text(estimate.value, channel_unit(name))}"
+        for name, estimate in one.parameters.items()
     ]
     return "; ".join(texts) or formatting.DASH
 

@@ -33,16 +33,16 @@ ENDINGS = {
 def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
     """The rows of a run, from the held-out part of its residual.csv; in closed loop as fit.json
     has them, with the network's beside. None where it has no residual.csv."""
-    found = tuple(_rows(run))
+    rows = tuple(_rows(run))
     if run.fit is None or run.fit.loops is None:
-        return found
+        return rows
     networks = {
         (row.recording, row.channel): row
-        for row in found
+        for row in rows
         if row.comparison == IN_LOOP and "with_network" in row.mae
     }
     beside = [_with_network(row, networks) for row in run.fit.loops if _is_shown(run, row)]
-    return (*(row for row in found if row.comparison == REPLAYED), *beside)
+    return (*(row for row in rows if row.comparison == REPLAYED), *beside)
 
 
 def _is_shown(run: RunData, row: RecordingError) -> bool:

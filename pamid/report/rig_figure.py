@@ -107,10 +107,10 @@ def panels_html(diagnosis: DiagnosisFile) -> Markup:
         return Markup("")
     texts = block_texts(diagnosis, rig)
     first = diagnosis.where.port if diagnosis.where is not None else ""
-    found = []
+    panels = []
     for group, text in texts.items():
         share = ": " + text.lines[0][0] if text.lines else ""
-        found.append(
+        panels.append(
             tag(
                 "div",
                 tag("b", f"{text.title}{share.replace(' of gap', ' of the gap')}"),
@@ -126,7 +126,7 @@ def panels_html(diagnosis: DiagnosisFile) -> Markup:
         "left without a cause.",
         class_="note no-print",
     )
-    return tag("div", hint, found, class_="port-panels")
+    return tag("div", hint, panels, class_="port-panels")
 
 
 def anchor(group: str) -> str:

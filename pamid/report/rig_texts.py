@@ -21,19 +21,19 @@ def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
     """Group of ports -> what its block says."""
     shares = _shares(diagnosis)
     unseen = set(diagnosis.where.unseen) if diagnosis.where is not None else set()
-    found = {}
+    blocks = {}
     for group in dict.fromkeys(one.group or one.port for one in rig.ports):
         share = shares.get(group)
         lines = [(one, "") for one in _share_lines(share, group in unseen, bool(shares))]
         pins = _pins(diagnosis, group)
         lines += [(one, "pin") for one in pins]
-        found[group] = BlockText(
+        blocks[group] = BlockText(
             formatting.port_label(group),
             tuple(lines),
             max(0.0, share or 0.0),
             named=bool(pins),
         )
-    return found
+    return blocks
 
 
 def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
@@ -67,10 +67,10 @@ def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
 
 
 def _first_value(cause: Cause) -> str:
-    found = first_parameter(cause)
-    if found is None:
+    parameter = first_parameter(cause)
+    if parameter is None:
         return ""
-    name, one = found
+    name, one = parameter
     return formatting.with_unit_text(one.value, channel_unit(name))
 
 

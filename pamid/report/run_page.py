@@ -235,14 +235,14 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
     ]
     differing = disagreements(run, rows)
     for file in dict.fromkeys(one[1] for one in differing):
-        found = [
+        differences = [
             f"{formatting.channel_label(channel)} "
             f"{formatting.with_unit_text(other, formatting.channel_unit(channel))}"
             for channel, name, other, _ in differing
             if name == file
         ]
         texts.append(
-            f"{file} scored the refitted model on other windows: {formatting.join(found)}."
+            f"{file} scored the refitted model on other windows: {formatting.join(differences)}."
         )
     if run.residual is None:
         texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")

@@ -108,13 +108,13 @@ def _listed(folder: Path) -> RunSummary:
 
 def _run_folders(folder: Path) -> Iterator[Path]:
     """Folders with a run.json, those inside a run left out; links are not followed."""
-    found, depth = 0, len(folder.parts)
+    count, depth = 0, len(folder.parts)
     for here, below, files in os.walk(folder):
         path = Path(here)
         below.sort()
         if _RECORD in files:
-            found += 1
+            count += 1
             yield path
             below.clear()
-        if len(path.parts) - depth >= DEEPEST or found >= MOST_LISTED:
+        if len(path.parts) - depth >= DEEPEST or count >= MOST_LISTED:
             below.clear()

@@ -116,7 +116,7 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
     allowed = np.zeros(columns["time_s"].size, bool)
     allowed[chosen] = True
     windows = stretches(residual, np.flatnonzero(allowed & (columns["window"] >= 0)))
-    found = []
+    plotted = []
     for number in np.unique(columns["recording"][usable]):
         own = usable[columns["recording"][usable] == number]
         rows = own[allowed[own]]
@@ -130,7 +130,7 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
             for w in windows
             if columns["recording"][w.start] == number
         ]
-        found.append(
+        plotted.append(
             Stretch(
                 int(number),
                 rows,
@@ -138,4 +138,4 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
                 rows.size < own.size,
             )
         )
-    return found
+    return plotted

@@ -309,8 +309,8 @@ def transfer_table(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Tabl
     return table(heads, body, range(2, 2 + len(channels)))
 
 
-def _differences(found: Mapping[str, object]) -> str:
-    return ", ".join(f"{key} {_plainly(value)}" for key, value in found.items())
+def _differences(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} {_plainly(value)}" for key, value in values.items())
 
 
 def _plainly(value: object) -> str:

@@ -82,12 +82,12 @@ class Traces:
         ]
         if not named:
             return Markup("")
-        found = [
+        buttons = [
             tag("button", place.label, type="button", data_place=str(number))
             for number, place in named
         ]
         lead = "Look at the worst windows:" if answer == "how far" else "Look at the samples:"
-        return tag("p", tag("span", lead), found, class_="show scripted")
+        return tag("p", tag("span", lead), buttons, class_="show scripted")
 
 
 def traces_scripts() -> tuple[str, ...]:
@@ -115,10 +115,10 @@ def traces_of(
     channels.sort(key=lambda name: first is None or name != first.channel)
     plots = [_channel_plot(residual, name) for name in channels]
     plots[1:1] = [_input_plot(name) for name in inputs_of(residual)]
-    found = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
-    if not found:
+    stretches = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
+    if not stretches:
         return Traces()
-    places = highlights_of(run, residual, channels[0], found)
+    places = highlights_of(run, residual, channels[0], stretches)
     kinds = [kind for kind in LOOKS if any(kind in plot["kinds"] for plot in plots)]
     plan = {
         "plots": plots,
@@ -133,7 +133,7 @@ def traces_of(
             }
             for kind in kinds
         },
-        "recordings": [_recording(run, one) for one in found],
+        "recordings": [_recording(run, one) for one in stretches],
         "places": [
             {
                 "label": one.label,
@@ -159,8 +159,8 @@ def traces_of(
             ),
         ),
         tag("div", class_="plots scripted"),
-        paragraphs(_exactness(residual, found, channels), "note scripted"),
-        _blocks(residual, found, plots),
+        paragraphs(_exactness(residual, stretches, channels), "note scripted"),
+        _blocks(residual, stretches, plots),
         class_="samples",
         id="samples",
         data_plan=json.dumps(plan, ensure_ascii=False, separators=(",", ":")),
@@ -227,11 +227,11 @@ def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:
 
 
 def _blocks(
-    residual: Residual, found: Sequence[Stretch], plots: list[dict[str, Any]]
+    residual: Residual, stretches: Sequence[Stretch], plots: list[dict[str, Any]]
 ) -> list[Markup]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
     blocks = []
-    for one in found:
+    for one in stretches:
         blocks.append(
             _block(
                 f"samples-{one.recording}-time", packed_times(residual.columns["time_s"][one.rows])
@@ -265,7 +265,7 @@ def _values(residual: Residual, column: str, kind: str) -> FloatArray:
     return values
 
 
-def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]) -> list[str]:
+def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[str]) -> list[str]:
     """How exact the numbers are, and what is left out."""
     exact = []
     for channel in channels:
@@ -283,7 +283,7 @@ def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
         f"by at most: {formatting.join(exact)}."
     ]
-    if any(one.cut for one in found):
+    if any(one.cut for one in stretches):
         texts.append(
             "The recordings are too long for a page: a part of what was fitted is left out; "
             "residual.csv has all of it."

@@ -27,13 +27,13 @@ SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause"
 
 def trial_drawings(trial: Trial) -> list[Drawing]:
     """The drawings that the content of this trial allows."""
-    found = [
+    drawings = [
         targets_drawing(trial),
         reliability_drawing(trial),
         confusion_drawing(trial),
         strata_drawing(trial),
     ]
-    return [drawing for drawing in found if drawing is not None]
+    return [drawing for drawing in drawings if drawing is not None]
 
 
 def targets_drawing(trial: Trial) -> Drawing | None:

@@ -60,18 +60,18 @@ class Trial:
 
 def read_trial(path: Path) -> Trial | None:
     """The trial in a file; None if there is no such file, FileError where it is damaged."""
-    found = read_result(path, TrialFile)
-    if found is None:
+    trial = read_result(path, TrialFile)
+    if trial is None:
         return None
     known = machine_names()
     # a trial may be one of any rig, or of a file: it is told what it was, and nothing is looked up
-    if found.rig not in known and not in_catalogue(found.rig) and not is_code(found.rig):
+    if trial.rig not in known and not in_catalogue(trial.rig) and not is_code(trial.rig):
         told = " or ".join([*map(repr, known), "another rig"])
-        raise damaged(path, "rig", told, f"{found.rig!r:.60}")
+        raise damaged(path, "rig", told, f"{trial.rig!r:.60}")
     for name in ("failed", "unseen"):
-        if name not in found.rates:
+        if name not in trial.rates:
             raise damaged(path, f"rates.{name}", "a rate", "missing")
-    for dimension, bins in found.strata.items():
+    for dimension, bins in trial.strata.items():
         for key, rates in bins.items():
             for name in TITLES:
                 if name not in rates:
@@ -81,16 +81,16 @@ def read_trial(path: Path) -> Trial | None:
     scored = tuple(
         _scored(row, one, cells(content, row))
         for row in rows_of(content)
-        if (one := getattr(found, row.section).get(row.key)) is not None
+        if (one := getattr(trial, row.section).get(row.key)) is not None
     )
     return Trial(
         content=content,
         scored=scored,
-        reliability=found.reliability,
-        strata=found.strata,
-        confusion=found.confusion,
-        failures=found.failures,
-        digest=found.cases_sha256,
+        reliability=trial.reliability,
+        strata=trial.strata,
+        confusion=trial.confusion,
+        failures=trial.failures,
+        digest=trial.cases_sha256,
     )
 
 
@@ -170,12 +170,12 @@ def confusion_title(trial: Trial) -> str:
 def strata_title(trial: Trial) -> str:
     """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility ≥ 2) of the
     cases"."""
-    found = [
+    rates_by_stratum = [
         (rates["family_first"].share, stratum_label(name, key))
         for name, bins in trial.strata.items()
         for key, rates in bins.items()
     ]
-    shares = [(share, where) for share, where in found if share is not None]
+    shares = [(share, where) for share, where in rates_by_stratum if share is not None]
     if not shares:
         return "No visible single fault in any stratum"
     (low, worst), (high, best) = min(shares), max(shares)

@@ -201,27 +201,27 @@ def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...])
 
 def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     """The drawings that the content of this run allows."""
-    found: list[Drawing | None] = []
+    drawings: list[Drawing | None] = []
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
-        found += [rig_drawing(diagnosis)]
-        found += [ranking_drawing(diagnosis, added_places(run)), added_drawing(run)]
-        found.append(comparison_drawing(diagnosis))
-        found += [free_form_drawing(diagnosis), missing_drawing(run)]
-        found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
-    found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
-    found.append(correlation_drawing(run.fit))
+        drawings += [rig_drawing(diagnosis)]
+        drawings += [ranking_drawing(diagnosis, added_places(run)), added_drawing(run)]
+        drawings.append(comparison_drawing(diagnosis))
+        drawings += [free_form_drawing(diagnosis), missing_drawing(run)]
+        drawings += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
+    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
+    drawings.append(correlation_drawing(run.fit))
     if run.residual is not None and row is not None:
-        found += [
+        drawings += [
             *([timeline_drawing(run, row.channel)] if gap else []),
             *([error_signal_drawing(run, row.channel)] if gap else []),
             free_run_drawing(run, run.residual, row.channel),
             *_windows(run, row.channel),
         ]
     if run.trace is not None:
-        found.append(training_drawing(run.trace, run.network))
-    return [drawing for drawing in found if drawing is not None]
+        drawings.append(training_drawing(run.trace, run.network))
+    return [drawing for drawing in drawings if drawing is not None]
 
 
 def _windows(run: RunData, channel: str) -> list[Drawing]:
@@ -230,11 +230,11 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
     window = worst_window(residual, channel) if residual is not None else None
     if residual is None or window is None:
         return []
-    found = [window_drawing(run, residual, channel, window, ("data_sheet", "refitted", "cause"))]
+    drawings = [window_drawing(run, residual, channel, window, ("data_sheet", "refitted", "cause"))]
     if residual.of(channel, "network") is not None:
         before = ("refitted", "cause") if run.network_on_causes(channel) else ("refitted",)
-        found.append(window_drawing(run, residual, channel, window, (*before, "network")))
-    return found
+        drawings.append(window_drawing(run, residual, channel, window, (*before, "network")))
+    return drawings
 
 
 def write_comparison(

@@ -18,24 +18,24 @@ def all_schemas() -> dict[str, dict[str, Any]]:
     modules = (
         importlib.import_module(f"{__name__}.{one.name}") for one in pkgutil.iter_modules(__path__)
     )
-    found = {
+    schemas = {
         kind.model_fields["schema_"].default: json_schema(kind)
         for module in modules
         for kind in vars(module).values()
         if isinstance(kind, type) and issubclass(kind, Model) and "schema_" in kind.model_fields
     }
-    return dict(sorted((stem_of(name), one) for name, one in found.items()))
+    return dict(sorted((stem_of(name), one) for name, one in schemas.items()))
 
 
 def earlier_schemas() -> dict[str, dict[str, Any]]:
     """Schemas of files that are still read, by name and number: "diagnosis/2". The `$comment` of a
     key says what became of it."""
-    found = {}
+    schemas = {}
     for one in sorted(files(__name__).iterdir(), key=lambda path: path.name):
         if one.name.endswith(".json"):
             schema = json.loads(one.read_text(encoding="utf-8"))
-            found[str(schema["$id"]).removeprefix("pamid.")] = schema
-    return found
+            schemas[str(schema["$id"]).removeprefix("pamid.")] = schema
+    return schemas
 
 
 def stem_of(name: str) -> str:

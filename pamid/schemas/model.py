@@ -302,10 +302,10 @@ _EXPECTED = {
 
 
 def _place(keys: tuple[int | str, ...]) -> str:
-    found = ""
+    place = ""
     for key in keys:
-        found += f"[{key}]" if isinstance(key, int) else f".{key}" if found else key
-    return found
+        place += f"[{key}]" if isinstance(key, int) else f".{key}" if place else key
+    return place
 
 
 def _plain(value: Any) -> Any:

@@ -59,16 +59,16 @@ def timescale_of(
     """Correlation time (s) of recordings: y (samples x channels, NaN where one was not recorded),
     noise per channel, sampling period (s). The geometric mean over channels and recordings, longer
     recordings counting for more, at most these; an eighth of the longest where nothing moves."""
-    found, weight = list[tuple[float, float]](), list[float]()
+    times, weight = list[tuple[float, float]](), list[float]()
     for y, noise, period_s in parts:
         for column, sigma in zip(y.T, noise, strict=True):
             if np.isnan(column).any():
                 continue
             plain, ringing = correlation_samples(column, float(sigma))
             if np.isfinite(plain):
-                found.append((np.log(plain * period_s), np.log(ringing * period_s)))
+                times.append((np.log(plain * period_s), np.log(ringing * period_s)))
                 weight.append(len(column) * period_s)
-    if not found:
+    if not times:
         return min(LONGEST_SHARE * max(len(y) * period_s for y, _, period_s in parts), most_s)
-    plain, ringing = np.exp(np.average(found, axis=0, weights=weight))
+    plain, ringing = np.exp(np.average(times, axis=0, weights=weight))
     return float(max(min(plain, most_s), min(ringing, most_ringing_s)))

@@ -398,8 +398,8 @@ def require_informative(rig: Rig, recording: Recording) -> set[str]:
     changes; or no input does while the outputs go on moving, which neither they nor the data
     sheet's run explain."""
     inputs = [n for n in rig.inputs if recording.has(n)]
-    found, still = _moving(recording, [n for n in rig.outputs if recording.has(n)])
-    if not found and still is not None:
+    moving, still = _moving(recording, [n for n in rig.outputs if recording.has(n)])
+    if not moving and still is not None:
         raise still
     sent, resting = _moving(recording, inputs)
     needed = [name for name in inputs if name not in rig.optional]
@@ -407,23 +407,23 @@ def require_informative(rig: Rig, recording: Recording) -> set[str]:
         needed
         and not sent
         and resting is not None
-        and not _shows_free_response(rig, recording, sorted(found))
+        and not _shows_free_response(rig, recording, sorted(moving))
     ):
         raise resting
-    return found
+    return moving
 
 
 def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError | None]:
     """Which of these signals change, and the error of the first that does not."""
-    found, still = set(), None
+    moving, still = set(), None
     for name in names:
         try:
             require_excited(recording, name)
         except DataError as error:
             still = still or error
         else:
-            found.add(name)
-    return found, still
+            moving.add(name)
+    return moving, still
 
 
 def _shows_free_response(rig: Rig, recording: Recording, channels: list[str]) -> bool:

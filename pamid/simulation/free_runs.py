@@ -60,8 +60,8 @@ def input_table(
 
 def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...]:
     """The rig's outputs that this recording holds; at least one must be there."""
-    found = tuple(name for name in assembly.rig.outputs if recording.has(name))
-    if not found:
+    names = tuple(name for name in assembly.rig.outputs if recording.has(name))
+    if not names:
         raise FileError(
             f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
             f"{', '.join(assembly.rig.outputs)}",
@@ -69,7 +69,7 @@ def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...
             f"--rig, or rename the columns; there are {listed(recording.columns)}. "
             f"`pamid new-rig {quoted(recording.path)}` writes a rig for them.".lstrip(),
         )
-    return found
+    return names
 
 
 def output_table(names: tuple[str, ...], recording: Recording) -> Array:
@@ -146,9 +146,9 @@ def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array
     for i in range(0, min(len(u), LOOKED_AT), block):
         if i:
             time = i * period_s
-            found = lanes.exchange_matrices(memory, u[i], p, period_s=period_s, time_s=time)
-            for lane in np.flatnonzero(running & np.isfinite(found).all(axis=(1, 2))):
-                radius = np.abs(np.linalg.eigvals(found[lane])).max(initial=0.0)
+            matrices = lanes.exchange_matrices(memory, u[i], p, period_s=period_s, time_s=time)
+            for lane in np.flatnonzero(running & np.isfinite(matrices).all(axis=(1, 2))):
+                radius = np.abs(np.linalg.eigvals(matrices[lane])).max(initial=0.0)
                 fastest[lane] = max(fastest[lane], float(radius))
         _, bad = lanes.run(
             memory,
@@ -304,10 +304,10 @@ def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) ->
             if not len(column):
                 continue
             low, high = np.percentile(column, (2.5, 97.5))
-            found = {name: float(np.percentile(np.abs(column), 95.0))}
+            largest = {name: float(np.percentile(np.abs(column), 95.0))}
             if name == TRAVELLED:
-                found[TRAVEL] = 0.5 * float(high - low)
-            for signal, size in found.items():
+                largest[TRAVEL] = 0.5 * float(high - low)
+            for signal, size in largest.items():
                 if np.isfinite(size) and size > 0.0:
                     sizes[port, signal] = max(sizes.get((port, signal), 0.0), size)
     return sizes

@@ -85,8 +85,8 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
         if not np.isfinite(at.H).all():
             return None
         scale = at.H.diagonal() + 1e-300
-        found = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
-        return np.asarray(found, np.float64) if np.isfinite(found).all() else None
+        change = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
+        return np.asarray(change, np.float64) if np.isfinite(change).all() else None
 
     def moved(self, at: _StatePoint, step: Array, last: bool) -> _StatePoint:
         return self.at(at.x + step)

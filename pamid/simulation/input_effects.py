@@ -39,14 +39,14 @@ def input_effects(
     run
         Outputs at these inputs; None where the model blows up. Then no input is assessed.
     """
-    found = dict[str, Array]()
+    effects = dict[str, Array]()
     for place, name in enumerate(names):
         if run is None or motion(u[:, place]) == 0.0:
             continue
         without = simulate(held_at_mean(u, place))
         if without is not None:
-            found[name] = np.abs(run - without).max(axis=0)
-    return found
+            effects[name] = np.abs(run - without).max(axis=0)
+    return effects
 
 
 def idle_text(

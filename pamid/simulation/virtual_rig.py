@@ -58,14 +58,14 @@ def attach_specs(
 ) -> list[tuple[Attachment, dict[str, float]]]:
     """Attachments named on the command line, with the values given for their parameters."""
     catalogue, names = effects_with(specs)
-    found = []
+    attached = []
     for spec in names:
         name, values = split_spec(spec)
-        found.append((attach(rig, name, catalogue), values))
-    labels = [a.label for a, _ in found]
+        attached.append((attach(rig, name, catalogue), values))
+    labels = [a.label for a, _ in attached]
     for label in sorted({x for x in labels if labels.count(x) > 1}):
         raise UsageError(f"effect {label!r} is given twice", f"name the ports: {label}@PORT")
-    return found
+    return attached
 
 
 def in_its_loop(rig: Rig, excitation: Recording) -> bool:

@@ -90,15 +90,15 @@ _SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}
 
 def _is_held_over_step(node: Expr) -> bool:
     """Does the value stay put over a step?"""
-    found = symbols([node])
-    return all(space != "state" for space, _ in found) and not found & _AT_STAGE
+    used = symbols([node])
+    return all(space != "state" for space, _ in used) and not used & _AT_STAGE
 
 
 def _is_driven(node: Expr) -> bool:
     """Does the value move over a step with linear inputs alone, so that its end is known at its
     start?"""
-    found = symbols([node])
-    return all(space != "state" for space, _ in found) and bool(found & _AT_STAGE)
+    used = symbols([node])
+    return all(space != "state" for space, _ in used) and bool(used & _AT_STAGE)
 
 
 def _is_settled(node: Expr) -> bool:
@@ -149,16 +149,16 @@ def _follows_straight(root: Expr, part: Expr) -> bool:
     """Is the root a straight line over this part of it, or without it?"""
     straight: dict[Expr, bool | None] = {}  # None: without it
     for node in walk([root]):
-        found = [straight[a] for a in node.args]
+        followed = [straight[a] for a in node.args]
         if node is part:
             straight[node] = True
-        elif all(f is None for f in found):
+        elif all(f is None for f in followed):
             straight[node] = None
         else:
-            once = node.op == "mul" and None in found
-            divided = node.op == "div" and found[1] is None
-            sums = node.op in ("add", "sub", "neg") and False not in found
-            straight[node] = False not in found and (once or divided or sums)
+            once = node.op == "mul" and None in followed
+            divided = node.op == "div" and followed[1] is None
+            sums = node.op in ("add", "sub", "neg") and False not in followed
+            straight[node] = False not in followed and (once or divided or sums)
     return straight[root] is not False
 
 
@@ -184,9 +184,9 @@ class _MemoryExpansion:
         seen: set[str] = set()
         todo = [x]
         while todo:
-            found = symbols(todo)
+            used = symbols(todo)
             todo = []
-            for space, name in found:
+            for space, name in used:
                 if space == "state":
                     return True
                 if space in ("cell", "past") and name not in seen:
@@ -383,10 +383,10 @@ def expand_memory(
     explicit = [e for c in cells for e in (c.update, c.start)]
     roots = _linear_inputs([*rates.values(), *outputs.values(), *explicit], linear)
     work.run(roots)
-    found = iter([work.new[e] for e in roots])
-    rate_nodes = [next(found) for _ in rates]
-    out_nodes = [next(found) for _ in outputs]
-    done = [Cell(c.name, next(found), next(found), c.sampled) for c in cells]
+    expanded = iter([work.new[e] for e in roots])
+    rate_nodes = [next(expanded) for _ in rates]
+    out_nodes = [next(expanded) for _ in outputs]
+    done = [Cell(c.name, next(expanded), next(expanded), c.sampled) for c in cells]
     rate_nodes += [e for _, e in work.states]
     for split in work.splits:
         rate_nodes = [split.mean_of(e) for e in rate_nodes]

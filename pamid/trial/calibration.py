@@ -137,16 +137,16 @@ def learnt_text(lessons: Sequence[Lesson]) -> str:
 def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
     """Expected calibration error on every machine, by weights that were learnt from the others;
     machines whose answers are all the same, or whose others are, are left out."""
-    found = {}
+    errors = {}
     for own in dict.fromkeys(k.machine for k in lessons):
         train = _examples([k for k in lessons if k.machine != own])
         test = _examples([k for k in lessons if k.machine == own])
         if len({e.yes for e in train}) == 2 and test:
             weights = learnt(train)
-            found[own] = calibration_error(
+            errors[own] = calibration_error(
                 [logistic(weights, e.features) for e in test], [e.yes for e in test]
             )
-    return found
+    return errors
 
 
 def learnt(examples: Sequence[Example]) -> dict[str, float]:

@@ -148,7 +148,7 @@ class CaseMachine:
     @cached_property
     def acting(self) -> tuple[ActingEffect, ...]:
         """Effects that act, the one first without which the held-out readings change most."""
-        found = [
+        effects = [
             ActingEffect(
                 **self.case.machine.truth(site),
                 planted=site in self.case.planted,
@@ -156,7 +156,7 @@ class CaseMachine:
             )
             for site in self.faults
         ]
-        return tuple(sorted(found, key=lambda effect: -effect.change))
+        return tuple(sorted(effects, key=lambda effect: -effect.change))
 
     def without(self, *sites: str) -> dict[str, dict[str, float]]:
         """All that acts, less these."""

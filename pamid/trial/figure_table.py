@@ -128,49 +128,49 @@ TITLES = {
 }
 
 
-def rows_of(found: Mapping[str, Any]) -> tuple[FigureRow, ...]:
+def rows_of(scores: Mapping[str, Any]) -> tuple[FigureRow, ...]:
     """The rows of the trial of this rig; a trial.json without one is of the joint."""
-    rows = _ROWS_OF.get(found.get("rig", ONE_DOF), _STARTER_ROWS)
-    if found.get("world") != OPEN:
+    rows = _ROWS_OF.get(scores.get("rig", ONE_DOF), _STARTER_ROWS)
+    if scores.get("world") != OPEN:
         return rows
     kept = (row for row in rows if row.key not in _CLOSED_ONLY)
     return (*_OPEN_ROWS, *(replace(row, target=_OPEN_TARGETS.get(row.key)) for row in kept))
 
 
-def trial_text(found: dict[str, Any]) -> str:
+def trial_text(scores: dict[str, Any]) -> str:
     """Everything in trial.json for a terminal."""
-    lines = [summary(found), ""]
-    rows = [TABLE_HEAD, *(cells(found, row) for row in rows_of(found))]
+    lines = [summary(scores), ""]
+    rows = [TABLE_HEAD, *(cells(scores, row) for row in rows_of(scores))]
     width = max(len(row[0]) for row in rows)
     lines += [f"{r[0]:{width}s} {r[1]:>9s} {r[2]:>17s} {r[3]:>4s} {r[4]:>11s}" for r in rows]
-    for dimension, table in strata(found).items():
+    for dimension, table in strata(scores).items():
         lines += ["", f"{dimension:24s}" + "".join(f"{t:>18s}" for t in TITLES.values())]
         lines += [f"{name:24s}" + "".join(f"{cell:>18s}" for cell in row) for name, row in table]
-    if found["reliability"]:
+    if scores["reliability"]:
         lines += ["", f"{'probability said':24s}{'mean':>18s}{'right':>18s}"]
         lines += [
             f"{b['low']:.1f} to {b['high']:.1f}".ljust(24)
             + f"{b['said']:18.2f}{_share(b['right']):>18s}"
-            for b in found["reliability"]
+            for b in scores["reliability"]
         ]
-    if found["confusion"]:
+    if scores["confusion"]:
         lines += ["", "planted -> named first (visible single effects)"]
     lines += [
         f"{family:24s} " + ", ".join(f"{answer} {n}" for answer, n in answers.items())
-        for family, answers in found["confusion"].items()
+        for family, answers in scores["confusion"].items()
     ]
-    lines += [f"failed: case {number}: {why}" for number, why in found["failures"].items()]
+    lines += [f"failed: case {number}: {why}" for number, why in scores["failures"].items()]
     return "\n".join(lines)
 
 
-def summary(found: dict[str, Any]) -> str:
+def summary(scores: dict[str, Any]) -> str:
     """How many cases there are, and how many of them count."""
-    failed, unseen = found["rates"]["failed"]["hits"], found["rates"]["unseen"]
-    rig = "" if found.get("rig", ONE_DOF) == ONE_DOF else f" of rig {found['rig']}"
-    world = " in an open world" if found.get("world") == OPEN else ""
+    failed, unseen = scores["rates"]["failed"]["hits"], scores["rates"]["unseen"]
+    rig = "" if scores.get("rig", ONE_DOF) == ONE_DOF else f" of rig {scores['rig']}"
+    world = " in an open world" if scores.get("world") == OPEN else ""
     return (
-        f"Blind trial{rig}{world}, part {found['part']}, seed {found['seed']}: "
-        f"{found['cases']} cases, {failed} failed; {_seen(unseen['hits'], unseen['of'])}."
+        f"Blind trial{rig}{world}, part {scores['part']}, seed {scores['seed']}: "
+        f"{scores['cases']} cases, {failed} failed; {_seen(unseen['hits'], unseen['of'])}."
     )
 
 
@@ -181,9 +181,9 @@ def _seen(hidden: int, planted: int) -> str:
     return f"{hidden} of {planted} planted gaps do not show and count for detection only"
 
 
-def cells(found: dict[str, Any], row: FigureRow) -> tuple[str, ...]:
+def cells(scores: dict[str, Any], row: FigureRow) -> tuple[str, ...]:
     """title, measured, interval, number of cases, target."""
-    at = found[row.section][row.key]
+    at = scores[row.section][row.key]
     value = at["value"] if row.section == "figures" else at["share"]
     write: Callable[[float], str] = (
         (lambda v: f"{v:.3f}") if row.unit == "" else (lambda v: f"{v:.1f}")
@@ -199,11 +199,11 @@ def cells(found: dict[str, Any], row: FigureRow) -> tuple[str, ...]:
     return row.title, measured, interval, str(at["of"]), aim
 
 
-def strata(found: dict[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
+def strata(scores: dict[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
     """dimension -> (bin, rates as text) in the order of TITLES."""
     return {
         dimension: [(name, [_share(rates[key]) for key in TITLES]) for name, rates in bins.items()]
-        for dimension, bins in found.get("strata", {}).items()
+        for dimension, bins in scores.get("strata", {}).items()
     }
 
 

@@ -78,7 +78,7 @@ class Machine(Protocol):
 def machine_names() -> list[str]:
     """The rigs for which there is a machine."""
     folder = import_module(_FOLDER)
-    return sorted(found.name.replace("_", "-") for found in iter_modules(folder.__path__))
+    return sorted(module.name.replace("_", "-") for module in iter_modules(folder.__path__))
 
 
 def machine_named(rig: str) -> Machine:
@@ -89,5 +89,5 @@ def machine_named(rig: str) -> Machine:
             f"the trial has no machine for the rig {rig!r}",
             nearest(rig, known) or f"rigs: {', '.join(known)}",
         )
-    found: Machine = import_module(f"{_FOLDER}.{rig.replace('-', '_')}").MACHINE
-    return found
+    machine: Machine = import_module(f"{_FOLDER}.{rig.replace('-', '_')}").MACHINE
+    return machine

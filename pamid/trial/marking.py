@@ -31,13 +31,13 @@ class Marked:
 
     @property
     def conditions(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.label["conditions"]
-        return found
+        conditions: dict[str, Any] = self.label["conditions"]
+        return conditions
 
     @property
     def truth(self) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = self.label["truth"]
-        return found
+        truth: list[dict[str, Any]] = self.label["truth"]
+        return truth
 
     @property
     def opened(self) -> bool:
@@ -55,8 +55,8 @@ class Marked:
     def lead(self) -> dict[str, Any]:
         """Effect to be named first: the planted effect or, in an open case, the one that removes
         most. IndexError where nothing acts."""
-        found: dict[str, Any] = (self.result["acting"] if self.opened else self.truth)[0]
-        return found
+        lead: dict[str, Any] = (self.result["acting"] if self.opened else self.truth)[0]
+        return lead
 
     @property
     def family(self) -> str:
@@ -82,8 +82,8 @@ class Marked:
 
     @property
     def found(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.result["diagnosis"]
-        return found
+        diagnosis: dict[str, Any] = self.result["diagnosis"]
+        return diagnosis
 
     @property
     def verdict(self) -> str:
@@ -147,8 +147,8 @@ class Marked:
     @property
     def causes(self) -> list[dict[str, Any]]:
         """Effects that the verdict names, the strongest first."""
-        found: list[dict[str, Any]] = self.found["causes"]
-        return found
+        causes: list[dict[str, Any]] = self.found["causes"]
+        return causes
 
     def is_right(self, one: dict[str, Any]) -> bool:
         """Does an effect (with its family and port) act, or one of the same family at the same

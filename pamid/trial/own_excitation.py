@@ -31,13 +31,13 @@ def driven_columns(rig: Rig, loop: str) -> tuple[str, ...]:
     inputs that the rig needs. UsageError where there are none."""
     commands = {q.command for q in rig.loops}
     first = [q.reference if loop == "closed" else q.command for q in rig.loops]
-    found = (*first, *(c for c in rig.inputs if c not in rig.optional and c not in commands))
-    if not found:
+    columns = (*first, *(c for c in rig.inputs if c not in rig.optional and c not in commands))
+    if not columns:
         raise UsageError(
             f"rig {rig.name!r} needs no input, so nothing can be sent to it",
             "say what is sent with --excitation",
         )
-    return found
+    return columns
 
 
 def runs_closed(rig: Rig) -> bool:
@@ -79,7 +79,7 @@ def made_excitation(rig: Rig, loop: str, amplitude: float, seed: int) -> dict[st
     integrates what is sent is brought back after every level, or it would run away."""
     period, seconds, hold = sampled(rig)
     integrating = loop == "open" and integrates(rig, period, seconds)
-    found = {}
+    columns = {}
     for k, column in enumerate(driven_columns(rig, loop)):
         centre, half = stated_reach(rig, column)
         half = amplitude * (half if math.isfinite(half) else UNSTATED)
@@ -90,8 +90,8 @@ def made_excitation(rig: Rig, loop: str, amplitude: float, seed: int) -> dict[st
             wave = aprbs(count * period, period, half, hold, seed=own, offset=centre)
         low, high = bounds_of(rig, column)
         wave = np.clip(wave, low, high)
-        found[column] = ramps(wave) if column in rig.ramped else wave
-    return found
+        columns[column] = ramps(wave) if column in rig.ramped else wave
+    return columns
 
 
 def integrates(rig: Rig, period_s: float, seconds: float) -> bool:

@@ -68,8 +68,8 @@ def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
     def act(
         self: Effect, value: Expr, at: Any, p: Any, z: Any
     ) -> Number | tuple[Number, dict[str, Number]]:
-        found = kind.act(self, value, _BentSignals(at, p, bent), p, z)
-        after, rates = found if isinstance(found, tuple) else (found, None)
+        result = kind.act(self, value, _BentSignals(at, p, bent), p, z)
+        after, rates = result if isinstance(result, tuple) else (result, None)
         change = expression(after) - value
         share = change / getattr(p, FORM_SCALE)
         stretched = change * (1.0 + getattr(p, FORM_BEND) * tanh(share * share))

@@ -396,8 +396,8 @@ def _read(
     u, period = input_table(assembly, probe), probe.sampling_period_s
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    found, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    return found[:bad] if bad >= 0 else found
+    outputs, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
+    return outputs[:bad] if bad >= 0 else outputs
 
 
 def _rms(x: Array) -> float:
@@ -467,10 +467,10 @@ def _draw_roughness(
 ) -> dict[str, Array]:
     """Waves by port, over the usual range of its first signal or of what passes; none without
     roughness."""
-    found = {}
+    maps = {}
     for name, port in rig.ports.items():
         if port.kind in ROUGH_KINDS:
             signal = next(iter(port.signals), "value")
             span = sizes.get((name, signal)) or port.size.get(signal) or 1.0
-            found[name] = draw_map(random, rms, span)
-    return found if rms > 0.0 else {}
+            maps[name] = draw_map(random, rms, span)
+    return maps if rms > 0.0 else {}

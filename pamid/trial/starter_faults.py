@@ -203,7 +203,7 @@ def signal_faults(
         ("offset", "offset" if sent else "sensor-offset", {"zero": either(0.05 * s.full)}, ()),
     ]
     kept = [row for row in rows if row[0] not in (*leave_out, *(TWO_SIDED if s.one_sided else ()))]
-    found = [
+    faults = [
         known_fault(name, family, port, sizes, *amounts) for name, family, sizes, amounts in kept
     ]
     # below zero there is nothing that could tell them apart
@@ -211,7 +211,7 @@ def signal_faults(
         replace(f, exact=f.exact | {f"asymmetric-{name}" for name in f.exact})
         if s.one_sided and f.name.startswith(("dead-zone@", "saturation@"))
         else f
-        for f in found
+        for f in faults
     ]
 
 

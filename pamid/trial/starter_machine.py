@@ -115,17 +115,17 @@ class StarterMachine:
     @cached_property
     def faults(self) -> Mapping[str, Fault]:
         """Faults that can be planted, port by port."""
-        found: list[Fault] = []
+        faults: list[Fault] = []
         for port, there in self.ports.items():
             less = self.leave_out.get(port, ())
             if isinstance(there, SignalSizes):
-                found += signal_faults(port, there, self.seconds, port in self.commands, less)
+                faults += signal_faults(port, there, self.seconds, port in self.commands, less)
             elif isinstance(there, ForceSizes):
-                found += force_faults(port, there, less)
-        found += [clock_fault(self.clock, self.period_s)] if self.clock else []
+                faults += force_faults(port, there, less)
+        faults += [clock_fault(self.clock, self.period_s)] if self.clock else []
         return {
             f.name: replace(f, exact=f.exact | {self.twins[f.name]}) if f.name in self.twins else f
-            for f in (*found, *self.further)
+            for f in (*faults, *self.further)
         }
 
     @property

@@ -54,14 +54,14 @@ def diagnosed(
     settings: Settings = DEFAULT,
 ) -> Diagnosed:
     """From data to verdict: the one path of the command, of Python and of the trial."""
-    found = diagnose(
+    diagnosis = diagnose(
         evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
     )
     missing = None
-    if found.left_over:
+    if diagnosis.left_over:
         progress("describing the missing term")
-        missing = find_missing(found, pool=pool)
-    return Diagnosed(found, missing, diagnosis_file(found, missing))
+        missing = find_missing(diagnosis, pool=pool)
+    return Diagnosed(diagnosis, missing, diagnosis_file(diagnosis, missing))
 
 
 def diagnose_into(
@@ -85,17 +85,17 @@ def diagnose_into(
     result = diagnosed(
         evidence, catalogue, pool=pool, seed=seed, progress=progress, settings=settings
     )
-    found, draft = result.diagnosis, result.draft
+    diagnosis, draft = result.diagnosis, result.draft
     progress(Settled(f"verdict: {draft.remark or draft.sentence}"))
     progress("looking for the next experiment")
-    proposal = pool.one(Proposing(), found)
+    proposal = pool.one(Proposing(), diagnosis)
     content = with_experiment(draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
-    write_json(run.path(FIT_FILE), models_json(found))
-    residual = residual_csv(found.budget.model, with_causes(found))
+    write_json(run.path(FIT_FILE), models_json(diagnosis))
+    residual = residual_csv(diagnosis.budget.model, with_causes(diagnosis))
     write_atomically(run.path(RESIDUAL_FILE), residual)
-    write_atomically(run.path(FREE_RUN_FILE), free_runs_of(found))
-    if found.ranking:
-        write_json(run.path(ADDED_VARIABLES_FILE), added_variables(found).as_json())
+    write_atomically(run.path(FREE_RUN_FILE), free_runs_of(diagnosis))
+    if diagnosis.ranking:
+        write_json(run.path(ADDED_VARIABLES_FILE), added_variables(diagnosis).as_json())
     if result.missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(result.missing))
     if isinstance(proposal, Proposal):
@@ -123,16 +123,16 @@ def models_json(d: Diagnosis) -> dict[str, Any]:
     model = d.budget.model
     if d.cause is None:
         return fit_json(model, d.seed)
-    found: dict[str, Any] = {"cause": _saved(d.cause)}
+    models: dict[str, Any] = {"cause": _saved(d.cause)}
     if d.answer is not None and d.verdict == "ambiguous":
-        found["rivals"] = {
+        models["rivals"] = {
             c.effect.label: {
                 "probability": probability(c.figures),
                 "model": _saved(c.model),
             }
             for c in d.answer.causes
         }
-    return fit_json(model, d.seed, with_causes(d)) | found
+    return fit_json(model, d.seed, with_causes(d)) | models
 
 
 def with_causes(d: Diagnosis) -> GreyBox | None:

@@ -89,14 +89,14 @@ def regimes(
         return ()
     inner, own = port_signals(base), recorded_units(evidence)
     tables = [measured_signals(evidence, r) | _followed(base, r, inner, own) for r in befores]
-    found = []
+    candidates = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
         x = np.concatenate([t[name][0][r.scored] for t, r in zip(tables, befores, strict=True)])
         stretch = _stretch(name, unit, x, gap)
         if stretch is not None:
-            found.append((stretch.gain - REGIME_ORDER * place, stretch))
+            candidates.append((stretch.gain - REGIME_ORDER * place, stretch))
     best: list[_Stretch] = []
-    for _, s in sorted(found, key=lambda f: -f[0]):
+    for _, s in sorted(candidates, key=lambda f: -f[0]):
         new = all(s.overlap(other) <= REGIME_OVERLAP for other in best)
         if len(best) < REGIMES_MOST and new:
             best.append(s)
@@ -178,13 +178,13 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
 def recorded_units(evidence: DataSplit) -> dict[str, str]:
     """Quantity -> the unit in which it, or what it is the rate of, was recorded first. Not degC: a
     temperature inside a model may be a difference."""
-    found: dict[str, str] = {}
+    units: dict[str, str] = {}
     for symbol in (split_column(name)[1] for name in (*evidence.channels, *evidence.rig.inputs)):
         if quantity_of(symbol) == "dimensionless" or unit_of(symbol).offset:
             continue
         for one in (symbol, quotient(symbol, "s")):
-            found.setdefault(quantity_of(one), one)
-    return found
+            units.setdefault(quantity_of(one), one)
+    return units
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def port_signals(base: CandidateModel) -> _PortSignals:
     """Signals that the model offers at its ports, with their flows and efforts; the same signal
     only at its first port, and without its place where all places share it."""
     rig = base.assembly.rig
-    found: dict[Expr, tuple[str, str, list[str]]] = {}
+    signals: dict[Expr, tuple[str, str, list[str]]] = {}
     turning = []
     passages = [q for q in base.assembly.traced.passages if rig.ports[q.port].kind in REGIME_PORTS]
     for q in sorted(passages, key=lambda q: REGIME_PORTS.index(rig.ports[q.port].kind)):
@@ -214,18 +214,18 @@ def port_signals(base: CandidateModel) -> _PortSignals:
                 "input",
             }:
                 name = f"{q.port}_{_quantity(port, key)}"
-                first, _, places = found.setdefault(value, (name, port.unit_of(key), []))
+                first, _, places = signals.setdefault(value, (name, port.unit_of(key), []))
                 places += [q.place] if q.place and name == first else []
                 turning += [value] if port.kind == "motion" and key == "velocity" else []
     names = {
         value: f"{name}_{places[0]}" if len(places) == 1 else name
-        for value, (name, _, places) in found.items()
+        for value, (name, _, places) in signals.items()
     }
     assembly = replace(base.assembly, sensitive=frozenset())
     return _PortSignals(
-        assembly.program_with({f"at.{names[value]}": value for value in found}),
+        assembly.program_with({f"at.{names[value]}": value for value in signals}),
         tuple(names.values()),
-        tuple(unit for _, unit, _ in found.values()),
+        tuple(unit for _, unit, _ in signals.values()),
         names[turning[0]] if turning else "",
     )
 
@@ -243,10 +243,10 @@ def _followed(
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, in the units that quantities were recorded in where
     they were (`own`), and the time since the last reversal."""
-    found = run_windows(
+    outputs = run_windows(
         inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
     )
-    table = found[:, found.shape[1] - len(inner.names) :]
+    table = outputs[:, outputs.shape[1] - len(inner.names) :]
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
         shown = own.get(quantity_of(unit or NONE), display_unit(unit))

@@ -216,19 +216,19 @@ def _between(d: Diagnosis) -> list[str]:
         return []
     model, rig = d.answer.model, d.evidence.rig
     period_s = max(r.sampling_period_s for r in d.evidence.recordings)
-    found = []
+    notes = []
     for b, late in zip(model.assembly.parameters, model.fit.p, strict=True):
         if not b.owner or b.unit != "s" or round(abs(late) / period_s, 1) != 0.5:
             continue
         way = HELD if late < 0.0 else LINEAR
         taken = [name for name in rig.inputs if between_of(rig, name) == way]
         if taken:
-            found.append(
+            notes.append(
                 f"{b.owner} comes to half a sampling period. This is what you see if an input is "
                 f"treated as {way} between samples but is {other(way)}. If {taken[0]} is, state it "
                 f'in the rig (between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
             )
-    return found
+    return notes
 
 
 def _row_order(d: Diagnosis) -> list[str]:
@@ -295,18 +295,18 @@ def _split(d: Diagnosis) -> list[str]:
 
 
 def _fits(d: Diagnosis) -> list[str]:
-    found = []
+    notes = []
     base = d.budget.baseline.fit
     if not base.converged:
-        found.append(
+        notes.append(
             f"The refit of the model itself did not converge ({base.why}): the gap may be smaller "
             "than reported."
         )
     if d.budget.model.remark:
-        found.append(d.budget.model.remark)
+        notes.append(d.budget.model.remark)
     if d.cause is not None and not d.cause.fit.converged:
-        found.append(f"The fit with the cause did not converge ({d.cause.fit.why}).")
-    return found
+        notes.append(f"The fit with the cause did not converge ({d.cause.fit.why}).")
+    return notes
 
 
 def _bounds(d: Diagnosis) -> list[str]:

@@ -83,12 +83,12 @@ def find_missing(d: Diagnosis, *, pool: WorkerPool | None = None) -> Missing | N
         return None
     base = located.smoothers[names[0]].base
     work = _Describing(d.evidence, base, d.seed, located.smoothers)
-    found = [
+    candidates = [
         m
         for m in (pool or WorkerPool()).run(work, names)
         if m is not None and not isinstance(m, Failed)
     ]
-    return max(found, key=lambda m: m.fit, default=None)
+    return max(candidates, key=lambda m: m.fit, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +103,11 @@ class _Describing(Work[str, Missing | None]):
 
     def __call__(self, item: str) -> Plain:
         smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
-        found = _missing_at(smoother, self.seed)
-        return {} if found is None else vars(found)
+        missing = _missing_at(smoother, self.seed)
+        return {} if missing is None else vars(missing)
 
-    def restored(self, item: str, found: Plain) -> Missing | None:
-        return Missing(**found) if found else None
+    def restored(self, item: str, plain: Plain) -> Missing | None:
+        return Missing(**plain) if plain else None
 
 
 def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
@@ -223,7 +223,7 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
 
 
 def missing_value(
-    smoother: Smoother, found: Smoothed
+    smoother: Smoother, smoothed: Smoothed
 ) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
     held-out recordings, one per slice, and the means over it of the port's signals (SI), and of
@@ -236,9 +236,9 @@ def missing_value(
     first = len(program.outputs) - len(extra)
     rows, values, times, numbers = [], [], [], []
     recordings = smoother.evidence.recordings
-    p = smoother.parameters(found.s)
+    p = smoother.parameters(smoothed.s)
     for sliced, states, span in zip(
-        smoother.tracks, found.x, smoother.evidence.held_out, strict=True
+        smoother.tracks, smoothed.x, smoother.evidence.held_out, strict=True
     ):
         track = sliced.runner.track
         values.append(size_at(smoother.base.assembly, port) * states[:, smoother.missing[0]])

@@ -38,7 +38,7 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
     remainder = _remainder(d, port, unknown, missing)
     final = d.cause or d.budget.baseline
     reached = {c: _how_far(d, i) for i, c in enumerate(d.evidence.channels)}
-    found = result.DiagnosisFile(
+    file = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
         sentence="",
         remark=remark(d),
@@ -59,17 +59,17 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
         rig=rig_map(d.evidence.rig, d.evidence.channels),
         next_experiment=None,
     )
-    return found.model_copy(update={"sentence": sentence(found)})
+    return file.model_copy(update={"sentence": sentence(file)})
 
 
 def with_experiment(
-    found: result.DiagnosisFile, proposal: Proposal | WithheldExperiment | None
+    file: result.DiagnosisFile, proposal: Proposal | WithheldExperiment | None
 ) -> result.DiagnosisFile:
     """The same with the next experiment, or with a note on why there is none."""
     if isinstance(proposal, WithheldExperiment):
-        return found.model_copy(update={"notes": (proposal.why, *found.notes)})
+        return file.model_copy(update={"notes": (proposal.why, *file.notes)})
     experiment = proposal.experiment if proposal else None
-    return found.model_copy(update={"next_experiment": experiment})
+    return file.model_copy(update={"next_experiment": experiment})
 
 
 # ---- comparison and forecast ---------------------------------------------------------------------
@@ -164,24 +164,24 @@ def _port_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
     curves at ports do, and what remains where the latent evidence places it."""
     rig, forms = d.evidence.rig, d.answer.free_forms if d.answer else ()
     if d.left_at:
-        found = d.left_at.shares(rig)
+        shares = d.left_at.shares(rig)
     else:
         groups = dict.fromkeys(rig.group_of(name) for name in rig.ports)
-        found = dict.fromkeys(groups, 1.0 / len(groups))
+        shares = dict.fromkeys(groups, 1.0 / len(groups))
     if d.answer and d.cause and d.removed:
         rest = min(max(d.removed.rest.share, 0.0), 1.0)
-        found = {group: rest * share for group, share in found.items()}
+        shares = {group: rest * share for group, share in shares.items()}
         for cause, share in _parts_of_causes(d.answer):
             at = dict.fromkeys(rig.group_of(name) for name in cause.effect.ports)
             for group in at:  # an effect at several ports is reported under what these share
-                found[group] += (1.0 - rest) * share / len(at)
+                shares[group] += (1.0 - rest) * share / len(at)
     elif forms:
         removed = min(forms[0].removes.share, 1.0)
         total = sum(f.removes.share for f in forms)
-        found = {group: (1.0 - removed) * share for group, share in found.items()}
+        shares = {group: (1.0 - removed) * share for group, share in shares.items()}
         for f in forms:
-            found[f.port] += removed * f.removes.share / total
-    ordered = sorted(found.items(), key=lambda e: (-e[1], e[0]))
+            shares[f.port] += removed * f.removes.share / total
+    ordered = sorted(shares.items(), key=lambda e: (-e[1], e[0]))
     return tuple(result.PortShare(port=g, share=v) for g, v in ordered)
 
 
@@ -233,7 +233,7 @@ def _remainder(
     material = d.left_over or d.verdict == "cannot-tell"
     at = unknown.port if unknown else ""
     port, forms = at if d.cause else leading, d.answer.free_forms
-    found = result.Remainder(
+    remainder = result.Remainder(
         share=rest.share,
         low=rest.low,
         high=rest.high,
@@ -244,8 +244,8 @@ def _remainder(
         family=forms[0].family if d.cause and forms else "",
     )
     if not unknown or not missing or at != port:
-        return found
-    return found.model_copy(
+        return remainder
+    return remainder.model_copy(
         update={
             "missing_rms": missing.amount,
             "passing_rms": missing.passing,
@@ -351,7 +351,7 @@ def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
     choice."""
     if d.cause is None:
         return ()
-    found, at, before, after = [], 0, d.budget.baseline.absolutes, d.reported(d.cause)
+    transfers, at, before, after = [], 0, d.budget.baseline.absolutes, d.reported(d.cause)
     for span, replay in zip(d.evidence.held_out, d.budget.baseline.replays, strict=True):
         rows = np.arange(at, at + len(replay.windows))
         at += len(replay.windows)
@@ -372,8 +372,8 @@ def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
             for channel, (was, now) in errors.items()
         }
         recording = span.recording.sha256[:12]
-        found.append(result.Transfer(recording=recording, differs=new, **channels))
-    return tuple(found)
+        transfers.append(result.Transfer(recording=recording, differs=new, **channels))
+    return tuple(transfers)
 
 
 def differences(d: Diagnosis, span: Span) -> dict[str, Any]:

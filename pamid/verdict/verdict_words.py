@@ -30,33 +30,33 @@ class Spelling:
 AS_IN_FILE = Spelling()
 
 
-def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
+def sentence(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     """The verdict in a few sentences, shares first, and what is doubtful about the recordings; a
     remark takes the place of the verdict."""
-    doubts = f" First mend the recording: {' '.join(found.doubts)}" if found.doubts else ""
-    return f"{_verdict_text(found, spelling)}{doubts}"
+    doubts = f" First mend the recording: {' '.join(diagnosis.doubts)}" if diagnosis.doubts else ""
+    return f"{_verdict_text(diagnosis, spelling)}{doubts}"
 
 
-def _verdict_text(found: DiagnosisFile, spelling: Spelling) -> str:
-    if found.remark:
-        return found.remark
-    if found.verdict == "no-structural-gap":
-        return _no_gap(found)
-    if found.verdict == "unknown-effect":
-        return f"{NOT_IN_CATALOGUE} {_curve_text(found, spelling)}"
-    if found.verdict == "cannot-tell":
-        return _unsure(found, spelling)
-    if found.verdict == "ambiguous":
-        return f"{_set_text(found, spelling)}{_rest_text(found, spelling)}"
-    if len(found.causes) > 1:
-        return f"{_together(found, spelling)}{_rest_text(found, spelling)}"
-    removing = _with_share(found, findings_of(found)[0], spelling)
-    return f"{removing}.{_next_family(found, spelling)}{_rest_text(found, spelling)}"
+def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
+    if diagnosis.remark:
+        return diagnosis.remark
+    if diagnosis.verdict == "no-structural-gap":
+        return _no_gap(diagnosis)
+    if diagnosis.verdict == "unknown-effect":
+        return f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
+    if diagnosis.verdict == "cannot-tell":
+        return _unsure(diagnosis, spelling)
+    if diagnosis.verdict == "ambiguous":
+        return f"{_set_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+    if len(diagnosis.causes) > 1:
+        return f"{_together(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+    removing = _with_share(diagnosis, findings_of(diagnosis)[0], spelling)
+    return f"{removing}.{_next_family(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
 
 
-def _no_gap(found: DiagnosisFile) -> str:
+def _no_gap(diagnosis: DiagnosisFile) -> str:
     """No gap, or none that anything known would close."""
-    rest = found.remainder
+    rest = diagnosis.remainder
     if rest is None or rest.floors is None:
         return "The refitted model is at the noise floor: no structural gap was found."
     return (
@@ -66,18 +66,20 @@ def _no_gap(found: DiagnosisFile) -> str:
     )
 
 
-def _curve_text(found: DiagnosisFile, spelling: Spelling) -> str:
+def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """The curve that takes up what no effect does, with its family, port and share."""
-    forms = found.unknown.free_forms if found.unknown is not None else ()
+    forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
-        at = _entrance(found.where, spelling) if found.where and found.where.port else ""
+        at = (
+            _entrance(diagnosis.where, spelling) if diagnosis.where and diagnosis.where.port else ""
+        )
         return f"A curve at one of its ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
     first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
     elsewhere = f", or equally at the {joined(others, 'or')} port," if others else ""
     return (
         f"A curve at the {first} port{elsewhere} removes {share} of it. The effect is "
-        f"{free_families(found, spelling)}."
+        f"{free_families(diagnosis, spelling)}."
     )
 
 
@@ -85,10 +87,10 @@ def _curve_text(found: DiagnosisFile, spelling: Spelling) -> str:
 Finding: TypeAlias = tuple[Cause, ...]
 
 
-def findings_of(found: DiagnosisFile) -> list[Finding]:
+def findings_of(diagnosis: DiagnosisFile) -> list[Finding]:
     """The causes, those together that are the same effect at several ports."""
     effects: dict[str, list[Cause]] = {}
-    for c in found.causes:
+    for c in diagnosis.causes:
         effects.setdefault(_stem(c), []).append(c)
     return [tuple(causes) for causes in effects.values()]
 
@@ -97,24 +99,29 @@ def _stem(c: Cause) -> str:
     return c.effect.partition("@")[0]
 
 
-def _with_share(found: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
+def _with_share(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
     """ "play at the camera port removes 80 % of the gap (P 0.93)"."""
     first = finding[0]
     share = percent_text(first.removes.share) if first.removes else "a part"
-    return f"{finding_text(found, finding, spelling)} removes {share} of the gap{_chance_of(first)}"
+    name = finding_text(diagnosis, finding, spelling)
+    return f"{name} removes {share} of the gap{_chance_of(first)}"
 
 
-def finding_label(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE) -> str:
+def finding_label(
+    diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE
+) -> str:
     """ "play", "coulomb-friction in the joints", "coulomb-friction at shoulder and wrist"."""
     first = finding[0]
     if len(finding) == 1:
         return spelling.effect(first.effect)
-    return f"{spelling.effect(_stem(first))} {_places_text(found, finding, spelling)}"
+    return f"{spelling.effect(_stem(first))} {_places_text(diagnosis, finding, spelling)}"
 
 
-def finding_text(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE) -> str:
+def finding_text(
+    diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE
+) -> str:
     """ "play at the camera port", with the ports at which it does as well."""
-    first, label = finding[0], finding_label(found, finding, spelling)
+    first, label = finding[0], finding_label(diagnosis, finding, spelling)
     if len(finding) > 1:
         return label
     unplaced = first.port and "@" not in first.effect
@@ -124,10 +131,10 @@ def finding_text(found: DiagnosisFile, finding: Finding, spelling: Spelling = AS
     return f"{label}{place}{elsewhere}"
 
 
-def _places_text(found: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
+def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
     """The ports of an effect: "in the joints" where they are all on which a torque acts."""
     ports = {c.port for c in finding}
-    mapped = found.rig.ports if found.rig is not None else ()
+    mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
     joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
     if ports == joints:
         return "in the joints"
@@ -138,13 +145,13 @@ def _chance_of(c: Cause) -> str:
     return f" (P {chance_figure(c.probability)})" if c.probability is not None else ""
 
 
-def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
+def _next_family(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """How far the next family is behind a single cause; empty where there is none. Begins with a
     space, as what follows a sentence does."""
-    cause = found.causes[0]
+    cause = diagnosis.causes[0]
     others = (
         r
-        for r in found.ranking
+        for r in diagnosis.ranking
         if r.family not in (cause.family, "", *cause.instead) and not r.set_aside
     )
     rival = next((r for r in others if r.removes is not None and r.removes.share > 0.0), None)
@@ -154,23 +161,23 @@ def _next_family(found: DiagnosisFile, spelling: Spelling) -> str:
     return f" The best of another family, {spelling.effect(rival.effect)}, removes {share}."
 
 
-def _together(found: DiagnosisFile, spelling: Spelling) -> str:
+def _together(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """The share that several causes remove together, and those without each of them.
 
     Shares of single causes do not add up: what two remove, each of them may remove alone.
     """
-    findings = findings_of(found)
+    findings = findings_of(diagnosis)
     names = joined(
-        (f"{finding_text(found, k, spelling)}{_chance_of(k[0])}" for k in findings), "and"
+        (f"{finding_text(diagnosis, k, spelling)}{_chance_of(k[0])}" for k in findings), "and"
     )
     together = " together" if len(findings) > 1 else ""
-    rest = found.remainder
+    rest = diagnosis.remainder
     if rest is None or rest.share is None:
         return f"{names} act{together or 's'}."
     total = 1.0 - rest.share
     verb = "remove" if together else "removes"
     text = f"{names}{together} {verb} {percent_text(total)} of the gap"
-    without = {c.effect: total - c.removes.share for c in found.causes if c.removes}
+    without = {c.effect: total - c.removes.share for c in diagnosis.causes if c.removes}
     if max(without.values(), default=0.0) <= 0.0:
         return f"{text}. None of them removes any of it without the others."
     # the most important first: without it least is removed
@@ -181,25 +188,25 @@ def _together(found: DiagnosisFile, spelling: Spelling) -> str:
     return f"{text}, {joined(shares, 'and')}."
 
 
-def _set_text(found: DiagnosisFile, spelling: Spelling) -> str:
+def _set_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """The members of a set: two with their shares, more as the group that they are."""
-    findings = findings_of(found)
+    findings = findings_of(diagnosis)
     if len(findings) == 2:
         first, other = findings
         share = f", {percent_text(other[0].removes.share)}" if other[0].removes else ""
         return (
-            f"{_with_share(found, first, spelling)}. These recordings cannot separate it from "
-            f"{finding_text(found, other, spelling)}{share}{_chance_of(other[0])}."
+            f"{_with_share(diagnosis, first, spelling)}. These recordings cannot separate it from "
+            f"{finding_text(diagnosis, other, spelling)}{share}{_chance_of(other[0])}."
         )
-    names = joined((finding_label(found, k, spelling) for k in findings), "and")
-    removes = found.causes[0].removes
+    names = joined((finding_label(diagnosis, k, spelling) for k in findings), "and")
+    removes = diagnosis.causes[0].removes
     size = f" Each removes about {percent_text(removes.share)} of the gap." if removes else ""
     return f"On these recordings {names} predict the same and cannot be separated.{size}"
 
 
-def _rest_text(found: DiagnosisFile, spelling: Spelling) -> str:
+def _rest_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """Size and place of the remainder; begins with a space."""
-    rest = found.remainder
+    rest = diagnosis.remainder
     if rest is None or rest.share is None:
         return ""
     floors = f", {_floors_text(rest.floors)}" if rest.floors is not None else ""
@@ -219,10 +226,10 @@ def _floors_text(floors: float) -> str:
     return "at the noise floor" if times == "1" else f"{times} times the noise floor"
 
 
-def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
+def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     """ "of the friction family, in a form that is not in the catalogue"; empty where no free form
     takes it up."""
-    forms = found.unknown.free_forms if found.unknown is not None else ()
+    forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         return ""
     names = joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
@@ -281,17 +288,17 @@ def _entrance(where: Where, spelling: Spelling) -> str:
     return f"{first}, or at {rest}: these sensors cannot separate them."
 
 
-def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
+def _unsure(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """The leader of the ranking, and why it is not named."""
-    tied = found.comparison[0].tied if found.comparison else ()
+    tied = diagnosis.comparison[0].tied if diagnosis.comparison else ()
     if len(tied) > 1:
         first, *others = (spelling.effect(m.effect) for m in tied)
         return (
             f"{first} removes {percent_text(tied[0].removes.share)} of the gap, but "
             f"{joined(others, 'and')} remove as much. These recordings cannot separate them."
         )
-    leader = next((r for r in found.ranking if r.removes and not r.set_aside), None)
-    rest = found.remainder
+    leader = next((r for r in diagnosis.ranking if r.removes and not r.set_aside), None)
+    rest = diagnosis.remainder
     nothing = leader is None or leader.removes is None or leader.removes.low <= 0.0
     if nothing and rest is not None and rest.floors is not None:
         return (
@@ -303,7 +310,7 @@ def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
     removes = leader.removes
     interval = percents_text(removes.low, removes.high)
-    windows = len(found.comparison[0].reference_losses) if found.comparison else 0
+    windows = len(diagnosis.comparison[0].reference_losses) if diagnosis.comparison else 0
     rests_on = f", from {windows} held-out windows" if windows else ""
     return (
         f"{spelling.effect(leader.effect)} may be missing. It removes "

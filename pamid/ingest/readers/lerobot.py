@@ -51,8 +51,8 @@ def _features(root: Path) -> dict[str, Any]:
         info = read_json(root / INFO)
     except FileError:
         return {}
-    found = info.get("features") if isinstance(info, dict) else None
-    return found if isinstance(found, dict) else {}
+    features = info.get("features") if isinstance(info, dict) else None
+    return features if isinstance(features, dict) else {}
 
 
 def read_lerobot(path: Path) -> Log:
@@ -170,13 +170,13 @@ def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
 def _names(feature: Any, size: int) -> list[str]:
     """Names of a vector's values in meta/info.json; [] unless all of them have distinct names
     there."""
-    found = feature.get("names") if isinstance(feature, dict) else None
-    if isinstance(found, dict):
-        lists = [part for part in found.values() if isinstance(part, list)]
-        found = [name for part in lists for name in part]
-    if not isinstance(found, list) or not all(isinstance(name, str) and name for name in found):
+    names = feature.get("names") if isinstance(feature, dict) else None
+    if isinstance(names, dict):
+        lists = [part for part in names.values() if isinstance(part, list)]
+        names = [name for part in lists for name in part]
+    if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
         return []
-    return found if len(found) == size == len(set(found)) else []
+    return names if len(names) == size == len(set(names)) else []
 
 
 KIND = Kind("lerobot", (), read_lerobot, (), "parquet", ("pyarrow",))

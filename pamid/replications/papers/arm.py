@@ -35,12 +35,12 @@ def plan(*, seed: int, quick: bool) -> ArmPlan:
     return ArmPlan.quickly(seed) if quick else ArmPlan(seed=seed)
 
 
-def converged(found: dict[str, Any]) -> bool:
+def converged(paper: dict[str, Any]) -> bool:
     """Did every fit?"""
-    return all(one["converged"] for one in found["fits"].values())
+    return all(one["converged"] for one in paper["fits"].values())
 
 
-def text(found: dict[str, Any]) -> str:
+def text(paper: dict[str, Any]) -> str:
     """The errors of all variables, what is known of the inertial data and of the rest, and what all
     of it is not."""
     lines = (
@@ -49,7 +49,7 @@ def text(found: dict[str, Any]) -> str:
             "runs.",
             "",
         ]
-        if found["quick"]
+        if paper["quick"]
         else []
     )
     lines += [
@@ -59,39 +59,39 @@ def text(found: dict[str, Any]) -> str:
         f"{'':46s}{'law alone':>22s}{'with corrections':>22s}",
     ]
     for kind, title in _TITLES.items():
-        lines += _errors(f"{title}, free runs", found["mae"][kind].items())
+        lines += _errors(f"{title}, free runs", paper["mae"][kind].items())
     lines.append("Angles again, in windows whose states are set anew, as `pamid fit` judges them")
     for kind, title in _TITLES.items():
         lines += _errors(
-            title, [one for one in found["windowed_mae"][kind].items() if one[1]["unit"] == "deg"]
+            title, [one for one in paper["windowed_mae"][kind].items() if one[1]["unit"] == "deg"]
         )
-    lines += _coupling(found["coupling"])
-    target, in_the_end = found["target"], found["tied"]["fitted_anfis"]
+    lines += _coupling(paper["coupling"])
+    target, in_the_end = paper["target"], paper["tied"]["fitted_anfis"]
     still = {name for tie in in_the_end for name in tie["parameters"]}
-    unloaded = [tie for tie in found["tied"][_UNLOADED] if still & set(tie["parameters"])]
+    unloaded = [tie for tie in paper["tied"][_UNLOADED] if still & set(tie["parameters"])]
     lines += [
         f"Target     fitted angles of the gravity tests within {100.0 * target['share']:.0f} % of "
         f"the noise: {'reached' if target['reached'] else 'NOT reached'} (at most "
         f"{target['worst']:.3f} times)",
-        f"Force law  {found['force_law']['finding']}",
+        f"Force law  {paper['force_law']['finding']}",
         "",
-        *_combinations(found["combinations"]),
+        *_combinations(paper["combinations"]),
         *_tied("Known only in combination", in_the_end),
         *_tied("Without the payload test", unloaded),
         "",
-        *_parameters(found["parameters"]),
+        *_parameters(paper["parameters"]),
         "",
     ]
     lines += [
         f"Not converged: {name}: {one['why']}"
-        for name, one in found["fits"].items()
+        for name, one in paper["fits"].items()
         if not one["converged"]
     ]
     return "\n".join(
         [
             *lines,
-            f"Hidden     muscles: {found['twin']['law']}; the rest as in the column truth",
-            *(f"Note       {note}" for note in found["notes"]),
+            f"Hidden     muscles: {paper['twin']['law']}; the rest as in the column truth",
+            *(f"Note       {note}" for note in paper["notes"]),
         ]
     )
 

@@ -38,22 +38,22 @@ def plan(
     )
 
 
-def converged(found: dict[str, Any]) -> bool:
+def converged(paper: dict[str, Any]) -> bool:
     """A network that ends at the most iterations is a result, too."""
     return True
 
 
-def text(found: dict[str, Any]) -> str:
+def text(paper: dict[str, Any]) -> str:
     """The table, the training beside the paper's, the causes, and what all of it is not."""
-    cases = list(found["rows"][0]["mae"])
-    plan, twin = found["plan"], found["twin"]["analytic_mae_without_noise"]
+    cases = list(paper["rows"][0]["mae"])
+    plan, twin = paper["plan"], paper["twin"]["analytic_mae_without_noise"]
     lines = (
         [
             f"QUICK: {plan['seconds']:g} s and {plan['iterations']} iterations are too few; these "
             "figures only show that it runs.",
             "",
         ]
-        if found["quick"]
+        if paper["quick"]
         else []
     )
     remarks = ("trained at", "never seen")
@@ -64,7 +64,7 @@ def text(found: dict[str, Any]) -> str:
         + f"{'published':>11s}{'here':>9s}{'after 1 s':>10s}{'lower by':>9s}" * 2
         + f"{'seconds':>9s}",
     ]
-    for row in found["rows"]:
+    for row in paper["rows"]:
         cells = "".join(
             number_cell(row["published"].get(c), 11)
             + number_cell(row["mae"][c], 9)
@@ -78,17 +78,17 @@ def text(found: dict[str, Any]) -> str:
             + (f"{seconds:9.0f}" if seconds is not None else f"{'-':>9s}")
         )
     lines.append(
-        f"Published: with its network {100.0 * found['published']['improvement']:.1f} % lower at "
+        f"Published: with its network {100.0 * paper['published']['improvement']:.1f} % lower at "
         f"{cases[0]}."
     )
-    if any("spring kept" in row["model"] for row in found["rows"]):
+    if any("spring kept" in row["model"] for row in paper["rows"]):
         lines.append(
             "Spring kept: as the load behind the spring changes, that spring and the inertia "
             "before it stay; "
             "in the row above, the share of the inertia and the frequency stay as they were found."
         )
-    lines += ["", *_training(found), "", f"Diagnosis  {found['diagnosis']['sentence']}"]
-    for cause in found["diagnosis"]["causes"]:
+    lines += ["", *_training(paper), "", f"Diagnosis  {paper['diagnosis']['sentence']}"]
+    for cause in paper["diagnosis"]["causes"]:
         values = ", ".join(
             f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
             for k, v in cause["parameters"].items()
@@ -97,17 +97,17 @@ def text(found: dict[str, Any]) -> str:
     lines += [
         "",
         "Hidden     "
-        + ", ".join(f"{k} {v:.4g}" for k, v in found["twin"].items() if isinstance(v, float)),
+        + ", ".join(f"{k} {v:.4g}" for k, v in paper["twin"].items() if isinstance(v, float)),
         "           without noise the analytic model misses it by "
         + " and ".join(f"{value:.4f} deg at {case}" for case, value in twin.items()),
     ]
-    return "\n".join([*lines, *(f"Note       {note}" for note in found["notes"])])
+    return "\n".join([*lines, *(f"Note       {note}" for note in paper["notes"])])
 
 
-def _training(found: dict[str, Any]) -> list[str]:
+def _training(paper: dict[str, Any]) -> list[str]:
     """Table I of the paper, and its network's training here."""
-    here, there = found["training"], found["published"]["training"]
-    (seconds,) = (row["seconds"] for row in found["rows"] if row["model"].endswith("Elman"))
+    here, there = paper["training"], paper["published"]["training"]
+    (seconds,) = (row["seconds"] for row in paper["rows"] if row["model"].endswith("Elman"))
     head = f"{'Training':11s}{'iterations':>11s}{'seconds':>9s}{'MSE':>10s}{'of range':>10s}{'gradient':>10s}"  # noqa: E501
     lines = [f"{head}{'mu':>10s}{'gamma':>8s}{'weights':>9s}"]
     for name, t, s in (("published", there, there["seconds"]), ("here", here, seconds)):
