@@ -141,17 +141,17 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     sent = draw(plan, amplitudes, offsets, sending.ramped, sending.rests)
     safe = within(request, sent, offsets)
     each, said, shown = [], [], []
-    for column, one in sent.items():
+    for column, item in sent.items():
         unit = split_column(column)[1]
         reach = safe.reach(column, offsets[column], amplitudes[column])
-        excited = safe.samples(column, one)[one.turn]
+        excited = safe.samples(column, item)[item.turn]
         covers = coverage(excited, period, span=reach)
         each.append(
             {
                 "column": column,
                 "unit": unit,
                 "range": list(reach),
-                **one.own,
+                **item.own,
                 "coverage": _noted(covers),
             }
         )
@@ -170,7 +170,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         if column in sending.ramped:
             said += [f"  {column} is imposed: it goes from level to level in ramps."]
     said += [f"  {sentence}" for sentence in (*sending.notes, *safe.said)]
-    columns = {column: safe.samples(column, one) for column, one in sent.items()}
+    columns = {column: safe.samples(column, item) for column, item in sent.items()}
     samples = len(next(iter(columns.values())))
     held: dict[str, Any] = {name: np.full(samples, at) for name, at in sending.held.items()}
     meta: dict[str, Any] = {}

@@ -81,7 +81,7 @@ def exit_code_of(
     conditions: Sequence[Condition], figures: Mapping[str, float | None], otherwise: int = 0
 ) -> int:
     """7 where a condition holds, which is stated on stderr; else `otherwise`."""
-    met = [one for one in conditions if one.holds(figures)]
+    met = [condition for condition in conditions if condition.holds(figures)]
     for one in met:
         value = figures[one.name]
         shown = "unstable" if value is None else f"{value:.4g}"

@@ -22,16 +22,16 @@ class LimitedSignals:
 
     found: SafeExcitation | None = None
 
-    def samples(self, column: str, one: Sent) -> NDArray[Any]:
+    def samples(self, column: str, sent: Sent) -> NDArray[Any]:
         """Samples of a column."""
-        return one.samples if self.found is None else self.found.columns[column]
+        return sent.samples if self.found is None else self.found.columns[column]
 
     def reach(self, column: str, centre: float, amplitude: float) -> tuple[float, float]:
         """Between which values it was to be, and is now."""
         if self.found is not None:
-            for one in self.found.kept:
-                if one.column == column:
-                    centre, amplitude = centre + one.shift, one.factor * amplitude
+            for item in self.found.kept:
+                if item.column == column:
+                    centre, amplitude = centre + item.shift, item.factor * amplitude
         return centre - amplitude, centre + amplitude
 
     @property
@@ -48,12 +48,12 @@ class LimitedSignals:
                 "checked": self.found.limits,
                 "commands": [
                     {
-                        "column": one.column,
-                        "factor": one.factor,
-                        "shift": one.shift,
-                        "why": one.why,
+                        "column": item.column,
+                        "factor": item.factor,
+                        "shift": item.shift,
+                        "why": item.why,
                     }
-                    for one in self.found.kept
+                    for item in self.found.kept
                 ],
                 "reached": self.found.reached,
             }
@@ -70,7 +70,7 @@ def within(
     speeds = parse_known(request["speed_limit"], "Write elbow=2.")
     limited = None
     if request["limits"]:
-        columns = {column: one.samples for column, one in sent.items()}
+        columns = {column: item.samples for column, item in sent.items()}
         try:
             limited = within_limits(
                 request["rig"], columns, request["period"], centres=offsets, speed_limits=speeds

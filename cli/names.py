@@ -126,7 +126,7 @@ def _literal(file: Path, name: str) -> Any:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.AnnAssign | ast.Assign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            if any(isinstance(one, ast.Name) and one.id == name for one in targets):
+            if any(isinstance(target, ast.Name) and target.id == name for target in targets):
                 given = node.value.slice if isinstance(node.value, ast.Subscript) else node.value
                 return ast.literal_eval(given)
     return {}

@@ -34,8 +34,8 @@ def command(folder: Path) -> frame.Result:
     from pamid.schemas.runs_file import RunList
 
     runs = runs_below(folder)
-    lines = [line for one in runs for line in _lines(one)] or [f"No run lies in {folder}."]
-    diagnosed = [one for one in runs if one.kind in ("diagnosis", "fit")]
+    lines = [line for run in runs for line in _lines(run)] or [f"No run lies in {folder}."]
+    diagnosed = [run for run in runs if run.kind in ("diagnosis", "fit")]
     if len(diagnosed) > 1:
         pair = " ".join(quoted(one.path) for one in diagnosed[:2])
         lines.append(f"Next: pamid report --compare {pair}")
@@ -44,11 +44,20 @@ def command(folder: Path) -> frame.Result:
     return frame.Result(RunList(folder=str(folder), runs=tuple(runs)), "\n".join(lines))
 
 
-def _lines(one: RunSummary) -> list[str]:
+def _lines(run_summary: RunSummary) -> list[str]:
     """Where, what and when; below it what was found."""
-    when = one.begun.replace("T", " ")[:16]
-    about = [one.command or one.kind, one.rig, ", ".join(one.recordings[:3]), when]
-    about += [one.outcome if one.outcome not in ("", "done") else ""]
-    about += ["did not end" if one.begun and not one.outcome else ""]
-    lines = [f"{one.path}  ({'; '.join(filter(None, about))})"]
-    return [*lines, f"    {one.sentence.replace(chr(160), ' ')}"] if one.sentence else lines
+    when = run_summary.begun.replace("T", " ")[:16]
+    about = [
+        run_summary.command or run_summary.kind,
+        run_summary.rig,
+        ", ".join(run_summary.recordings[:3]),
+        when,
+    ]
+    about += [run_summary.outcome if run_summary.outcome not in ("", "done") else ""]
+    about += ["did not end" if run_summary.begun and not run_summary.outcome else ""]
+    lines = [f"{run_summary.path}  ({'; '.join(filter(None, about))})"]
+    return (
+        [*lines, f"    {run_summary.sentence.replace(chr(160), ' ')}"]
+        if run_summary.sentence
+        else lines
+    )

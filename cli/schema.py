@@ -26,7 +26,7 @@ def command(name: str | None) -> frame.Result:
     """
     known = schemas()
     if name is None:
-        titles = {key: str(one["title"]) for key, one in known.items()}
+        titles = {key: str(item["title"]) for key, item in known.items()}
         width = max(map(len, titles))
         return frame.Result(
             {"schema": "pamid.schemas/1", "schemas": titles},

@@ -213,8 +213,8 @@ def _words(name: str, option: click.Option, value: Any) -> list[str]:
     values = value if option.multiple else [value]
     return [
         word
-        for one in values
-        for word in (f"--{name}", *map(str, one if isinstance(one, tuple | list) else (one,)))
+        for item in values
+        for word in (f"--{name}", *map(str, item if isinstance(item, tuple | list) else (item,)))
     ]
 
 

@@ -202,7 +202,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
     t, n = about["training"], about["n_weights"]
     lines = [
         f"{network_words(about['kind'], about['sizes'])}, {n} weights: {about['target']}",
-        f"inputs    {', '.join(one['name'] for one in about['inputs'])}",
+        f"inputs    {', '.join(input_['name'] for input_ in about['inputs'])}",
     ]
     lines += [f"note      {note}" for note in about["notes"]]
     way = ", plain steps as in the paper" if t.get("plain") else ""

@@ -110,7 +110,7 @@ def within_limits(
     made = _made(rig)
     if not isinstance(made, CompiledMechanism) or not set(columns) & set(made.inputs):
         return None
-    values = {name: np.asarray(one, dtype=np.float64) for name, one in columns.items()}
+    values = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
     return safe_excitation(made.mechanism, values, period_s, centres, speed_limits)
 
 

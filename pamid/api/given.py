@@ -119,7 +119,7 @@ def evidence_of(
     fitted, judged = recordings_given(recordings), recordings_given(held_out)
     if not fitted:
         raise UsageError("There is no recording to fit.", "Give at least one.")
-    taken = [_taken(one, k) for k, one in enumerate((*fitted, *judged))]
+    taken = [_taken(item, k) for k, item in enumerate((*fitted, *judged))]
     read = [recording for recording, _ in taken]
     unnamed = not named and not any(recording.rig for recording in read)
     named = named or rig_of(read)

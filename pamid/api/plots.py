@@ -55,7 +55,7 @@ def overview_png(run: RunData) -> bytes:
 def added_variable_figure(run: RunData, effect: str | None = None) -> NotebookFigure:
     """The plots of the leading candidates, or that of one; UsageError for an effect that the run
     holds none of."""
-    plots = {one.effect: one for one in usable_plots(run)}
+    plots = {usable_plot.effect: usable_plot for usable_plot in usable_plots(run)}
     at_ports = [name for name in plots if name.partition("@")[0] == effect]
     if effect not in plots and len(at_ports) == 1:
         (effect,) = at_ports

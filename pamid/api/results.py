@@ -81,7 +81,7 @@ class ParameterTable(Mapping[str, ParameterEstimate]):
     """Fitted parameters by name, in the order of the rig."""
 
     def __init__(self, estimates: tuple[ParameterEstimate, ...]) -> None:
-        self._by_name = {one.name: one for one in estimates}
+        self._by_name = {estimate.name: estimate for estimate in estimates}
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         if name not in self._by_name:
@@ -451,7 +451,7 @@ def result_of(
     if diagnosis is None:
         return FitResult(parameters=parameters, **common)
     where = diagnosis.where
-    shares = [(one.port, one.share) for one in where.ports] if where is not None else []
+    shares = [(port.port, port.share) for port in where.ports] if where is not None else []
     return DiagnosisResult(
         parameters=_parameters(diagnosis.parameters),
         refitted=parameters,
@@ -459,18 +459,18 @@ def result_of(
         verdict=diagnosis.verdict,
         sentence=diagnosis.sentence,
         remark=diagnosis.remark,
-        ports=tuple(sorted(shares, key=lambda one: -one[1])),
+        ports=tuple(sorted(shares, key=lambda item: -item[1])),
         causes=tuple(
             IdentifiedCause(
-                one.effect,
-                one.family,
-                one.port,
-                _parameters(one.parameters),
-                one.share,
-                one.probability,
-                one.removes,
+                cause.effect,
+                cause.family,
+                cause.port,
+                _parameters(cause.parameters),
+                cause.share,
+                cause.probability,
+                cause.removes,
             )
-            for one in diagnosis.causes
+            for cause in diagnosis.causes
         ),
         remainder=diagnosis.remainder,
         ranking=tuple(diagnosis.ranking),
@@ -482,21 +482,21 @@ def result_of(
 
 
 def _parameters(estimates: Mapping[str, Interval]) -> ParameterTable:
-    return ParameterTable(tuple(_estimate(name, one) for name, one in estimates.items()))
+    return ParameterTable(tuple(_estimate(name, estimate) for name, estimate in estimates.items()))
 
 
-def _estimate(name: str, one: Interval) -> ParameterEstimate:
+def _estimate(name: str, interval: Interval) -> ParameterEstimate:
     """Parameter estimate from an interval in a result file; a cause's has fewer fields."""
-    stated = {key: getattr(one, key, None) for key in ("unit", "word", "at_bound", "source")}
+    stated = {key: getattr(interval, key, None) for key in ("unit", "word", "at_bound", "source")}
     return ParameterEstimate(
         name,
-        one.value,
-        one.low,
-        one.high,
-        getattr(one, "prior", None),
+        interval.value,
+        interval.low,
+        interval.high,
+        getattr(interval, "prior", None),
         stated["unit"] or ("-" if "/" in name else split_column(name)[1]),
         stated["word"] or "",
-        getattr(one, "strain", None),
+        getattr(interval, "strain", None),
         stated["at_bound"] or "",
         stated["source"] or "",
     )

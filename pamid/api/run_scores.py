@@ -100,7 +100,7 @@ def score(
     if isinstance(run, FitResult):
         named, own = named or run.code[0], own or run.code[1]
     folder = run.folder if isinstance(run, FitResult) else Path(run)
-    read = [recording_given(one, f"recording-{k + 1}") for k, one in enumerate(given)]
+    read = [recording_given(item, f"recording-{k + 1}") for k, item in enumerate(given)]
     scores = score_run(folder, read, rig=named, effects=own)
     for recording in read:
         texts = list(recording.warnings)

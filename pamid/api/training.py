@@ -331,7 +331,7 @@ def _result(home: RunHome, about: dict[str, Any], interrupted: bool) -> NetworkR
         kind=about["kind"],
         on=about["on"],
         target=about["target"],
-        inputs=tuple(one["name"] for one in about["inputs"]),
+        inputs=tuple(input_["name"] for input_ in about["inputs"]),
         weights=about["n_weights"],
         iterations=training["iterations"],
         why=training["why"],

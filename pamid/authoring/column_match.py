@@ -101,9 +101,9 @@ class Match:
         return f"none of its outputs: {', '.join(map(_told, self.rig.outputs))}"
 
 
-def _left_over(one: Match) -> tuple[int, int, int]:
+def _left_over(match: Match) -> tuple[int, int, int]:
     """Recorded columns without a place, columns of the rig that were not recorded, its states."""
-    return len(one.unused), len(one.unrecorded), len(one.rig.states)
+    return len(match.unused), len(match.unrecorded), len(match.rig.states)
 
 
 def _side(column: str) -> str:
@@ -209,7 +209,7 @@ def match_columns(
     fits = {
         (wanted, column): recorded_fit(column, wanted, sent=wanted in needed)
         # a room's temperature, which a rig can do without, comes after that of the oven
-        for wanted, role in sorted(roles.items(), key=lambda one: one[0] in rig.optional)
+        for wanted, role in sorted(roles.items(), key=lambda item: item[0] in rig.optional)
         for column in free
         if wanted not in said
         and not ((role == "output" or wanted in rig.ramped) and column in held)
@@ -290,9 +290,9 @@ def best_match(
         known = {k: v for k, v in (said or {}).items() if k in roles_of(rig)}
         if len(known) == len(said or {}):
             every.append(match_columns(recorded, rig, known, held))
-    every.sort(key=lambda one: -one.score)
+    every.sort(key=lambda item: -item.score)
     # a column without a place may be what drives a machine: nothing drives a rig without inputs
-    fitting = [one for one in every if one.fits and (one.rig.inputs or not one.unused)]
+    fitting = [item for item in every if item.fits and (item.rig.inputs or not item.unused)]
     # by units alone the leanest machine is the likeliest: what a larger one has was not recorded
     guessed = sorted((one for one in fitting if not one.named), key=_left_over)
     fitting = [one for one in fitting if one.named]
@@ -315,7 +315,7 @@ def best_match(
         )
     fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
     if not fitting:
-        near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every[:LISTED_RIGS])
+        near = "; ".join(f"{item.rig.name}: {item.why_not()}" for item in every[:LISTED_RIGS])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),

@@ -162,7 +162,7 @@ class _Equations(_Text):
             if isinstance(node, ast.Call) and _port_of(node):
                 stays = [not self._hidden(k.value, hidden_locals, False) for k in node.keywords]
                 parts = [*node.args, *node.keywords]
-                self.thin([self.span(one) for one in parts], [True] * len(node.args) + stays)
+                self.thin([self.span(part) for part in parts], [True] * len(node.args) + stays)
                 lost = {
                     str(k.arg) for k, stay in zip(node.keywords, stays, strict=True) if not stay
                 }
@@ -201,9 +201,9 @@ class _Equations(_Text):
             if any(getattr(v, "value", "") in lost for v in over):
                 parts = [*call.args, *call.keywords]
                 stays = [
-                    getattr(one, "value", one) not in over and one not in over for one in parts
+                    getattr(part, "value", part) not in over and part not in over for part in parts
                 ]
-                self.thin([self.span(one) for one in parts], stays)
+                self.thin([self.span(part) for part in parts], stays)
 
     def _backed(self) -> Iterator[tuple[str, list[ast.AST]]]:
         background = self.assigned("background")

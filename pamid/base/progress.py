@@ -177,7 +177,7 @@ class ProgressLine:
         lines = []
         if self._stages and not self._listed:
             self._listed = True
-            titles = ", ".join(one.title for one in self._stages)
+            titles = ", ".join(stage.title for stage in self._stages)
             lines.append(f"{self._label}: {len(self._stages)} stages: {titles}")
         lines += [f"{self._label}: {_plain(one)}" for one in self._settled]
         self._settled = []
@@ -187,14 +187,14 @@ class ProgressLine:
     def _count_stages(self, text: str) -> None:
         """Which stage the text tells of, and how much of the whole is done then: never less than
         before, as some stages come again."""
-        own = [k for k, one in enumerate(self._stages) if text.startswith(one.begins)]
+        own = [k for k, stage in enumerate(self._stages) if text.startswith(stage.begins)]
         if not own:
             return
         self._again = own[0] < self._reached
         self._reached = max(self._reached, own[0])
         match = _COUNTED.match(text)
         part = min(1.0, int(match[2]) / int(match[3])) if match and int(match[3]) else 0.0
-        before = sum(one.share for one in self._stages[: own[0]])
+        before = sum(stage.share for stage in self._stages[: own[0]])
         self._share = max(self._share, before + part * self._stages[own[0]].share)
 
     def _overall(self, spent: float) -> str:

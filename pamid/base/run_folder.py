@@ -366,7 +366,7 @@ def _hashes(inputs: Sequence[str | Path]) -> list[dict[str, str]]:
 def _inputs(inputs: Sequence[str | Path]) -> tuple[InputFile, ...]:
     from pamid.schemas.run_file import InputFile
 
-    return tuple(InputFile(**one) for one in _hashes(inputs))
+    return tuple(InputFile(**hash_) for hash_ in _hashes(inputs))
 
 
 def _versions() -> dict[str, str]:

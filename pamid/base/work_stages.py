@@ -26,7 +26,7 @@ class WorkStage:
 
 def _within(stages: Iterable[WorkStage], share: float) -> tuple[WorkStage, ...]:
     """The same stages as a part of other work."""
-    return tuple(WorkStage(one.begins, share * one.share, one.called) for one in stages)
+    return tuple(WorkStage(stage.begins, share * stage.share, stage.called) for stage in stages)
 
 
 _DIAGNOSE = (

@@ -354,7 +354,7 @@ def load_identified(
             code="missing",
         )
     with _sound(path):
-        noted = {str(one["path"]): str(one["sha256"]) for one in record["inputs"]}
+        noted = {str(input_["path"]): str(input_["sha256"]) for input_ in record["inputs"]}
         source = str(record["options"].get("rig") or fit.rig)
         if (made := rig_again(source, rig, noted)).name != fit.rig:
             raise FileError(
@@ -412,7 +412,9 @@ def _model(
     if period <= 0.0:
         refuse(path, "the sampling period of its recordings is out of range")
     assembly, p, step = stored_model(rig, saved, recordings, catalogue, path)
-    controller = next((one.controller for one in recordings if one.loop == "closed"), {})
+    controller = next(
+        (recording.controller for recording in recordings if recording.loop == "closed"), {}
+    )
     return Identified(rig.name, assembly, p, period, step, controller=controller)
 
 

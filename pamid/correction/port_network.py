@@ -179,13 +179,13 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
     saved = fit.cause if on == CAUSES else fit.model
     try:
         known = {
-            str(one["path"]): str(one["sha256"])
+            str(input_["path"]): str(input_["sha256"])
             for part in (record, *record["steps"])
-            for one in part["inputs"]
+            for input_ in part["inputs"]
         }
         name = str(record["options"].get("rig") or fit.rig)
-        roles = {one.path: one.role for one in fit.recordings}
-        known |= {one.path: one.sha256 for one in fit.recordings}
+        roles = {recording.path: recording.role for recording in fit.recordings}
+        known |= {recording.path: recording.sha256 for recording in fit.recordings}
         if not roles or saved is None:
             raise KeyError("recordings, model")
     except (KeyError, TypeError, AttributeError):

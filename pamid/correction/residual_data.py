@@ -190,7 +190,7 @@ def causes_of(folder: Path, fit: FitFile) -> tuple[str, ...]:
             code="no-cause",
         )
     diagnosis = read_diagnosis(folder / "diagnosis.json")
-    ports = {one.effect: one.port for one in diagnosis.causes} if diagnosis else {}
+    ports = {cause.effect: cause.port for cause in diagnosis.causes} if diagnosis else {}
     return tuple(
         f"{label.partition('@')[0]} at {ports[label]}" if ports.get(label) else label
         for label in added
@@ -259,7 +259,7 @@ def split_table(path: Path) -> tuple[list[str], list[str]]:
 
 def _period(fit: FitFile, columns: dict[str, Array]) -> float:
     """The one sampling period (s) of the recordings that the table uses."""
-    known = dict(enumerate(one.period_s for one in fit.recordings))
+    known = dict(enumerate(recording.period_s for recording in fit.recordings))
     periods = [known.get(row) for row in np.unique(columns["recording"]).tolist()]
     used = sorted({period for period in periods if period is not None})
     if None in periods or not used:

@@ -101,7 +101,7 @@ def score_run(
         _require_alike(recording, models.refitted)
         measured_outputs(models.refitted.assembly, recording)
     runs = _Counted(2 * len(recordings) * len(models.every))
-    rows = [row for one in recordings for row in _rows(models, one, runs)]
+    rows = [row for item in recordings for row in _rows(models, item, runs)]
     return RunScore(models.refitted.name, tuple(models.named), tuple(rows), _notes(models))
 
 
@@ -142,7 +142,7 @@ def _notes(models: _Models) -> tuple[str, ...]:
 
 
 def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingUsed]) -> None:
-    same = next((one for one in used if one.sha256 and one.sha256 == recording.sha256), None)
+    same = next((name for name in used if name.sha256 and name.sha256 == recording.sha256), None)
     if same is not None:
         raise DataError(
             f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a model is not "
@@ -157,10 +157,10 @@ def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
     """The run's recordings, where they still lie there as they were: one of them under another
     name, or a part of it, is known by its samples."""
     repeated = []
-    for one in used:
-        path = Path(one.path)
+    for name in used:
+        path = Path(name.path)
         try:
-            if path.is_file() and sha256_of(path) == one.sha256:
+            if path.is_file() and sha256_of(path) == name.sha256:
                 repeated.append(read_recording(path))
         except (PamidError, OSError):  # it has moved or changed: its digest is what is left
             continue

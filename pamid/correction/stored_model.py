@@ -35,7 +35,7 @@ def stored_model(
 ) -> tuple[Assembly, Array, Stepping]:
     """The model that a file stores, the values of its parameters (SI) in the assembly's order, and
     its steps; FileError, with the path of the file, where it is of another rig."""
-    periods = [one.period_s for one in recordings if one.period_s]
+    periods = [recording.period_s for recording in recordings if recording.period_s]
     rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
     rig = rig_with_background(rig, {key.partition(":")[0] for key in saved.values})
     assembly = Assembly(

@@ -124,12 +124,12 @@ def answer(
     return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
 
 
-def _same_effect(one: CandidateModel, other: CandidateModel) -> bool:
+def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool:
     """Is it the same effect at another port, or of the same family?"""
-    names = {a.effect.name for a in one.attached}
-    return names == {a.effect.name for a in other.attached} or families_of(one) == families_of(
-        other
-    )
+    names = {a.effect.name for a in candidate_model.attached}
+    return names == {a.effect.name for a in other.attached} or families_of(
+        candidate_model
+    ) == families_of(other)
 
 
 def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:

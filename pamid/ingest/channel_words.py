@@ -248,8 +248,8 @@ def meanings(name: str) -> frozenset[str]:
     kinds = frozenset(
         kind
         for kind, names in WORDS.items()
-        for one in names
-        if one in words or (len(one) >= 4 and any(one in word for word in words))
+        for item in names
+        if item in words or (len(item) >= 4 and any(item in word for word in words))
     )
     # a commanded angle is a reference, and so is a desired one; a time constant is no time
     if "reference" in kinds or {"command", "angle"} <= kinds:

@@ -97,8 +97,8 @@ def convert(
     mend the time base or too little is left.
     """
     channels = [
-        channel_of(log, one.source, f"{where}: signals.{column}.source")
-        for column, one in mapping.signals.items()
+        channel_of(log, signal.source, f"{where}: signals.{column}.source")
+        for column, signal in mapping.signals.items()
     ]
     signals = settle(mapping, rig, {channel.name: channel.unit for channel in channels}, where)
     clocks = clocks_of(log, mapping, signals, rig, where, repair)
@@ -226,14 +226,14 @@ def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:
     return common
 
 
-def _overlap(one: list[Stretch], other: list[Stretch]) -> list[Stretch]:
+def _overlap(items: list[Stretch], other: list[Stretch]) -> list[Stretch]:
     """Intersection of two ordered lists of stretches."""
     both, i, j = [], 0, 0
-    while i < len(one) and j < len(other):
-        begin, end = max(one[i][0], other[j][0]), min(one[i][1], other[j][1])
+    while i < len(items) and j < len(other):
+        begin, end = max(items[i][0], other[j][0]), min(items[i][1], other[j][1])
         if begin < end:
             both.append((begin, end))
-        if one[i][1] < other[j][1]:
+        if items[i][1] < other[j][1]:
             i += 1
         else:
             j += 1

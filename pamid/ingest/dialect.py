@@ -200,7 +200,7 @@ def _with_labels(start: int, kinds: list[str]) -> int:
         "e" in below
         and start
         and len(kinds[start - 1]) == len(below)
-        and all(kind in ("e", one) for one, kind in zip(kinds[start - 1], below, strict=True))
+        and all(kind in ("e", item) for item, kind in zip(kinds[start - 1], below, strict=True))
     ):
         start -= 1
     return start

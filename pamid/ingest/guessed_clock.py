@@ -181,7 +181,7 @@ def _unit_of(channel: Channel, usual: float | None, stated: StatedPeriod | None)
     elif "time" in meanings(name) and step < FRACTION_S:
         return "s", f"{BY_SPACING} of {step:.4g}"
     lasting = {one: step * read_unit(one).factor for one in ("s", "ms", "us", "ns", "day")}
-    likely = [f'{t:.4g} s in "{one}"' for one, t in lasting.items() if 1e-5 < t < 1e3]
+    likely = [f'{t:.4g} s in "{key}"' for key, t in lasting.items() if 1e-5 < t < 1e3]
     return UNANSWERED, f"the log does not say it; samples are {', '.join(likely)} apart"
 
 

@@ -145,7 +145,7 @@ def _clock_and_channels(
     notes = [detail for detail in log.details if detail.startswith("left out")] + strangers
     clock = guess_clock([c for c in rows if c.stamps is None], usual, log.stated)
     clocks, stamps = [clock.source, *clock.others], clock.stamps
-    channels = [channel for channel in rows if all(channel is not one for one in clocks)]
+    channels = [channel for channel in rows if all(channel is not item for item in clocks)]
     turns = rows_in_turns(channels)
     if stamps is None or not turns:
         return clock, channels, notes

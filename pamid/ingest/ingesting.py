@@ -62,7 +62,9 @@ class IngestResult:
             f"{about.duration_s:.4g} s: {', '.join(about.columns)}."
             for about in self._made()
         ]
-        return "\n".join([*lines, *(line for one in self._conversions for line in _lines(one))])
+        return "\n".join(
+            [*lines, *(line for conversion in self._conversions for line in _lines(conversion))]
+        )
 
     def _made(self) -> list[RecordingMade]:
         return [account.recording for account in self.accounts if account.recording]
@@ -148,7 +150,7 @@ def ingest(
         The call is wrong.
     """
     several = [logs] if isinstance(logs, str | os.PathLike) else logs
-    paths = [Path(one) for one in several]
+    paths = [Path(item) for item in several]
     if not paths:
         raise UsageError("There is no log to read.", "Give at least one.")
     if repair is not None and repair not in CURES:
@@ -162,7 +164,7 @@ def ingest(
         update={"rig": named, "known": {**parsed.known, **dict(known or {})}}
     )
     parsed = named_by_units(parsed, made)
-    sources = [one.source for one in parsed.signals.values()]
+    sources = [signal.source for signal in parsed.signals.values()]
     sources += [parsed.time.source] if parsed.time.source is not None else []
     conversions = []
     with (
@@ -266,12 +268,14 @@ def _kept(
     them, whether there are any or not."""
     if output is None:
         outputs = [
-            files for one in conversions for files in outputs_for([one], Path(), as_folder=True)
+            files
+            for conversion in conversions
+            for files in outputs_for([conversion], Path(), as_folder=True)
         ]
         recordings = [
-            recording_of(made.time, made.columns, tables_of(one), name=path.stem)
-            for one, files in zip(conversions, outputs, strict=True)
-            for made, path in zip(one.recordings, files, strict=True)
+            recording_of(made.time, made.columns, tables_of(conversion), name=path.stem)
+            for conversion, files in zip(conversions, outputs, strict=True)
+            for made, path in zip(conversion.recordings, files, strict=True)
         ]
         return recordings, accounts_of(conversions, outputs, mapping)
     as_folder = output.is_dir() or not output.suffix  # a Path does not keep a trailing slash

@@ -201,7 +201,7 @@ def settle(
     """
     held = set(_held(rig)) if rig else set()
     made = []
-    for column, one in mapping.signals.items():
+    for column, signal in mapping.signals.items():
         if rig is not None:
             for wanted in (*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)):
                 _known_unit(column, wanted, where)
@@ -210,8 +210,8 @@ def settle(
         )
         if (way := mapping.between.get(column)) is not None:
             hold = way == "held"
-        hold = hold if one.interpolation is None else one.interpolation == "hold"
-        made.append(_settle_one(column, one, hold, units.get(one.source, ""), where))
+        hold = hold if signal.interpolation is None else signal.interpolation == "hold"
+        made.append(_settle_one(column, signal, hold, units.get(signal.source, ""), where))
     return tuple(made)
 
 
@@ -221,10 +221,10 @@ def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
     wanted = () if rig is None else (*rig.inputs, *rig.outputs, *(k.reference for k in rig.loops))
     stems = {split_column(name)[0] for name in wanted}
     names: dict[str, str] = {}
-    for column, one in mapping.signals.items():
+    for column, signal in mapping.signals.items():
         symbol = NONE
         plain = split_column(column)[1] == NONE and column not in stems
-        if plain and one.scale is not None and one.unit != NONE:
+        if plain and signal.scale is not None and signal.unit != NONE:
             raise FileError(
                 f"signals.{column} has a scale, but its name does not say in which unit the result "
                 "is.",
@@ -232,13 +232,13 @@ def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
                 'degrees per count: 360 / (4 * lines) of an encoder. Of a ratio say unit = "1".',
                 code="unit",
             )
-        if plain and one.unit is not None and one.scale is None and is_readable(one.unit):
-            symbol = column_unit(one.unit) if any(read_unit(one.unit).dimension) else NONE
+        if plain and signal.unit is not None and signal.scale is None and is_readable(signal.unit):
+            symbol = column_unit(signal.unit) if any(read_unit(signal.unit).dimension) else NONE
         name = with_unit(column, symbol)
         names[column] = column if name in (*mapping.signals, *names.values()) else name
     return mapping.model_copy(
         update={
-            "signals": {names[column]: one for column, one in mapping.signals.items()},
+            "signals": {names[column]: signal for column, signal in mapping.signals.items()},
             "between": {names[column]: way for column, way in mapping.between.items()},
         }
     )
@@ -257,13 +257,15 @@ def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
     ]
 
 
-def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str) -> MappedSignal:
+def _settle_one(
+    column: str, signal_map: SignalMap, hold: bool, logged: str, where: str
+) -> MappedSignal:
     place, symbol = f"{where}: signals.{column}", split_column(column)[1]
     pressure = unit(symbol).dimension == PRESSURE_DIMENSION
     source = None
-    if one.scale is None:
-        text = one.unit if one.unit is not None else logged
-        if one.unit is None and not logged and symbol != NONE:
+    if signal_map.scale is None:
+        text = signal_map.unit if signal_map.unit is not None else logged
+        if signal_map.unit is None and not logged and symbol != NONE:
             hint = (
                 "The log does not say it either. For example "
                 + _EXAMPLES.get(unit(symbol).quantity, '"1"')
@@ -272,37 +274,38 @@ def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str
             raise FileError(f"{place}.unit is missing.", hint, code="mapping")
         source = _read(text, symbol, place)
         _require_agreement(source, logged, symbol, place)
-    elif one.scale == 0.0:
+    elif signal_map.scale == 0.0:
         raise FileError(f"{place}.scale is 0: nothing of the source would be left.", code="mapping")
     said = source.pressure if source is not None else ""
-    if not pressure and one.pressure is not None:
+    if not pressure and signal_map.pressure is not None:
         raise FileError(
-            f"{place}.pressure is {one.pressure!r}, but {column!r} is no pressure.",
+            f"{place}.pressure is {signal_map.pressure!r}, but {column!r} is no pressure.",
             "Leave the key out.",
             code="mapping",
         )
-    if source is not None and said and one.pressure not in (None, said):
+    if source is not None and said and signal_map.pressure not in (None, said):
         raise FileError(
-            f"{place}.pressure is {one.pressure!r}, but the unit {source.text!r} says {said}.",
+            f"{place}.pressure is {signal_map.pressure!r}, but the unit {source.text!r} "
+            f"says {said}.",
             "Correct one of the two.",
             code="mapping",
         )
-    if pressure and not (said or one.pressure):
+    if pressure and not (said or signal_map.pressure):
         raise FileError(
             f'{place}.pressure is missing; allowed: "gauge", "absolute".', _GAUGE, code="pressure"
         )
     return MappedSignal(
         column,
-        one.source,
+        signal_map.source,
         symbol,
         source,
-        one.scale if one.scale is not None else 1.0,
-        (one.pressure or said) == "absolute",
-        one.sign,
-        one.offset,
-        one.rows,
+        signal_map.scale if signal_map.scale is not None else 1.0,
+        (signal_map.pressure or said) == "absolute",
+        signal_map.sign,
+        signal_map.offset,
+        signal_map.rows,
         hold,
-        one.interpolation == "hold",
+        signal_map.interpolation == "hold",
     )
 
 

@@ -163,7 +163,7 @@ def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
     if len(stamps) < len(parts):
         return False
     spans = sorted((float(run[0]), float(run[-1])) for run in stamps)
-    if all(one[1] < other[0] for one, other in zip(spans, spans[1:], strict=False)):
+    if all(span[1] < other[0] for span, other in zip(spans, spans[1:], strict=False)):
         return True
     periods = [float(np.median(np.diff(run))) for run in stamps]
     like = max(periods) - min(periods) <= SAME_PERIOD * max(periods)

@@ -182,10 +182,10 @@ def _by_name(element: str, names: Iterable[str]) -> tuple[int, str]:
     return best
 
 
-def _alike(one: str, other: str) -> int:
-    if one == other:
+def _alike(text: str, other: str) -> int:
+    if text == other:
         return WHOLE_ALIKE
-    a, b = tokens(one), tokens(other)
+    a, b = tokens(text), tokens(other)
     if a == b:
         return WORDS_ALIKE
     plain_a, plain_b = _plain(a), _plain(b)
@@ -237,10 +237,10 @@ def require_clear(
             )
 
 
-def _apart(one: str, other: str) -> str:
+def _apart(text: str, other: str) -> str:
     """The first part of a name that the other does not have: to tell the two apart."""
-    parts = [part for part in re.split(r"[/_.]", one) if part and part not in other]
-    return parts[0] if parts else one
+    parts = [part for part in re.split(r"[/_.]", text) if part and part not in other]
+    return parts[0] if parts else text
 
 
 def chosen_by(only: str, channels: Sequence[Channel], log: Log) -> list[Channel]:

@@ -97,5 +97,5 @@ def _labels(line: str) -> tuple[str, ...]:
 
 def _most(checks: Iterable[object]) -> bool:
     """Do nearly all hold, of one at least?"""
-    results = [bool(one) for one in checks]
+    results = [bool(check) for check in checks]
     return bool(results) and sum(results) >= SHARE_OF_ROWS * len(results)

@@ -44,7 +44,7 @@ def stated_period(lines: Iterable[str]) -> StatedPeriod | None:
     """The period that lines of text state; None where they state none, several, or a duration
     without its unit."""
     matches = [match for line in lines for match in _STATED.finditer(line)]
-    stated = [one for one in map(_read, matches) if one is not None]
+    stated = [item for item in map(_read, matches) if item is not None]
     return stated[0] if stated and all(stated[0].agrees(one.period_s) for one in stated) else None
 
 

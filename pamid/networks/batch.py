@@ -157,8 +157,8 @@ class BatchedElman:
             math.ceil(samples / length), self.memory // (8 * starts * n * length)
         )
         layers = [self.network.layers(w) for w in flat]
-        context = self._sent(np.stack([one.context for one in layers]))
-        output = self._sent(np.stack([one.output for one in layers]))[:, None]
+        context = self._sent(np.stack([layer.context for layer in layers]))
+        output = self._sent(np.stack([layer.output for layer in layers]))[:, None]
         sensitivity = context.new_zeros(starts, h, n - h - 1)
         for first in range(0, samples, held):
             count = min(held, samples - first)

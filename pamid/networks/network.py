@@ -40,7 +40,7 @@ def decided_by(make: "Callable[[int], Network]", samples: int | None) -> "Networ
     """The largest network of at most `HIDDEN` units whose weights this number of samples decides;
     of one unit where none is that small. make: the network of a number of units."""
     sizes = (make(hidden) for hidden in range(HIDDEN, 0, -1))
-    return next((one for one in sizes if samples is None or one.n_weights <= samples), make(1))
+    return next((size for size in sizes if samples is None or size.n_weights <= samples), make(1))
 
 
 class Network(ABC):

@@ -122,7 +122,7 @@ def train_on_signals(
     if not recordings or not outputs:
         raise DataError("There is no recording to train on.")
     names = tuple(recordings[0])
-    tables = [_columns(one, names) for one in recordings]
+    tables = [_columns(recording, names) for recording in recordings]
     input_scaling = scaling_of(np.concatenate(tables), names)
     output_scaling = scaling_of(np.concatenate(outputs), (output_name,))
     scaled = (
@@ -211,10 +211,10 @@ def load_network(folder: Path | str) -> TrainedNetwork:
             weights=_weights(
                 path.parent / WEIGHTS_FILE, str(about["weights"]["sha256"]), network.n_weights
             ),
-            input_names=tuple(str(one["name"]) for one in inputs),
+            input_names=tuple(str(input_["name"]) for input_ in inputs),
             output_name=str(output["name"]),
             input_scaling=Scaling(
-                *(tuple(float(one[end]) for one in inputs) for end in ("low", "high"))
+                *(tuple(float(input_[end]) for input_ in inputs) for end in ("low", "high"))
             ),
             output_scaling=Scaling((float(output["low"]),), (float(output["high"]),)),
             period_s=float(about["period_s"]),

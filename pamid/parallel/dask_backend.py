@@ -132,8 +132,8 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
     other = sorted(worker for worker, theirs in fingerprints.items() if theirs != own)
     if other:
         raise FileError(
-            f"{len(other)} of {len(fingerprints)} workers of {address} run another version of pamid or "
-            f"of a numerical package than this machine: {', '.join(other[:3])}",
+            f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
+            f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
             "Results would depend on who worked them out: install the same versions everywhere.",
             code="cluster",
         )

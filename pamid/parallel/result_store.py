@@ -96,7 +96,7 @@ class Store:
         for line in lines:
             with contextlib.suppress(ValueError, RecursionError):
                 entries.append(json.loads(line))
-        return [one for one in entries if isinstance(one, dict)]
+        return [entry for entry in entries if isinstance(entry, dict)]
 
     def clear(self) -> None:
         """Remove the stored results."""

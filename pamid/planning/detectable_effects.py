@@ -109,10 +109,10 @@ class Power:
     seen: float
     seconds: float
 
-    def least(self, one: EffectPower) -> float | None:
+    def least(self, effect_power: EffectPower) -> float | None:
         """The smallest multiple of the usual size that shows: by a power law between the sizes that
         were tried, in proportion below the smallest; None where the largest does not."""
-        r = np.sqrt(np.maximum(np.square(one.visible) - 1.0, 1e-18))
+        r = np.sqrt(np.maximum(np.square(effect_power.visible) - 1.0, 1e-18))
         wanted = np.sqrt(self.seen**2 - 1.0)
         above = np.flatnonzero(r >= wanted)
         if not len(above):

@@ -259,47 +259,48 @@ def _matches(words: dict[int, Words]) -> Places:
 
 
 def _overlapping(
-    one: dict[str, _Signal], other: dict[str, _Signal], shift: int
+    table: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[list[tuple[str, Array, Array]], int, int]:
     """Values of both in every signal that both have where they overlap, its first sample (of
     `one`), and its length."""
-    names = [n for n in one if n in other]
-    stop = min(len(one[names[0]].values), len(other[names[0]].values) + shift)
+    names = [n for n in table if n in other]
+    stop = min(len(table[names[0]].values), len(other[names[0]].values) + shift)
     start = max(0, shift)
     pairs = [
-        (n, one[n].values[start:stop], other[n].values[start - shift : stop - shift]) for n in names
+        (n, table[n].values[start:stop], other[n].values[start - shift : stop - shift])
+        for n in names
     ]
     return pairs, start, stop - start
 
 
 def _shared(
-    one: dict[str, _Signal], other: dict[str, _Signal], shift: int
+    table: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[int, int] | None:
     """First sample (of `one`) and length of the stretch that tells most among those alike in every
     signal that both have; None where it tells too little."""
-    pairs, start, size = _overlapping(one, other, shift)
+    pairs, start, size = _overlapping(table, other, shift)
     same, moves = np.ones(size, bool), np.zeros(size, bool)
     for n, a, b in pairs:
-        near = 0.5 * (one[n].step + other[n].step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
+        near = 0.5 * (table[n].step + other[n].step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
         same &= np.abs(a - b) <= 1.000001 * near
         moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
     return _longest(same, moves, start)
 
 
 def _shared_but_scaled(
-    one: dict[str, _Signal], other: dict[str, _Signal], shift: int
+    table: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[int, int] | None:
     """As `_shared`, where every signal of the other is a straight line over that of the one."""
-    pairs, start, size = _overlapping(one, other, shift)
+    pairs, start, size = _overlapping(table, other, shift)
     same, moves = np.ones(size, bool), np.zeros(size, bool)
     for n, a, b in pairs:
-        line = _line(a, b, one[n].noise)
+        line = _line(a, b, table[n].noise)
         if line is None:
             return None
         gain, offset = line
-        noise = min(one[n].noise, abs(gain) * other[n].noise)
+        noise = min(table[n].noise, abs(gain) * other[n].noise)
         same &= _around(((a - offset - gain * b) / noise) ** 2) <= COPY_SHARE**2
-        if one[n].shows_noise and other[n].shows_noise:
+        if table[n].shows_noise and other[n].shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
     return _longest(same, moves, start)
 

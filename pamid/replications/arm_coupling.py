@@ -71,30 +71,30 @@ def coupling_json(
     fitted model without the coupling, by name in `ArmCoupling.mae`.
     """
     r, told, drawn = taken.recording, [], []
-    for one in stretches(r):
-        k = VARIABLES.index(one.angle)
-        measured, noise = r.signal(one.angle), shown(one.angle, taken.noise[:, k])
-        angles = {name: shown(one.angle, run[:, k]) for name, run in runs.items()}
-        clean = (measured - noise)[one.rows]
+    for stretch in stretches(r):
+        k = VARIABLES.index(stretch.angle)
+        measured, noise = r.signal(stretch.angle), shown(stretch.angle, taken.noise[:, k])
+        angles = {name: shown(stretch.angle, run[:, k]) for name, run in runs.items()}
+        clean = (measured - noise)[stretch.rows]
         told.append(
             result.ArmCoupling(
-                pulsed=one.pulsed,
-                moved=one.angle,
-                from_s=r.time[one.rows][0],
-                to_s=r.time[one.rows][-1],
+                pulsed=stretch.pulsed,
+                moved=stretch.angle,
+                from_s=r.time[stretch.rows][0],
+                to_s=r.time[stretch.rows][-1],
                 swing_deg=np.ptp(clean),
                 mae={
-                    **{n: mae(measured[one.rows], a[one.rows]) for n, a in angles.items()},
-                    "noise_floor": np.abs(noise[one.rows]).mean(),
+                    **{n: mae(measured[stretch.rows], a[stretch.rows]) for n, a in angles.items()},
+                    "noise_floor": np.abs(noise[stretch.rows]).mean(),
                 },
             )
         )
-        middle = one.rows.start + int(np.argmax(np.abs(clean - np.median(clean))))
+        middle = stretch.rows.start + int(np.argmax(np.abs(clean - np.median(clean))))
         before, after = (round(s / r.sampling_period_s) for s in SHOWN_S)
         seen = slice(max(middle - before, 0), middle + after)
         drawn.append(
             Swung(
-                f"angle {one.moved} [deg]\npulse on joint {one.pulsed}",
+                f"angle {stretch.moved} [deg]\npulse on joint {stretch.pulsed}",
                 r.time[seen],
                 measured[seen],
                 angles["fitted"][seen],

@@ -272,8 +272,8 @@ def windowed_json(stages: dict[str, FitStage]) -> dict[str, Any]:
 def windowed_mae(evidence: DataSplit, replays: tuple[Replay, ...]) -> dict[str, float]:
     """Errors of what a fit has replayed of its held-out recordings, as `shown_mae`."""
     return shown_mae(
-        (span.recording, one.residual[one.scored])
-        for span, one in zip(evidence.held_out, replays, strict=True)
+        (span.recording, replay.residual[replay.scored])
+        for span, replay in zip(evidence.held_out, replays, strict=True)
     )
 
 
@@ -296,10 +296,10 @@ def target_of(mae: dict[str, Any]) -> result.ArmTarget:
     )
 
 
-def _interval(one: dict[str, Any], truth: float | None) -> dict[str, Any]:
+def _interval(table: dict[str, Any], truth: float | None) -> dict[str, Any]:
     return {
-        **{key: one[key] for key in ("value", "low", "high", "word")},
-        "holds": None if truth is None else one["low"] <= truth <= one["high"],
+        **{key: table[key] for key in ("value", "low", "high", "word")},
+        "holds": None if truth is None else table["low"] <= truth <= table["high"],
     }
 
 
@@ -329,15 +329,15 @@ def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any
     """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
     another law)"""
     hidden, rows = {**twin.hidden(), **twin.friction}, {}
-    for name, one in stages[GRAVITY_TEST].found["parameters"].items():
-        truth = hidden.get(name, one["prior"])
-        sheet = one["prior"] if one.get("null") is None else one["null"]
+    for name, parameter in stages[GRAVITY_TEST].found["parameters"].items():
+        truth = hidden.get(name, parameter["prior"])
+        sheet = parameter["prior"] if parameter.get("null") is None else parameter["null"]
         by = {
             stage: _interval(s.found["parameters"][name], None if name == "scale" else truth)
             for stage, s in stages.items()
             if stage != WITHOUT_DRY
         }
-        rows[name] = {"unit": one["unit"], DATA_SHEET: sheet, "truth": truth, **by}
+        rows[name] = {"unit": parameter["unit"], DATA_SHEET: sheet, "truth": truth, **by}
     return rows
 
 

@@ -51,9 +51,9 @@ def responses_png(
     off = "; ".join(
         f"{word} off by "
         + " and ".join(
-            f"{mae(one.measured, one.models[word]):.2f} deg at {one.case}"
-            for one in traces
-            if word in one.models
+            f"{mae(trace.measured, trace.models[word]):.2f} deg at {trace.case}"
+            for trace in traces
+            if word in trace.models
         )
         for word in models
     )

@@ -213,7 +213,7 @@ def residual_data_of(records: JointRecords) -> ResidualData:
     """Residual of the analytic model in the angle, to train on (part 0) and to test by (part 1)."""
     recordings = [records.training, *records.steps.values()]
     loops = list(records.analytic.values())
-    columns = {name: np.concatenate([one[name] for one in loops]) for name in loops[0]}
+    columns = {name: np.concatenate([loop[name] for loop in loops]) for name in loops[0]}
     columns[ANGLE_COLUMN] = np.concatenate([r.signal(ANGLE_COLUMN) for r in recordings])
     return ResidualData(
         ANGLE_COLUMN,

@@ -35,9 +35,12 @@ def added_leaders(run: RunData) -> list[AddedVariable]:
     diagnosis = run.diagnosis
     if diagnosis is None:
         return []
-    plots = {(one.effect, bool(one.beside)): one for one in reversed(usable_plots(run))}
-    families = {one.effect: one.family for one in diagnosis.ranking}
-    families |= {one.effect: one.family for one in diagnosis.causes}
+    plots = {
+        (usable_plot.effect, bool(usable_plot.beside)): usable_plot
+        for usable_plot in reversed(usable_plots(run))
+    }
+    families = {item.effect: item.family for item in diagnosis.ranking}
+    families |= {item.effect: item.family for item in diagnosis.causes}
     together = any(beside for _, beside in plots)
     leaders = [
         plots[key]
@@ -46,7 +49,7 @@ def added_leaders(run: RunData) -> list[AddedVariable]:
         if key in plots
     ]
     for candidate in diagnosis.ranking:
-        seen = {families.get(one.effect) for one in leaders}
+        seen = {families.get(leader.effect) for leader in leaders}
         plot = plots.get((candidate.effect, False))
         if plot is not None and candidate.family not in seen:
             leaders.append(plot)
@@ -56,7 +59,9 @@ def added_leaders(run: RunData) -> list[AddedVariable]:
 def usable_plots(run: RunData) -> list[AddedVariable]:
     """The plots of a run that hold two points or more."""
     plots = run.added.plots if run.added is not None else ()
-    return [one for one in plots if len(one.added) == len(one.residual) >= 2 and any(one.added)]
+    return [
+        plot for plot in plots if len(plot.added) == len(plot.residual) >= 2 and any(plot.added)
+    ]
 
 
 def added_drawing(run: RunData) -> Drawing | None:
@@ -69,27 +74,27 @@ def added_drawing(run: RunData) -> Drawing | None:
     def draw(figure: Figure, narrow: bool) -> None:
         shape = (len(leaders), 1) if narrow else (1, len(leaders))
         panels = figure.subplots(*shape, squeeze=False).flat
-        for axes, one in zip(panels, leaders, strict=True):
-            _panel(axes, one, 44 if narrow else 26)
+        for axes, leader in zip(panels, leaders, strict=True):
+            _panel(axes, leader, 44 if narrow else 26)
 
     title = added_title(leaders, run.diagnosis)
     return Drawing("added-variable", title, draw, 2.75, 2.55 * len(leaders))
 
 
-def single_drawing(one: AddedVariable, diagnosis: DiagnosisFile) -> Drawing:
+def single_drawing(plot: AddedVariable, diagnosis: DiagnosisFile) -> Drawing:
     """The plot of one candidate."""
 
     def draw(figure: Figure, narrow: bool) -> None:
-        _panel(figure.subplots(), one, 0)
+        _panel(figure.subplots(), plot, 0)
 
-    return Drawing(added_place(one.effect), added_title([one], diagnosis), draw, 2.6, 2.6)
+    return Drawing(added_place(plot.effect), added_title([plot], diagnosis), draw, 2.6, 2.6)
 
 
 def added_panels(run: RunData) -> Markup:
     """A figure per candidate of the ranking, of which the page shows the one that is chosen."""
     if run.diagnosis is None:
         return Markup("")
-    alone = [one for one in usable_plots(run) if not one.beside]
+    alone = [usable_plot for usable_plot in usable_plots(run) if not usable_plot.beside]
     figures = [
         tag(
             "figure",
@@ -108,7 +113,11 @@ def added_panels(run: RunData) -> Markup:
 
 def added_places(run: RunData) -> dict[str, str]:
     """Where the plot of each candidate stands on the page, by effect."""
-    return {one.effect: added_place(one.effect) for one in usable_plots(run) if not one.beside}
+    return {
+        usable_plot.effect: added_place(usable_plot.effect)
+        for usable_plot in usable_plots(run)
+        if not usable_plot.beside
+    }
 
 
 def added_place(effect: str) -> str:
@@ -128,9 +137,9 @@ def card_svg(run: RunData) -> str:
     return str(tag("div", title, Markup(svg), style="max-width:26em;margin:.5em 0"))
 
 
-def _panel(axes: Axes, one: AddedVariable, letters: int) -> None:
+def _panel(axes: Axes, plot: AddedVariable, letters: int) -> None:
     """letters: of the effect's name above the axes."""
-    x, y = np.asarray(one.added), np.asarray(one.residual)
+    x, y = np.asarray(plot.added), np.asarray(plot.residual)
     wide = _MARGIN * float(np.abs(x).max())
     tall = _MARGIN * (float(np.abs(y).max()) or wide)
     axes.set_xlim(-wide, wide)
@@ -139,12 +148,13 @@ def _panel(axes: Axes, one: AddedVariable, letters: int) -> None:
     axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
     axes.add_patch(dots(x, y, 4e-3 * wide))
     ends = np.array([-wide, wide])
-    axes.plot(ends, one.slope * ends, color=colour("with_cause"), linewidth=1.8)
-    unit = label(formatting.channel_unit(one.channel))
-    what = label(formatting.channel_label(one.channel), 22)
+    axes.plot(ends, plot.slope * ends, color=colour("with_cause"), linewidth=1.8)
+    unit = label(formatting.channel_unit(plot.channel))
+    what = label(formatting.channel_label(plot.channel), 22)
     if letters:
         axes.set_title(
-            f"{label(formatting.effect_label(one.effect), letters)}\n{label(added_words(one), 40)}",
+            f"{label(formatting.effect_label(plot.effect), letters)}\n"
+            f"{label(added_words(plot), 40)}",
             loc="left",
             fontsize=8.5,
         )

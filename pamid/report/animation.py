@@ -268,7 +268,7 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
         0.98, 0.04, "", transform=stage.arm.transAxes, ha="right", fontsize=9.0, animated=True
     )
     every: list[tuple[Axes, Artist]] = [
-        *((stage.arm, one) for one in (*trails.values(), *(a for _, a in arms), clock)),
+        *((stage.arm, item) for item in (*trails.values(), *(a for _, a in arms), clock)),
         *zip(stage.strips, cursors, strict=True),
     ]
     back = np.searchsorted(motion.time, motion.time - TRAIL_S)
@@ -291,7 +291,7 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
 
 def _palette(samples: list[Image.Image]) -> Image.Image:
     """One palette for all frames."""
-    rows = np.concatenate([np.asarray(one) for one in samples])
+    rows = np.concatenate([np.asarray(sample) for sample in samples])
     return Image.fromarray(rows).quantize(
         COLOURS_KEPT, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
     )

@@ -103,10 +103,10 @@ def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     alike = sorted(where.not_told_from(where.port))
     # the form of an effect separates ports that the sensors alone cannot
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
-        ports = dict.fromkeys(formatting.port_label(one.port) for one in diagnosis.causes)
+        ports = dict.fromkeys(formatting.port_label(cause.port) for cause in diagnosis.causes)
         every = [port for port in ports if port] or [formatting.port_label(where.port)]
         lead = f"At the {formatting.join(every)} port{'s' if len(every) > 1 else ''}"
-        elsewhere = sorted({port for one in diagnosis.causes for port in one.or_at})
+        elsewhere = sorted({port for cause in diagnosis.causes for port in cause.or_at})
         others = formatting.join(map(formatting.port_label, elsewhere), "or")
         tail = f", or at {others}: these recordings cannot separate them" if others else ""
         return sentence(f"{lead}{tail}")
@@ -137,22 +137,22 @@ def _alike(where: Where) -> str:
         else []
     )
     texts += [
-        f"measuring {sensor_label(one.sensor)} as well would separate "
-        f"{', and '.join(split_labels(one))}"
-        for one in where.sensors
-        if one.splits and max((each.share for each in where.ports), default=0.0) < _SETTLED
+        f"measuring {sensor_label(sensor.sensor)} as well would separate "
+        f"{', and '.join(split_labels(sensor))}"
+        for sensor in where.sensors
+        if sensor.splits and max((each.share for each in where.ports), default=0.0) < _SETTLED
     ][:1]
     return sentence("; ".join(texts))
 
 
-def _regime(one: Regime) -> str:
-    if one.share_of_gap is None:
-        return sentence(regime_label(one))
-    text = f"{regime_label(one)}: {percent(one.share_of_gap)} of the gap"
-    if one.share_of_time:
+def _regime(regime: Regime) -> str:
+    if regime.share_of_gap is None:
+        return sentence(regime_label(regime))
+    text = f"{regime_label(regime)}: {percent(regime.share_of_gap)} of the gap"
+    if regime.share_of_time:
         text += (
-            f" in {percent(one.share_of_time)} of the time, "
-            f"{times_text(one.share_of_gap / one.share_of_time)} times"
+            f" in {percent(regime.share_of_time)} of the time, "
+            f"{times_text(regime.share_of_gap / regime.share_of_time)} times"
         )
         text += " its share"
     return sentence(text)
@@ -182,13 +182,15 @@ def _refits(diagnosis: DiagnosisFile) -> list[str]:
         return []
     refits = refitted_parameters(diagnosis.parameters)
     texts = []
-    for name, one in refits.shown.items():
-        prior = "" if one.prior is None else f"{short(one.prior)} → "
+    for name, entry in refits.shown.items():
+        prior = "" if entry.prior is None else f"{short(entry.prior)} → "
         unit_text = channel_unit(name)
         value = (
-            f"{short(one.value)}{formatting.SPACE}{unit_text}" if unit_text else short(one.value)
+            f"{short(entry.value)}{formatting.SPACE}{unit_text}"
+            if unit_text
+            else short(entry.value)
         )
-        tail = formatting.interval_tail(formatting.span(one.low, one.high)) + bound_text(one)
+        tail = formatting.interval_tail(formatting.span(entry.low, entry.high)) + bound_text(entry)
         texts.append(f"{channel_label(name)} {prior}{value}{tail}")
     texts += [refits.remark()] if refits.remark() else []
     return [sentence(f"refitted: {'; '.join(texts)}")] if texts else []
@@ -196,14 +198,16 @@ def _refits(diagnosis: DiagnosisFile) -> list[str]:
 
 def _confidence(diagnosis: DiagnosisFile) -> str:
     """The meaning of a probability."""
-    if diagnosis.remark or not any(one.probability is not None for one in diagnosis.ranking):
+    if diagnosis.remark or not any(
+        candidate.probability is not None for candidate in diagnosis.ranking
+    ):
         return ""
     return f"{PROBABILITY_MEANS}."
 
 
 def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     findings = verdict_words.findings_of(diagnosis)
-    lead = sentence(formatting.join(_with_chance(diagnosis, one) for one in findings))
+    lead = sentence(formatting.join(_with_chance(diagnosis, finding) for finding in findings))
     return lead, _removed(diagnosis) + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
@@ -224,16 +228,17 @@ def _removed(diagnosis: DiagnosisFile) -> list[str]:
         company = " alone"
     details = [
         sentence(
-            f"{effect_label(one.effect)} removes {percent(one.removes.share)} of the gap{company}"
-            f"{formatting.interval_tail(percent_span(one.removes.low, one.removes.high))}"
+            f"{effect_label(cause.effect)} removes {percent(cause.removes.share)} of the gap"
+            f"{company}"
+            f"{formatting.interval_tail(percent_span(cause.removes.low, cause.removes.high))}"
         )
-        for one in diagnosis.causes
-        if one.removes is not None
+        for cause in diagnosis.causes
+        if cause.removes is not None
     ]
     if several and diagnosis.verdict != "ambiguous":
         shares = [
-            f"{effect_label(one.effect)} accounts for {percent(one.share)}"
-            for one in diagnosis.causes
+            f"{effect_label(cause.effect)} accounts for {percent(cause.share)}"
+            for cause in diagnosis.causes
         ]
         details.append(f"Of what they remove one by one, {formatting.join(shares)}.")
     return details
@@ -243,8 +248,10 @@ def _sizes(diagnosis: DiagnosisFile) -> list[str]:
     """The causes' own parameters with their intervals."""
     texts = []
     for cause in diagnosis.causes:
-        for name, one in cause.parameters.items():
-            size = formatting.with_interval(one.value, one.low, one.high, channel_unit(name))
+        for name, parameter in cause.parameters.items():
+            size = formatting.with_interval(
+                parameter.value, parameter.low, parameter.high, channel_unit(name)
+            )
             texts.append(sentence(f"{effect_label(cause.effect)}: {channel_label(name)} {size}"))
     return texts
 
@@ -258,9 +265,9 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
     """Causes whose refit did not converge."""
     named = {cause.effect for cause in diagnosis.causes}
     return [
-        sentence(not_converged(f"the refit with {effect_label(one.effect)}", one.why))
-        for one in diagnosis.ranking
-        if one.effect in named and not one.converged
+        sentence(not_converged(f"the refit with {effect_label(candidate.effect)}", candidate.why))
+        for candidate in diagnosis.ranking
+        if candidate.effect in named and not candidate.converged
     ]
 
 
@@ -273,10 +280,10 @@ def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     return lead, [text for text in told if text]
 
 
-def _free_forms(one: Unknown) -> list[str]:
+def _free_forms(unknown: Unknown) -> list[str]:
     """Share that each family's free form removes, and the parameters fitted with its curve."""
     texts = []
-    for form in one.free_forms:
+    for form in unknown.free_forms:
         share = form.removes or form
         interval = formatting.interval_tail(percent_span(share.low, share.high))
         texts.append(sentence(f"{taken_up(form)}{interval}"))
@@ -317,7 +324,9 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> AnswerText:
     what, unit_text = channel_label(row.channel), channel_unit(row.channel)
     details = [*_limits(row, unit_text), *_horizon(run, row, unit_text), *_forecast(run)]
     points = (
-        [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
+        [_channel_point(item) for item in rows if item.shrinkage is not None]
+        if len(rows) > 1
+        else []
     )
     lead = sentence(f"the held-out {what} error is {_steps(run, row, unit_text)}")
     return AnswerText(lead, tuple(details), tuple(points))
@@ -444,17 +453,19 @@ def next_answer(run: RunData) -> AnswerText:
     runs = [
         formatting.join(
             f"{channel_label(name)} {formatting.with_unit_text(value, channel_unit(name))}"
-            for name, value in one.items()
+            for name, value in setting.items()
         )
-        for one in experiment.settings
+        for setting in experiment.settings
     ]
     points = (
-        [sentence(f"run {k}: {one}") for k, one in enumerate(runs, start=1) if one]
+        [sentence(f"run {k}: {item}") for k, item in enumerate(runs, start=1) if item]
         if len(runs) > 1
         else []
     )
     return AnswerText(
-        sentence(effect_label(experiment.name)), tuple(one for one in details if one), tuple(points)
+        sentence(effect_label(experiment.name)),
+        tuple(detail for detail in details if detail),
+        tuple(points),
     )
 
 
@@ -477,8 +488,8 @@ def _diagnose_command(run: RunData) -> str:
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
     files = [
-        f"{'--held-out ' if one.role == 'held-out' else ''}{quoted(formatting.clean(one.path or one.name))}"  # noqa: E501
-        for one in run.fit.recordings
+        f"{'--held-out ' if recording.role == 'held-out' else ''}{quoted(formatting.clean(recording.path or recording.name))}"  # noqa: E501
+        for recording in run.fit.recordings
     ]
     rig = quoted(formatting.clean(run.named_rig)) if run.named_rig else ""
     return " ".join(

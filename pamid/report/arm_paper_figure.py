@@ -41,11 +41,11 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
-        for one, panel in zip(axes.flat, panels, strict=True):
+        for axis, panel in zip(axes.flat, panels, strict=True):
             rough = np.std(np.diff(panel.measured)) > ROUGH_LINE * np.ptp(panel.measured)
-            _against_time(one, time_s, panel, lines, thin=bool(rough))
-        for one in axes[-1]:
-            one.set_xlabel("time [s]")
+            _against_time(axis, time_s, panel, lines, thin=bool(rough))
+        for axis in axes[-1]:
+            axis.set_xlabel("time [s]")
         figure.legend(
             *axes[0, 0].get_legend_handles_labels(),
             loc="outside lower left",
@@ -76,8 +76,8 @@ def coupling_picture(title: str, swings: Sequence[Swung]) -> Picture:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(swings), 1, squeeze=False)[:, 0]
-        for one, swing in zip(axes, swings, strict=True):
-            _against_time(one, swing.time_s, swing, lines)
+        for axis, swing in zip(axes, swings, strict=True):
+            _against_time(axis, swing.time_s, swing, lines)
         legend_above(axes[0], 1 if narrow else 3)
         axes[-1].set_xlabel("time [s]")
 

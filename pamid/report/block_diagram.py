@@ -93,8 +93,8 @@ def columns_of(rig: RigMap) -> dict[str, list[str]]:
     all of it reads."""
     order = list(STAGES)
     kinds: dict[str, list[str]] = {}
-    for one in rig.ports:
-        kinds.setdefault(one.group or one.port, []).append(one.kind)
+    for port in rig.ports:
+        kinds.setdefault(port.group or port.port, []).append(port.kind)
     columns: dict[str, list[str]] = {kind: [] for kind in order}
     for group, own in kinds.items():
         known = [kind for kind in own if kind in order]
@@ -111,13 +111,13 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     Arrows along the signal and within a column come first; those that feed back are added, the
     shortest first, where no way leads back yet.
     """
-    group = {one.port: one.group or one.port for one in rig.ports}
+    group = {port.port: port.group or port.port for port in rig.ports}
     stage = {name: k for k, groups in enumerate(columns.values()) for name in groups}
     every = {
-        (group[one.port], group[other])
-        for one in rig.ports
-        for other in one.leads_to
-        if other in group and group[one.port] != group[other]
+        (group[port.port], group[other])
+        for port in rig.ports
+        for other in port.leads_to
+        if other in group and group[port.port] != group[other]
     }
     every = {(a, b) for a, b in every if a in stage and b in stage}
     forward = {(a, b) for a, b in every if stage[a] < stage[b]}
@@ -140,7 +140,7 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
         for a, b in drawn
         if (b, a) not in drawn or (stage[a], rank[a]) < (stage[b], rank[b])
     ]
-    return sorted(links, key=lambda one: (rank[one[0]], rank[one[1]]))
+    return sorted(links, key=lambda item: (rank[item[0]], rank[item[1]]))
 
 
 def _stepped(
@@ -206,7 +206,7 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
             placed[box.name] = _moved(box, x, y)
             y += box.tall + GAP_Y
     links = list(_wide_links(rig, columns, placed, HEAD_ROOM + 0.5 * tall))
-    bottom = max([HEAD_ROOM + tall, *(y + 4.0 for one in links for _, y in one.corners)])
+    bottom = max([HEAD_ROOM + tall, *(y + 4.0 for link in links for _, y in link.corners)])
     return Diagram(wide, bottom + 4.0, tuple(placed.values()), tuple(links), tuple(heads))
 
 
@@ -293,7 +293,7 @@ def _wide_links(
         return _broad(list(columns.values()), placed, middle)
     links: list[Link] = []
     for (a, b), both in directions.items():
-        aside = sum(bool(one.corners) for one in links)
+        aside = sum(bool(link.corners) for link in links)
         links.append(_link(placed[a], placed[b], both, list(placed.values()), aside))
     return links
 
@@ -312,7 +312,7 @@ def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> l
 def _within_column(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
     """Straight to the next block; past others on their left."""
     high, low = (a, b) if a.y < b.y else (b, a)
-    if any(one.x == a.x and high.y < one.y < low.y for one in boxes):
+    if any(box.x == a.x and high.y < box.y < low.y for box in boxes):
         begin, end = (a.x - 1.0, a.y + LOWER * a.tall), (b.x - 2.0, b.y + (1.0 - LOWER) * b.tall)
         aside = max(0.5, a.x - 2.0 * STUB)
         return Link(begin, end, both, corners=((aside, begin[1]), (aside, end[1])))
@@ -330,12 +330,12 @@ def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box], aside: int) -> Link:
     way = 1.0 if a.x < b.x else -1.0
     begin = (a.x + a.wide + 1.0 if way > 0.0 else a.x - 1.0, a.y + 0.5 * a.tall)
     end = (b.x - 2.0 if way > 0.0 else b.x + b.wide + 2.0, b.y + 0.5 * b.tall)
-    if not any(_crosses(begin, end, one) for one in boxes if one not in (a, b)):
+    if not any(_crosses(begin, end, box) for box in boxes if box not in (a, b)):
         return Link(begin, end, both)
     # in the lower half of the sides, which the straight arrows leave free
     begin, end = (begin[0], a.y + LOWER * a.tall), (end[0], b.y + LOWER * b.tall)
     left, right = min(a.x, b.x), max(a.x, b.x)
-    below = max(one.y + one.tall for one in boxes if left <= one.x <= right)
+    below = max(box.y + box.tall for box in boxes if left <= box.x <= right)
     below += GAP_Y + NEXT_LINE * aside
     out = way * (STUB + NEXT_LINE * (aside % STUBS))
     first, last = begin[0] + out, end[0] - out

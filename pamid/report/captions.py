@@ -51,7 +51,9 @@ def causes_label(diagnosis: DiagnosisFile) -> str:
     joined by "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     findings = findings_of(diagnosis)
-    return formatting.join((finding_label(diagnosis, one, SPELLING) for one in findings), last)
+    return formatting.join(
+        (finding_label(diagnosis, finding, SPELLING) for finding in findings), last
+    )
 
 
 def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
@@ -76,7 +78,10 @@ def candidate_order(diagnosis: DiagnosisFile) -> list[Candidate]:
 
 def over_channels(diagnosis: DiagnosisFile) -> str:
     """ " over all channels" where the ranking is about several of them."""
-    several = any(len(one.held_out) > 1 for one in diagnosis.ranking) or len(diagnosis.how_far) > 1
+    several = (
+        any(len(candidate.held_out) > 1 for candidate in diagnosis.ranking)
+        or len(diagnosis.how_far) > 1
+    )
     return " over all channels" if several else ""
 
 
@@ -85,11 +90,13 @@ def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
     cause."""
     named = {cause.effect for cause in diagnosis.causes}
     families = {cause.family for cause in diagnosis.causes}
-    others = [one for one in diagnosis.ranking if one.effect not in named]
+    others = [candidate for candidate in diagnosis.ranking if candidate.effect not in named]
     different = [
-        one
-        for one in others
-        if one.family not in families and one.effect not in diagnosis.tied and not one.set_aside
+        other
+        for other in others
+        if other.family not in families
+        and other.effect not in diagnosis.tied
+        and not other.set_aside
     ]
     return (different or others or [None])[0]  # type: ignore[list-item]
 
@@ -102,7 +109,7 @@ def reason_text(experiment: NextExperiment) -> str:
 def closest(diagnosis: DiagnosisFile) -> Candidate | None:
     """Where no effect is named: the candidate that is there most probably, the best ranked of those
     that are as probable."""
-    return max(diagnosis.ranking, key=lambda one: one.probability or 0.0, default=None)
+    return max(diagnosis.ranking, key=lambda item: item.probability or 0.0, default=None)
 
 
 def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
@@ -119,21 +126,21 @@ def set_figures(text: str) -> str:
     return kept.replace("(P ", f"(P{formatting.SPACE}")
 
 
-def free_form_title(diagnosis: DiagnosisFile, one: FamilyForm) -> str:
+def free_form_title(diagnosis: DiagnosisFile, family_form: FamilyForm) -> str:
     """ "A function of the velocity at the guide port removes 87 % of the gap: of the friction
     family, in a form that is not in the catalogue"."""
-    text = f"{taken_up(one)}: {free_families(diagnosis, SPELLING)}"
+    text = f"{taken_up(family_form)}: {free_families(diagnosis, SPELLING)}"
     return formatting.sentence(text).removesuffix(".")
 
 
-def taken_up(one: FamilyForm) -> str:
+def taken_up(family_form: FamilyForm) -> str:
     """ "a function of the velocity at the guide port removes 87 % of the gap"; of the held-out
     error where the file is of an older version."""
-    at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
-    what = formatting.clean(one.known_by) or effect_label(one.effect)
-    if one.removes is None:
-        return f"{what}{at} removes {percent(one.shrinkage)} of the held-out error"
-    return f"{what}{at} removes {percent(one.removes.share)} of the gap"
+    at = f" at the {formatting.port_label(family_form.port)} port" if family_form.port else ""
+    what = formatting.clean(family_form.known_by) or effect_label(family_form.effect)
+    if family_form.removes is None:
+        return f"{what}{at} removes {percent(family_form.shrinkage)} of the held-out error"
+    return f"{what}{at} removes {percent(family_form.removes.share)} of the gap"
 
 
 def _fit_sentence(row: ChannelErrors | None) -> str:
@@ -168,7 +175,7 @@ def _changes(diagnosis: DiagnosisFile, row: ChannelErrors) -> str:
 def ports_title(where: Where) -> str:
     """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
     names another port."""
-    ordered = sorted(((one.port, one.share) for one in where.ports), key=lambda one: -one[1])
+    ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
     named = [one for one in ordered if one[0] == where.port]
     if named and named[0][1] < ordered[0][1]:
         return (
@@ -199,17 +206,17 @@ def split_labels(sensor: Sensor) -> list[str]:
     return [formatting.join(map(formatting.port_label, group)) for group in sensor.splits]
 
 
-def regime_label(one: Regime) -> str:
+def regime_label(regime: Regime) -> str:
     """ "velocity between -2 and 2 deg/s"."""
-    unit_text = formatting.unit_label(one.unit)
-    if one.low is not None and one.high is not None:
+    unit_text = formatting.unit_label(regime.unit)
+    if regime.low is not None and regime.high is not None:
         place = (
-            f"{formatting.port_label(one.signal)} between {formatting.short(one.low)} and "
-            f"{formatting.short(one.high)}"
+            f"{formatting.port_label(regime.signal)} between {formatting.short(regime.low)} and "
+            f"{formatting.short(regime.high)}"
         )
         return place + (f"{formatting.SPACE}{unit_text}" if unit_text else "")
-    interval = formatting.span(one.low, one.high, unit_text)
-    return f"{formatting.port_label(one.signal)} {interval}".replace(formatting.DASH, "")
+    interval = formatting.span(regime.low, regime.high, unit_text)
+    return f"{formatting.port_label(regime.signal)} {interval}".replace(formatting.DASH, "")
 
 
 def regimes_title(regimes: list[Regime]) -> str:
@@ -257,48 +264,53 @@ def added_title(plots: Sequence[AddedVariable], diagnosis: DiagnosisFile) -> str
     1 %, slope 6 ± 5"."""
     first, *others = plots
     text = f"{effect_label(first.effect)} {added_line(first)}"
-    for one in others:
-        of = "" if one.channel == first.channel else f" of that of {channel_label(one.channel)}"
-        text += f"; {effect_label(one.effect)} {percent(one.share)}{of}"
+    for other in others:
+        of = "" if other.channel == first.channel else f" of that of {channel_label(other.channel)}"
+        text += f"; {effect_label(other.effect)} {percent(other.share)}{of}"
     if len(plots) == 1 and first.effect in {cause.effect for cause in diagnosis.causes}:
         text += "; it is named"
     return formatting.sentence(text).removesuffix(".")
 
 
-def added_line(one: AddedVariable) -> str:
+def added_line(plot: AddedVariable) -> str:
     """ "explains 98 % of the refitted model's angle residual, slope 1 ± 0.04"."""
     return (
-        f"explains {percent(one.share)} of the refitted model's {channel_label(one.channel)} "
-        f"residual{_next_to(one)}, {slope_text(one)}"
+        f"explains {percent(plot.share)} of the refitted model's {channel_label(plot.channel)} "
+        f"residual{_next_to(plot)}, {slope_text(plot)}"
     )
 
 
-def added_words(one: AddedVariable) -> str:
+def added_words(plot: AddedVariable) -> str:
     """ "98 %, slope 1.00 ± 0.04"."""
-    return f"{percent(one.share)}, {slope_text(one)}".replace(formatting.SPACE, " ")
+    return f"{percent(plot.share)}, {slope_text(plot)}".replace(formatting.SPACE, " ")
 
 
-def slope_text(one: AddedVariable) -> str:
+def slope_text(plot: AddedVariable) -> str:
     """The slope with half its 95 % interval; in words where the interval holds zero."""
-    half = 0.5 * (one.high - one.low)
-    text = f"slope {formatting.short(one.slope, 2)} ± {formatting.short(half, 1)}"
-    return f"{text} (may be 0)" if one.low <= 0.0 <= one.high else text
+    half = 0.5 * (plot.high - plot.low)
+    text = f"slope {formatting.short(plot.slope, 2)} ± {formatting.short(half, 1)}"
+    return f"{text} (may be 0)" if plot.low <= 0.0 <= plot.high else text
 
 
-def _next_to(one: AddedVariable) -> str:
-    return f" next to {formatting.join(map(effect_label, one.beside))}" if one.beside else ""
+def _next_to(plot: AddedVariable) -> str:
+    return f" next to {formatting.join(map(effect_label, plot.beside))}" if plot.beside else ""
 
 
-def candidate_tip(one: Candidate, diagnosis: DiagnosisFile) -> str:
+def candidate_tip(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
     """Tooltip of a row of the ranking: "Dahl friction removes 53 % of ..."."""
-    interval = formatting.interval_tail(formatting.percent_span(one.low, one.high))
+    interval = formatting.interval_tail(formatting.percent_span(candidate.low, candidate.high))
     text = (
-        f"{effect_label(one.effect)} removes {percent(one.shrinkage)} of the held-out error"
+        f"{effect_label(candidate.effect)} removes {percent(candidate.shrinkage)} of the held-out "
+        "error"
         f"{over_channels(diagnosis)}{interval}"
     )
-    text += "" if one.probability is None else f", probability {formatting.chance(one.probability)}"
-    if not one.converged:
-        text += f"; {formatting.not_converged('its fit', one.why)}"
+    text += (
+        ""
+        if candidate.probability is None
+        else f", probability {formatting.chance(candidate.probability)}"
+    )
+    if not candidate.converged:
+        text += f"; {formatting.not_converged('its fit', candidate.why)}"
     return formatting.sentence(text)
 
 
@@ -390,7 +402,7 @@ def error_signal_title(
 
 def pulls_title(pulls: dict[str, float]) -> str:
     """Whether the background stays within its tolerances."""
-    name, largest = max(pulls.items(), key=lambda one: abs(one[1]))
+    name, largest = max(pulls.items(), key=lambda item: abs(item[1]))
     worst = f"{formatting.port_label(name)} with {formatting.short(largest, 2)}"
     beyond = sum(abs(pull) > 2.0 for pull in pulls.values())
     if beyond:

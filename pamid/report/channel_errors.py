@@ -143,7 +143,7 @@ def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
     rows = np.flatnonzero(scored)
     if rows.size == 0:
         return None
-    best = max(stretches(residual, rows), key=lambda one: _mae(measured[one], refitted[one]))
+    best = max(stretches(residual, rows), key=lambda item: _mae(measured[item], refitted[item]))
     time = residual.columns["time_s"]
     traces = {
         kind: residual.of(channel, kind) for kind in ("data_sheet", "refitted", "network", "cause")

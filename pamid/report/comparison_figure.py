@@ -34,16 +34,16 @@ def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
             linewidth=1.6,
             label="refitted model" if step.reference == "baseline" else step.reference,
         )
-        for one, dashes in zip(shown, _DASHES, strict=False):
+        for entry, dashes in zip(shown, _DASHES, strict=False):
             axes.semilogy(
                 windows,
-                one.losses,
+                entry.losses,
                 color=colour("with_cause"),
                 linestyle=dashes,
                 marker="o",
                 markersize=3.0,
                 linewidth=1.4,
-                label=effect_label(one.effect),
+                label=effect_label(entry.effect),
             )
         axes.xaxis.set_major_locator(MaxNLocator(6 if narrow else 12, integer=True))
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -66,6 +66,6 @@ def _title(step: ComparisonStep) -> str:
         f"{effect_label(first.effect)} lowers the error in {fewer} of {len(first.losses)} held-out "
         f"windows, by {percent(first.removes.share)} of the gap"
     )
-    others = [effect_label(one.effect) for one in step.tied[1:]]
+    others = [effect_label(candidate.effect) for candidate in step.tied[1:]]
     tied = f"; {formatting.join(others)} cannot be separated from it" if others else ""
     return formatting.sentence(f"{text}{tied}").removesuffix(".")

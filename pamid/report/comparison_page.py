@@ -63,10 +63,10 @@ def _names(folders: Sequence[Path]) -> list[str]:
     """The last part of each path, as many as it takes to tell them apart."""
     parts = [folder.resolve().parts for folder in folders]
     for count in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(one[-count:]) for one in parts]
+        names = ["/".join(part[-count:]) for part in parts]
         if len(set(names)) == len(names):
             return list(map(formatting.clean, names))
-    return [f"{formatting.clean(one[-1])} ({k})" for k, one in enumerate(parts, start=1)]
+    return [f"{formatting.clean(part[-1])} ({k})" for k, part in enumerate(parts, start=1)]
 
 
 def comparison_document(runs: Sequence[ComparedRun]) -> Document:
@@ -89,23 +89,23 @@ def comparison_document(runs: Sequence[ComparedRun]) -> Document:
         subtitle=f"{len(runs)} runs side by side",
         headline=headline,
         preface=Paragraphs((differs,)),
-        cards=tuple(_card(one) for one in runs),
+        cards=tuple(_card(run) for run in runs),
         blocks=tuple(Section((Heading(title), *below)) for title, below in sections if below),
     )
 
 
 def comparison_sentence(runs: Sequence[ComparedRun]) -> str:
     """Whether the runs agree on the cause: "Both runs name Coulomb friction at the joint port"."""
-    told = [_answer(one) for one in runs]
+    told = [_answer(run) for run in runs]
     if len(set(told)) == 1:
         every = "Both runs" if len(runs) == 2 else f"All {len(runs)} runs"
         return formatting.sentence(f"{every} say: {told[0]}")
-    each = "; ".join(f"{one.name} says {said}" for one, said in zip(runs, told, strict=True))
+    each = "; ".join(f"{run.name} says {said}" for run, said in zip(runs, told, strict=True))
     return formatting.sentence(f"the runs differ: {each}")
 
 
-def _answer(one: ComparedRun) -> str:
-    diagnosis = one.run.diagnosis
+def _answer(compared_run: ComparedRun) -> str:
+    diagnosis = compared_run.run.diagnosis
     if diagnosis is None:
         return "fitted, not diagnosed"
     if diagnosis.causes:
@@ -117,23 +117,23 @@ def _answer(one: ComparedRun) -> str:
     }.get(diagnosis.verdict, diagnosis.verdict)
 
 
-def _card(one: ComparedRun) -> AnswerCard:
-    lines = [formatting.clean(verdict_sentence(one.run, one.rows))]
-    quiet = one.run.diagnosis is None or not one.run.diagnosis.causes
-    lead = formatting.sentence(_answer(one)).removesuffix(".")
-    return AnswerCard(one.name, lead, tuple(lines), "what-was-found", quiet)
+def _card(compared_run: ComparedRun) -> AnswerCard:
+    lines = [formatting.clean(verdict_sentence(compared_run.run, compared_run.rows))]
+    quiet = compared_run.run.diagnosis is None or not compared_run.run.diagnosis.causes
+    lead = formatting.sentence(_answer(compared_run)).removesuffix(".")
+    return AnswerCard(compared_run.name, lead, tuple(lines), "what-was-found", quiet)
 
 
 # ---- tables: a column per run ----------------------------------------------------------------
 
 
 def _heads(runs: Sequence[ComparedRun], *first: str, last: str = "") -> list[str]:
-    return [*first, *(one.name for one in runs), *([last] if last else [])]
+    return [*first, *(run.name for run in runs), *([last] if last else [])]
 
 
 def _found(runs: Sequence[ComparedRun]) -> Table:
     told: dict[str, Callable[[ComparedRun], str]] = {
-        "verdict": lambda one: one.run.diagnosis.verdict if one.run.diagnosis else "fit only",
+        "verdict": lambda item: item.run.diagnosis.verdict if item.run.diagnosis else "fit only",
         "causes": _causes,
         "port": _port,
         "share of the gap left": _left,
@@ -141,17 +141,17 @@ def _found(runs: Sequence[ComparedRun]) -> Table:
     }
     return table(
         _heads(runs, "found"),
-        [[what, *(said(one) or formatting.DASH for one in runs)] for what, said in told.items()],
+        [[what, *(said(run) or formatting.DASH for run in runs)] for what, said in told.items()],
     )
 
 
-def _causes(one: ComparedRun) -> str:
-    diagnosis = one.run.diagnosis
+def _causes(compared_run: ComparedRun) -> str:
+    diagnosis = compared_run.run.diagnosis
     texts = []
     for cause in diagnosis.causes if diagnosis is not None else ():
         values = [
-            f"{channel_label(name)} {formatting.span(parameter.low, parameter.high, channel_unit(name))}"
-            for name, parameter in cause.parameters.items()
+            f"{channel_label(name)} {formatting.span(size.low, size.high, channel_unit(name))}"
+            for name, size in cause.parameters.items()
         ]
         chance = (
             f", P {formatting.chance(cause.probability)}" if cause.probability is not None else ""
@@ -160,26 +160,30 @@ def _causes(one: ComparedRun) -> str:
     return "; ".join(texts)
 
 
-def _port(one: ComparedRun) -> str:
-    where = one.run.diagnosis.where if one.run.diagnosis is not None else None
+def _port(compared_run: ComparedRun) -> str:
+    where = compared_run.run.diagnosis.where if compared_run.run.diagnosis is not None else None
     return formatting.port_label(where.port) if where is not None else ""
 
 
-def _left(one: ComparedRun) -> str:
-    rest = one.run.diagnosis.remainder if one.run.diagnosis is not None else None
+def _left(compared_run: ComparedRun) -> str:
+    rest = compared_run.run.diagnosis.remainder if compared_run.run.diagnosis is not None else None
     if rest is None:
         return ""
     real = "" if rest.real else ", within noise and tolerances"
     return f"{percent(rest.share)}{real}"
 
 
-def _next(one: ComparedRun) -> str:
-    asked = one.run.diagnosis.next_experiment if one.run.diagnosis is not None else None
+def _next(compared_run: ComparedRun) -> str:
+    asked = (
+        compared_run.run.diagnosis.next_experiment
+        if compared_run.run.diagnosis is not None
+        else None
+    )
     return formatting.effect_label(asked.name) if asked is not None else ""
 
 
 def _errors(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
-    channels = list(dict.fromkeys(row.channel for one in runs for row in one.rows))
+    channels = list(dict.fromkeys(row.channel for run in runs for row in run.rows))
     fields = {
         "data_sheet": "data sheet",
         "refitted": "refitted",
@@ -189,7 +193,7 @@ def _errors(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
     body = []
     for channel in channels:
         known = [
-            next((row.known() for row in one.rows if row.channel == channel), {}) for one in runs
+            next((row.known() for row in run.rows if row.channel == channel), {}) for run in runs
         ]
         for field, name in fields.items():
             if any(field in each for each in known):
@@ -205,7 +209,7 @@ def _errors(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
 
 
 def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
-    tables = [dict(parameters_of(one.run)[0]) for one in runs]
+    tables = [dict(parameters_of(run.run)[0]) for run in runs]
     names = list(dict.fromkeys(name for each in tables for name in each))
     body: list[list[str | TableCell]] = []
     for name in names:
@@ -216,12 +220,12 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
                 TableCell(formatting.clean(name), "code"),
                 unit or "-",
                 *(
-                    TableCell(number(one.value), small=formatting.span(one.low, one.high))
-                    if one is not None
+                    TableCell(number(item.value), small=formatting.span(item.low, item.high))
+                    if item is not None
                     else formatting.DASH
-                    for one in known
+                    for item in known
                 ),
-                _agreement([one for one in known if one is not None]),
+                _agreement([item for item in known if item is not None]),
             ]
         )
     if not body:
@@ -240,8 +244,8 @@ def _agreement(known: Sequence[Interval]) -> TableCell:
     """Do all intervals overlap?"""
     if len(known) < 2:
         return TableCell("in one run only")
-    lows = [one.low for one in known if one.low is not None]
-    highs = [one.high for one in known if one.high is not None]
+    lows = [name.low for name in known if name.low is not None]
+    highs = [name.high for name in known if name.high is not None]
     apart = bool(lows and highs) and max(lows) > min(highs)
     return TableCell("differs", "strong") if apart else TableCell("agrees")
 
@@ -249,17 +253,17 @@ def _agreement(known: Sequence[Interval]) -> TableCell:
 # ---- what changed ----------------------------------------------------------------------------
 
 
-def _facts(one: ComparedRun) -> dict[str, str]:
+def _facts(compared_run: ComparedRun) -> dict[str, str]:
     """Settings of a run by name."""
-    step = one.run.steps[0]
-    recordings = one.run.fit.recordings if one.run.fit is not None else ()
+    step = compared_run.run.steps[0]
+    recordings = compared_run.run.fit.recordings if compared_run.run.fit is not None else ()
     options = {
         _OPTIONS.get(key, f"option {formatting.clean(key)}"): _told(value)
         for key, value in step.options.items()
         if key != "rig"
     }
     return {
-        "rig": formatting.clean(one.run.rig),
+        "rig": formatting.clean(compared_run.run.rig),
         "recordings": ", ".join(formatting.clean(each.name) for each in recordings),
         "content (sha256)": ", ".join(each.sha256[:_SHA_DIGITS] for each in recordings),
         "samples": _sum(recordings),
@@ -282,13 +286,13 @@ def _sum(recordings: Sequence[RecordingUsed]) -> str:
 
 def changes_of(runs: Sequence[ComparedRun]) -> list[str]:
     """The facts in which the runs differ, by what they are called."""
-    facts = [_facts(one) for one in runs]
+    facts = [_facts(run) for run in runs]
     names = list(dict.fromkeys(name for each in facts for name in each))
     return [name for name in names if len({each.get(name, "") for each in facts}) > 1]
 
 
 def _data(runs: Sequence[ComparedRun]) -> Table:
-    facts, changed = [_facts(one) for one in runs], changes_of(runs)
+    facts, changed = [_facts(run) for run in runs], changes_of(runs)
     names = list(dict.fromkeys(name for each in facts for name in each))
     body: list[list[str | TableCell]] = [
         [

@@ -43,7 +43,7 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
                         fontsize=6.0 if narrow or count > 9 else 8.0,
                         color=colour("ink"),
                     )
-        shown = [label(formatting.port_label(one), 22) for one in names]
+        shown = [label(formatting.port_label(name), 22) for name in names]
         axes.set_yticks(range(1, count), shown[1:])
         axes.set_xticks(
             range(count - 1), shown[:-1], rotation=40, ha="right", rotation_mode="anchor"

@@ -136,7 +136,7 @@ def cause_equations(run: RunData) -> tuple[Equation, ...]:
         return ()
     if diagnosis.unknown is not None and diagnosis.unknown.formula:
         return _unknown_equation(diagnosis.unknown)
-    return _known(_cause_equation(run.rig, one) for one in diagnosis.causes)
+    return _known(_cause_equation(run.rig, cause) for cause in diagnosis.causes)
 
 
 def remainder_equations(run: RunData) -> tuple[Equation, ...]:
@@ -153,9 +153,9 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
     for label in run.fit.effects:
         own = {
             name.removeprefix(f"{label}:"): CauseParameter(
-                value=one.value, low=one.low, high=one.high, unit="", word=""
+                value=parameter.value, low=parameter.low, high=parameter.high, unit="", word=""
             )
-            for name, one in run.fit.parameters.items()
+            for name, parameter in run.fit.parameters.items()
             if name.startswith(f"{label}:")
         }
         equations.append(
@@ -179,7 +179,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
 
 
 def _known(equations: Iterable[Equation | None]) -> tuple[Equation, ...]:
-    return tuple(one for one in equations if one is not None)
+    return tuple(equation for equation in equations if equation is not None)
 
 
 def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:

@@ -26,7 +26,7 @@ def pulls_drawing(pulls: dict[str, float]) -> Drawing | None:
     """Bars: each background correction over its tolerance [-]; beyond 2 the map itself is wrong."""
     if not pulls:
         return None
-    shown = sorted(pulls.items(), key=lambda one: -abs(one[1]))[:16]
+    shown = sorted(pulls.items(), key=lambda item: -abs(item[1]))[:16]
     reach = max(2.6, *(1.25 * abs(pull) for _, pull in shown))
 
     def draw(figure: Figure, narrow: bool) -> None:

@@ -60,24 +60,24 @@ def richness_picture(shown: Sequence[Shown]) -> Picture:
 
     def draw(figure: Figure, narrow: bool) -> None:
         parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
-        for part, one in zip(parts, shown, strict=True):
+        for part, entry in zip(parts, shown, strict=True):
             layout = (
                 [["signal"], ["levels"], ["power"], ["changes"]]
                 if narrow
                 else [["signal"] * 3, ["levels", "power", "changes"]]
             )
             axes = part.subplot_mosaic(layout, height_ratios=[1.0] * 4 if narrow else [1.0, 1.25])
-            _signal(axes["signal"], one)
-            _levels(axes["levels"], one)
-            _power(axes["power"], one)
-            _changes(axes["changes"], one)
+            _signal(axes["signal"], entry)
+            _levels(axes["levels"], entry)
+            _power(axes["power"], entry)
+            _changes(axes["changes"], entry)
 
     return render(Drawing("richness", finding(shown), draw, 4.6 * len(shown), 8.6 * len(shown)))
 
 
 def finding(shown: Sequence[Shown]) -> str:
     """Coverage of the column that covers least, and its first blind spot."""
-    poorest = max(shown, key=lambda one: len(one.covers.blind_spots()))
+    poorest = max(shown, key=lambda item: len(item.covers.blind_spots()))
     least = "" if len(shown) == 1 else "Least covered: "
     return (
         f"{least}{poorest.column} visits {poorest.covers.visited:.0%} of its range, with power "
@@ -85,23 +85,23 @@ def finding(shown: Sequence[Shown]) -> str:
     )
 
 
-def _signal(axes: Axes, one: Shown) -> None:
+def _signal(axes: Axes, shown: Shown) -> None:
     """The signal as it is held, or so much of its beginning that changes can be distinguished."""
-    changes, count = one.covers.changes, len(one.samples)
+    changes, count = shown.covers.changes, len(shown.samples)
     if changes is not None and changes.pace_hz.size > 2 * MOST_CHANGES:
-        count = round(float(np.sum(0.5 / changes.pace_hz[:MOST_CHANGES])) / one.period_s)
+        count = round(float(np.sum(0.5 / changes.pace_hz[:MOST_CHANGES])) / shown.period_s)
     axes.plot(
-        one.period_s * np.arange(count),
-        one.samples[:count],
+        shown.period_s * np.arange(count),
+        shown.samples[:count],
         color=colour("refitted"),
         linewidth=0.9,
         drawstyle="steps-post",
     )
-    axes.set_xlim(0.0, count * one.period_s)
-    axes.set_ylabel(one.axis)
-    total = len(one.samples)
+    axes.set_xlim(0.0, count * shown.period_s)
+    axes.set_ylabel(shown.axis)
+    total = len(shown.samples)
     part = (
-        f", first {count * one.period_s:.3g} of {total * one.period_s:.3g} s"
+        f", first {count * shown.period_s:.3g} of {total * shown.period_s:.3g} s"
         if count < total
         else ""
     )
@@ -110,11 +110,11 @@ def _signal(axes: Axes, one: Shown) -> None:
     grid(axes, "y")
 
 
-def _levels(axes: Axes, one: Shown) -> None:
-    edges = np.linspace(one.covers.low, one.covers.high, BINS + 1)
+def _levels(axes: Axes, shown: Shown) -> None:
+    edges = np.linspace(shown.covers.low, shown.covers.high, BINS + 1)
     axes.bar(
         edges[:-1],
-        100.0 * np.array(one.covers.histogram),
+        100.0 * np.array(shown.covers.histogram),
         np.diff(edges),
         align="edge",
         color=colour("refitted"),
@@ -122,35 +122,35 @@ def _levels(axes: Axes, one: Shown) -> None:
         linewidth=0.5,
     )
     axes.axhline(100.0 / BINS, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
-    axes.set_title(f"{one.covers.visited:.0%} visited", loc="left")
+    axes.set_title(f"{shown.covers.visited:.0%} visited", loc="left")
     axes.set_title("even", loc="right", fontsize=8.0, color=colour("with_cause"))
-    axes.set_xlabel(one.axis)
+    axes.set_xlabel(shown.axis)
     axes.set_ylabel("share of time [%]")
 
 
-def _power(axes: Axes, one: Shown) -> None:
-    frequency, power = spectrum(one.samples, one.period_s)
-    axes.axvspan(*one.covers.band_20db_hz, color=colour("faint"), linewidth=0.0)
+def _power(axes: Axes, shown: Shown) -> None:
+    frequency, power = spectrum(shown.samples, shown.period_s)
+    axes.axvspan(*shown.covers.band_20db_hz, color=colour("faint"), linewidth=0.0)
     axes.semilogx(
         frequency,
         10.0 * np.log10(np.maximum(power / power.max(), 1e-12)),
         color=colour("refitted"),
         linewidth=1.0,
     )
-    for edge in one.band_hz or ():
+    for edge in shown.band_hz or ():
         axes.axvline(edge, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
     axes.set_ylim(DEEPEST_DB, 3.0)
     _frequencies(axes, float(frequency[0]), float(frequency[-1]))
-    axes.set_title(one.reach, loc="left")
-    if one.band_hz:
+    axes.set_title(shown.reach, loc="left")
+    if shown.band_hz:
         axes.set_title("band asked", loc="right", fontsize=8.0, color=colour("with_cause"))
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel("power [dB]")
     grid(axes, "y")
 
 
-def _changes(axes: Axes, one: Shown) -> None:
-    changes = one.covers.changes
+def _changes(axes: Axes, shown: Shown) -> None:
+    changes = shown.covers.changes
     axes.set_xlabel("pace 1/(2 time) [Hz]")
     axes.set_ylabel("size of change [% of range]")
     if changes is None:
@@ -174,11 +174,11 @@ def _changes(axes: Axes, one: Shown) -> None:
     _frequencies(axes, slowest, fastest)
     axes.set_title(f"{np.count_nonzero(changes.share)} of {CELLS**2} kinds", loc="left")
     # no change is larger than the rate limit lets it grow in its time
-    if one.rate_limit is not None:
+    if shown.rate_limit is not None:
         pace = np.geomspace(slowest, fastest, 100)
         axes.plot(
             pace,
-            50.0 * one.rate_limit / pace / (one.covers.high - one.covers.low),
+            50.0 * shown.rate_limit / pace / (shown.covers.high - shown.covers.low),
             color=colour("with_cause"),
             linewidth=1.0,
             linestyle=DASHED,

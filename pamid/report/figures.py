@@ -98,19 +98,19 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
 def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Pairs of bars: each regime's share of the gap and of the time [%]."""
     regimes = [
-        one
-        for one in (diagnosis.where.regimes if diagnosis.where is not None else ())
-        if one.share_of_gap is not None and one.share_of_time is not None
+        regime
+        for regime in (diagnosis.where.regimes if diagnosis.where is not None else ())
+        if regime.share_of_gap is not None and regime.share_of_time is not None
     ]
     if not regimes:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for row, one in enumerate(regimes):
+        for row, regime in enumerate(regimes):
             pair = (
-                (one.share_of_gap, "with_cause", -0.17),
-                (one.share_of_time, "data_sheet", 0.17),
+                (regime.share_of_gap, "with_cause", -0.17),
+                (regime.share_of_time, "data_sheet", 0.17),
             )
             for (share, role, offset), name in zip(
                 pair, ("of the gap", "of the time"), strict=True
@@ -125,7 +125,7 @@ def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
                     label="" if row else name,
                 )
                 _value(axes, 100.0 * share, row + offset, formatting.percent(share))
-        _rows(axes, [_regime_name(one) for one in regimes], 26)
+        _rows(axes, [_regime_name(regime) for regime in regimes], 26)
         axes.set_xlim(0.0, 118.0)
         axes.set_xticks(range(0, 101, 25 if not narrow else 50))
         axes.set_xlabel("share [%]")
@@ -135,9 +135,9 @@ def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     return Drawing("regimes", regimes_title(regimes), draw, height, height)
 
 
-def _regime_name(one: Regime) -> str:
+def _regime_name(regime: Regime) -> str:
     """The signal, and below it the range."""
-    return f"{formatting.port_label(one.signal)}\n{formatting.span(one.low, one.high, formatting.unit_label(one.unit))}"  # noqa: E501
+    return f"{formatting.port_label(regime.signal)}\n{formatting.span(regime.low, regime.high, formatting.unit_label(regime.unit))}"  # noqa: E501
 
 
 def missing_drawing(run: RunData) -> Drawing | None:
@@ -233,27 +233,27 @@ def ranking_drawing(
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        right = max(1.0, *((one.high or one.shrinkage or 0.0) for one in shown))
+        right = max(1.0, *((entry.high or entry.shrinkage or 0.0) for entry in shown))
         left = min(
             0.0,
             *(
-                max(_LEFT_END, one.low if one.low is not None else one.shrinkage or 0.0)
-                for one in shown
+                max(_LEFT_END, entry.low if entry.low is not None else entry.shrinkage or 0.0)
+                for entry in shown
             ),
         )
-        for row, one in enumerate(shown):
+        for row, entry in enumerate(shown):
             role = (
                 "with_cause"
-                if one.effect in named
+                if entry.effect in named
                 else "refitted"
-                if one.effect in alike
+                if entry.effect in alike
                 else "muted"
             )
-            _candidate(axes, one, row, role)
+            _candidate(axes, entry, row, role)
             axes.text(
                 100.0 * right + (4 if narrow else 2),
                 row,
-                _chance(one),
+                _chance(entry),
                 va="center",
                 fontsize=8.5,
                 color=colour("ink"),
@@ -269,7 +269,9 @@ def ranking_drawing(
             color=colour("muted"),
             clip_on=False,
         )
-        _rows(axes, [_candidate_name(one, alike, narrow) for one in shown], 34 if narrow else 48)
+        _rows(
+            axes, [_candidate_name(entry, alike, narrow) for entry in shown], 34 if narrow else 48
+        )
         for row, name in enumerate(axes.get_yticklabels()):
             name.set_gid(f"name{row}")
         axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
@@ -285,7 +287,7 @@ def ranking_drawing(
             if narrow
             else f"held-out error removed{over_channels(diagnosis)} [%]"
         )
-        failed = not all(one.converged for one in shown)
+        failed = not all(entry.converged for entry in shown)
         notes = ([] if narrow else ["line: 95 % interval"]) + (
             ["open: not converged"] if failed else []
         )
@@ -293,7 +295,9 @@ def ranking_drawing(
 
     height = 1.0 + 0.27 * len(shown)
     parts = [
-        (f"{part}{row}", one) for row, one in enumerate(shown) for part in ("name", "line", "point")
+        (f"{part}{row}", entry)
+        for row, entry in enumerate(shown)
+        for part in ("name", "line", "point")
     ]
     tips = tuple((part, candidate_tip(one, diagnosis)) for part, one in parts)
     leads = tuple((part, places[one.effect]) for part, one in parts if one.effect in places)
@@ -400,7 +404,7 @@ def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing 
 
 def _large_shares(where: Where) -> list[tuple[str, float]]:
     """The shares from the largest; three or more that round to nothing stand in one row."""
-    ordered = sorted(((one.port, one.share) for one in where.ports), key=lambda one: -one[1])
+    ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
     large = [one for one in ordered if abs(one[1]) >= _NOTHING or one[0] == where.port]
     small = len(ordered) - len(large)
     if small < 3:
@@ -422,45 +426,45 @@ def _model_name(field: str, diagnosis: DiagnosisFile | None, narrow: bool) -> st
     return label(name, _LONG)
 
 
-def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
-    assert one.shrinkage is not None
+def _candidate(axes: Axes, candidate: Candidate, row: int, role: str) -> None:
+    assert candidate.shrinkage is not None
     ink = colour(role)
-    if one.low is not None and one.high is not None:
-        low = max(one.low, _LEFT_END)
-        if one.high > low:
+    if candidate.low is not None and candidate.high is not None:
+        low = max(candidate.low, _LEFT_END)
+        if candidate.high > low:
             axes.plot(
-                [100.0 * low, 100.0 * one.high],
+                [100.0 * low, 100.0 * candidate.high],
                 [row, row],
                 color=ink,
                 linewidth=1.8,
                 solid_capstyle="butt",
                 gid=f"line{row}",
             )
-    if one.shrinkage < _LEFT_END:
+    if candidate.shrinkage < _LEFT_END:
         axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=5)
     else:
         axes.plot(
-            100.0 * one.shrinkage,
+            100.0 * candidate.shrinkage,
             row,
             marker="o",
             markersize=5.0,
             markeredgecolor=ink,
             markeredgewidth=1.3,
-            markerfacecolor=ink if one.converged else colour("paper"),
+            markerfacecolor=ink if candidate.converged else colour("paper"),
             linestyle="none",
             gid=f"point{row}",
         )
 
 
-def _chance(one: Candidate) -> str:
-    if one.probability is None:
+def _chance(candidate: Candidate) -> str:
+    if candidate.probability is None:
         return ""
-    return formatting.chance(one.probability).replace("above ", "> ").replace("below ", "< ")
+    return formatting.chance(candidate.probability).replace("above ", "> ").replace("below ", "< ")
 
 
-def _candidate_name(one: Candidate, alike: set[str], narrow: bool) -> str:
-    name = formatting.effect_label(one.effect)
-    return f"{name} (look-alike)" if one.effect in alike and not narrow else name
+def _candidate_name(candidate: Candidate, alike: set[str], narrow: bool) -> str:
+    name = formatting.effect_label(candidate.effect)
+    return f"{name} (look-alike)" if candidate.effect in alike and not narrow else name
 
 
 def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:

@@ -40,11 +40,11 @@ def clean(text: str) -> str:
 def effect_label(name: str) -> str:
     """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2"; "play@a + play@b" -> "play at a
     and b"."""
-    several = [one.partition("@") for one in clean(name).split(" + ")]
+    several = [part.partition("@") for part in clean(name).split(" + ")]
     if len(several) > 1 and len({stem for stem, _, _ in several}) == 1:
         return effect_label(f"{several[0][0]}@{join(port for _, _, port in several)}")
     if len(several) > 1:
-        return " + ".join(effect_label("".join(one)) for one in several)
+        return " + ".join(effect_label("".join(item)) for item in several)
     stem, _, port = several[0]
     words = stem.replace("-", " ").replace("_", " ")
     for plain, proper in _PROPER.items():
@@ -123,8 +123,8 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
     """ "5.98 → 2.63 mm": the unit is that of the largest."""
     if values and unit_text:
         factor, unit_text = _told_in(unit_text, *values)
-        values = [factor * one for one in values]
-    told = between.join(short(one) for one in values)
+        values = [factor * value for value in values]
+    told = between.join(short(value) for value in values)
     return f"{told}{SPACE}{unit_text}" if unit_text else told
 
 

@@ -81,12 +81,12 @@ def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
         return AnswerCard("Where", "Nowhere", ("No gap is left to place.",), "where", True)
     if where is None or not (where.port or where.ports):
         return AnswerCard("Where", "Undetermined", ("The diagnosis names no port.",), "where", True)
-    shares = {one.port: one.share for one in where.ports}
-    named = _named_ports(diagnosis) or [max(shares, key=lambda one: shares[one])]
-    lead = formatting.join(_with_share(one, shares) for one in named)
+    shares = {item.port: item.share for item in where.ports}
+    named = _named_ports(diagnosis) or [max(shares, key=lambda item: shares[item])]
+    lead = formatting.join(_with_share(name, shares) for name in named)
     others = [
         _with_share(port, shares)
-        for port, share in sorted(shares.items(), key=lambda one: -one[1])
+        for port, share in sorted(shares.items(), key=lambda item: -item[1])
         if port not in named and share >= _NOTHING
     ][:_MOST_PORTS]
     lines = [f"of the gap enters here{f'; {formatting.join(others)}' if others else ''}"]
@@ -106,7 +106,7 @@ def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
 
 def _named_ports(diagnosis: DiagnosisFile) -> list[str]:
     if diagnosis.causes:
-        return [port for port in dict.fromkeys(one.port for one in diagnosis.causes) if port]
+        return [port for port in dict.fromkeys(cause.port for cause in diagnosis.causes) if port]
     return [diagnosis.where.port] if diagnosis.where is not None and diagnosis.where.port else []
 
 
@@ -145,7 +145,7 @@ def _which_card(diagnosis: DiagnosisFile, plots: Sequence[AddedVariable]) -> Ans
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     shown = diagnosis.causes[:_MOST_CAUSES]
     lead = formatting.join(map(_with_value, shown), last)
-    figures = [_cause_line(one, len(shown) > 1) for one in shown]
+    figures = [_cause_line(entry, len(shown) > 1) for entry in shown]
     if plots:
         named = f"{effect_label(plots[0].effect)} " if len(shown) > 1 else ""
         figures.append(named + added_line(plots[0]))
@@ -158,7 +158,9 @@ def _which_card(diagnosis: DiagnosisFile, plots: Sequence[AddedVariable]) -> Ans
 
 
 def _best_guess(diagnosis: DiagnosisFile) -> tuple[str, ...]:
-    best = next((one for one in diagnosis.ranking if one.removes is not None), None)
+    best = next(
+        (candidate for candidate in diagnosis.ranking if candidate.removes is not None), None
+    )
     if best is None or best.probability is None:
         return ("These recordings do not suffice.",)
     share = percent(best.removes.share) if best.removes is not None else "a part"

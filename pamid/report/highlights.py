@@ -51,8 +51,8 @@ def highlights_of(
     ):
         return worst
     named = [_named(residual, error, stretches, span) for span in sorted(where.windows_s)]
-    regimes = [_regime(residual, error, stretches, one) for one in where.regimes]
-    return [*(one for one in (*named, *regimes) if one is not None), *worst]
+    regimes = [_regime(residual, error, stretches, regime) for regime in where.regimes]
+    return [*(name for name in (*named, *regimes) if name is not None), *worst]
 
 
 def _refitted(residual: Residual, channel: str) -> FloatArray:
@@ -63,7 +63,7 @@ def _refitted(residual: Residual, channel: str) -> FloatArray:
 
 def _judged(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
     """Windows as (stretch, first, last), of the held-out ones only if there are any."""
-    every = [(one, *window) for one in stretches for window in one.windows]
+    every = [(stretch, *window) for stretch in stretches for window in stretch.windows]
     held_out = any(window[3] for window in every)
     return [(one, first, last) for one, first, last, held in every if held == held_out]
 
@@ -95,16 +95,18 @@ def _named(
     """A window of the diagnosis, which does not say of which recording: the one with most error
     there."""
     best: tuple[float, Stretch] | None = None
-    for one in stretches:
-        time = residual.columns["time_s"][one.rows]
+    for stretch in stretches:
+        time = residual.columns["time_s"][stretch.rows]
         inside = error[
-            one.rows[
-                (time >= span[0]) & (time <= span[1]) & (residual.columns["window"][one.rows] >= 0)
+            stretch.rows[
+                (time >= span[0])
+                & (time <= span[1])
+                & (residual.columns["window"][stretch.rows] >= 0)
             ]
         ]
         size = float(inside.sum()) if inside.size and np.isfinite(inside).all() else -1.0
         if size >= 0.0 and (best is None or size > best[0]):
-            best = size, one
+            best = size, stretch
     return (
         None
         if best is None
@@ -120,11 +122,11 @@ def _regime(
     low = -np.inf if regime.low is None else regime.low
     high = np.inf if regime.high is None else regime.high
     inside = {}
-    for one in stretches:
-        values = signal_along(residual, regime.signal, one.rows)
+    for stretch in stretches:
+        values = signal_along(residual, regime.signal, stretch.rows)
         if values is None:
             return None
-        inside[one.recording] = (values >= low) & (values <= high)
+        inside[stretch.recording] = (values >= low) & (values <= high)
     counted = {number: np.where(mask, 1.0, 0.0) for number, mask in inside.items()}
     scored = [
         (
@@ -137,13 +139,18 @@ def _regime(
     ]
     if not scored:
         return None
-    _, one, first, last = max(scored, key=lambda each: each[0])
-    time = residual.columns["time_s"][one.rows]
-    bands = _bands(time, inside[one.recording])
+    _, stretch, first, last = max(scored, key=lambda each: each[0])
+    time = residual.columns["time_s"][stretch.rows]
+    bands = _bands(time, inside[stretch.recording])
     if not 0 < len(bands) <= MOST_BANDS:
         return None
     return Highlight(
-        "where", regime_label(regime), one.recording, float(time[first]), float(time[last]), bands
+        "where",
+        regime_label(regime),
+        stretch.recording,
+        float(time[first]),
+        float(time[last]),
+        bands,
     )
 
 

@@ -148,10 +148,10 @@ def _in_loops(
 ) -> dict[str, FloatArray]:
     """The columns of residual.csv, those of networks that correct the model in its own loop as
     "loop_network": they belong to another comparison."""
-    for one in networks:
-        if not one.in_loop:
+    for network in networks:
+        if not network.in_loop:
             continue
-        stem = "" if one.output is None else split_column(one.output.name)[0]
+        stem = "" if network.output is None else split_column(network.output.name)[0]
         columns = {
             name.replace("_network", "_loop_network")
             if name.startswith(f"{stem}_network" if stem else "")
@@ -174,7 +174,7 @@ def _beside(folder: Path) -> tuple[NetworkFile, ...]:
     """The networks of other channels than that of network.json."""
     paths = [place / "network.json" for place in networks_beside(folder).values()]
     read = [read_result(path, NetworkFile, any_schema=True) for path in paths]
-    return tuple(one for one in read if one is not None)
+    return tuple(recording for recording in read if recording is not None)
 
 
 def read_diagnosis(path: Path) -> DiagnosisFile | None:

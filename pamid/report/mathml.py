@@ -157,9 +157,9 @@ class Typeset:
     def _factors(self, factors: list[Expr]) -> Markup:
         """Factors side by side, equal ones as powers."""
         parts: list[Part] = []
-        for one in dict.fromkeys(factors):
-            body, level = self._set(one)
-            many = factors.count(one)
+        for factor in dict.fromkeys(factors):
+            body, level = self._set(factor)
+            many = factors.count(factor)
             if level == _SUM and len(factors) > 1:
                 body = fenced("(", body, close=")")
             body = power_html(body, tag("mn", str(many))) if many > 1 else body
@@ -167,7 +167,7 @@ class Typeset:
         return tag("mrow", parts) if len(parts) > 1 else Markup(str(parts[0]))
 
     def _function(self, node: Expr) -> Markup:
-        args = [self(one) for one in node.args]
+        args = [self(arg) for arg in node.args]
         if node.op == "sqrt":
             return tag("msqrt", args[0])
         if node.op == "exp":

@@ -29,10 +29,10 @@ def missing_term(diagnosis: DiagnosisFile | None) -> Unknown | None:
     )
 
 
-def nature_texts(one: Unknown) -> list[str]:
+def nature_texts(unknown: Unknown) -> list[str]:
     """Odd or even, memory, dissipative: in words."""
     against = formatting.port_label(
-        "velocity" if "velocity" in one.variables else (one.variables or ("signal",))[0]
+        "velocity" if "velocity" in unknown.variables else (unknown.variables or ("signal",))[0]
     )
     parity = {
         "odd": f"It changes its sign with the {against}.",
@@ -49,33 +49,35 @@ def nature_texts(one: Unknown) -> list[str]:
         False: "On the whole it takes no energy out beyond what the refitted model takes.",
     }
     return [
-        parity.get(one.parity, "") if one.variables else "",
-        memory[one.memory] if one.memory is not None else "",
-        energy[one.dissipative] if one.dissipative is not None else "",
+        parity.get(unknown.parity, "") if unknown.variables else "",
+        memory[unknown.memory] if unknown.memory is not None else "",
+        energy[unknown.dissipative] if unknown.dissipative is not None else "",
     ]
 
 
-def formula_texts(one: Unknown) -> list[str]:
+def formula_texts(unknown: Unknown) -> list[str]:
     """The formula, how sure its terms are and how much it covers."""
-    if not one.formula:
+    if not unknown.formula:
         return ["No function of the signals at this port describes it."]
     of = (
-        f" of {formatting.join(map(formatting.port_label, one.variables))}" if one.variables else ""
+        f" of {formatting.join(map(formatting.port_label, unknown.variables))}"
+        if unknown.variables
+        else ""
     )
-    at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
+    at = f" at the {formatting.port_label(unknown.port)} port" if unknown.port else ""
     texts = [
         f"The missing term{at} is described best, as a function{of}, by "
-        f"{formula_text(formatting.clean(one.formula))}, with the parameters estimated anew "
+        f"{formula_text(formatting.clean(unknown.formula))}, with the parameters estimated anew "
         "beside it."
     ]
-    if one.inclusion is not None:
+    if unknown.inclusion is not None:
         texts.append(
-            f"Each of its terms came up in at least {percent(one.inclusion)} of the fits to "
+            f"Each of its terms came up in at least {percent(unknown.inclusion)} of the fits to "
             "resampled data."
         )
-    if one.described is not None:
+    if unknown.described is not None:
         texts.append(
-            f"The formula covers {percent(one.described)} of its variance; it is a description, "
-            "not a cause."
+            f"The formula covers {percent(unknown.described)} of its variance; it is a "
+            "description, not a cause."
         )
     return texts

@@ -60,7 +60,7 @@ class Motion:
     def box(self) -> tuple[FloatArray, FloatArray]:
         """Lower left and upper right corner of all that is drawn, with a margin, m."""
         points = np.concatenate(
-            [one.reshape(-1, 2) for lines in self.lines.values() for one in lines]
+            [line.reshape(-1, 2) for lines in self.lines.values() for line in lines]
         )
         low, high = points.min(axis=0), points.max(axis=0)
         size = float(max(*(high - low), 1e-6))
@@ -249,7 +249,9 @@ class _Outputs(Mapping[str, FloatArray]):
 def _parameters(run: RunData, rig: Rig) -> Names:
     """The rig's parameters by name (SI): fitted where they were, else from the data sheet."""
     fitted = (
-        {name: one.value for name, one in run.fit.parameters.items()} if run.fit is not None else {}
+        {name: parameter.value for name, parameter in run.fit.parameters.items()}
+        if run.fit is not None
+        else {}
     )
     return Names(
         {p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters},

@@ -48,12 +48,12 @@ def steps_picture(
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for one, (name, models), note in zip(axes, errors.items(), notes, strict=True):
+        for axis, (name, models), note in zip(axes, errors.items(), notes, strict=True):
             for role, (model, values) in zip(LINE_ROLES, models.items(), strict=False):
-                one.plot(time_s, values, color=colour(role), linewidth=1.1, label=model)
-            one.axhline(0.0, color=colour("ink"), linewidth=0.7)
-            grid(one, "y")
-            one.set_ylabel(f"{name}\nerror [deg]" if narrow else f"{name} ({note})\nerror [deg]")
+                axis.plot(time_s, values, color=colour(role), linewidth=1.1, label=model)
+            axis.axhline(0.0, color=colour("ink"), linewidth=0.7)
+            grid(axis, "y")
+            axis.set_ylabel(f"{name}\nerror [deg]" if narrow else f"{name} ({note})\nerror [deg]")
         legend_above(axes[0], 1 if narrow else 3)
         axes[-1].set_xlabel("time [s]")
 
@@ -77,20 +77,20 @@ def responses_picture(time_s: Array, responses: Sequence[StepResponse], title: s
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(responses), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for one, case in zip(axes, responses, strict=True):
-            one.plot(
+        for axis, case in zip(axes, responses, strict=True):
+            axis.plot(
                 time_s, case.reference, color=colour("muted"), linewidth=0.8, label="reference"
             )
-            one.plot(
+            axis.plot(
                 time_s, case.measured, color=colour("noise_floor"), linewidth=2.8, label="measured"
             )
             for (role, style, width), (word, angle) in zip(
                 styles, case.models.items(), strict=False
             ):
                 shown = "ink" if role == "data_sheet" else role
-                one.plot(time_s, angle, style, color=colour(shown), linewidth=width, label=word)
-            grid(one, "y")
-            one.set_ylabel(f"{case.case}\nangle [deg]")
+                axis.plot(time_s, angle, style, color=colour(shown), linewidth=width, label=word)
+            grid(axis, "y")
+            axis.set_ylabel(f"{case.case}\nangle [deg]")
         legend_above(axes[0], 4)
         axes[-1].set_xlabel("time [s]")
 
@@ -106,18 +106,18 @@ def pressures_picture(
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, len(cases), sharex=True, sharey=True, squeeze=False)
         for column, (case, muscles) in zip(axes.T, cases.items(), strict=True):
-            for one, (muscle, (measured, model)) in zip(column, muscles.items(), strict=True):
-                one.plot(
+            for axis, (muscle, (measured, model)) in zip(column, muscles.items(), strict=True):
+                axis.plot(
                     time_s, measured, color=colour("noise_floor"), linewidth=2.4, label="measured"
                 )
-                one.plot(
+                axis.plot(
                     time_s, model, "--", color=colour("ink"), linewidth=0.9, label="analytic model"
                 )
-                grid(one, "y")
-                one.set_title(label(f"{case}, {muscle}"), loc="right", color=colour("muted"))
+                grid(axis, "y")
+                axis.set_title(label(f"{case}, {muscle}"), loc="right", color=colour("muted"))
             column[-1].set_xlabel("time [s]")
-        for one in axes[:, 0]:
-            one.set_ylabel("gauge pressure [kPa]")
+        for axis in axes[:, 0]:
+            axis.set_ylabel("gauge pressure [kPa]")
         legend_above(axes[0, 0], 2)
 
     return png_of(Drawing("pressures", title, draw, 4.8, 4.8))
@@ -137,11 +137,11 @@ def training_picture(
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, 2, sharex=True)
-        for one, (name, word) in zip(axes.flat, panels.items(), strict=True):
-            one.plot(trace["iteration"], trace[name], color=colour("with_network"), linewidth=1.2)
+        for axis, (name, word) in zip(axes.flat, panels.items(), strict=True):
+            axis.plot(trace["iteration"], trace[name], color=colour("with_network"), linewidth=1.2)
             if name == "gamma":
-                one.axhline(weights, color=colour("ink"), linewidth=0.8)
-                one.annotate(
+                axis.axhline(weights, color=colour("ink"), linewidth=0.8)
+                axis.annotate(
                     f"all {weights} weights",
                     (1.0, weights),
                     xycoords=("axes fraction", "data"),
@@ -152,11 +152,11 @@ def training_picture(
                     fontsize=8.0,
                 )
             else:
-                one.set_yscale("log")
-                one.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
-                one.minorticks_off()
-            one.axhline(published[name], color=colour("with_cause"), linewidth=0.9, linestyle="--")
-            one.annotate(
+                axis.set_yscale("log")
+                axis.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+                axis.minorticks_off()
+            axis.axhline(published[name], color=colour("with_cause"), linewidth=0.9, linestyle="--")
+            axis.annotate(
                 f"the paper's end: {published[name]:.3g}",
                 (1.0, published[name]),
                 xycoords=("axes fraction", "data"),
@@ -167,10 +167,10 @@ def training_picture(
                 color=colour("with_cause"),
                 fontsize=8.0,
             )
-            grid(one, "y")
-            one.set_ylabel(word)
-        for one in axes[-1]:
-            one.set_xlabel("iteration")
+            grid(axis, "y")
+            axis.set_ylabel(word)
+        for axis in axes[-1]:
+            axis.set_xlabel("iteration")
 
     return png_of(Drawing("network-training", title, draw, 4.8, 4.8))
 

@@ -44,9 +44,9 @@ def paper_document(
         preface=Paragraphs(tuple(map(formatting.clean, paper.warnings)), "warning"),
         blocks=(
             *(
-                Section(tuple(_topic(one, stills)))
-                for one in paper.topics
-                if one.rows or any(one.sentences)
+                Section(tuple(_topic(topic, stills)))
+                for topic in paper.topics
+                if topic.rows or any(topic.sentences)
             ),
             *answers,
             Section(provenance(steps)),
@@ -54,14 +54,14 @@ def paper_document(
     )
 
 
-def _topic(one: Topic, stills: dict[str, Still]) -> Iterator[Block]:
-    yield Heading(one.title)
-    head, *body = one.rows or ((),)
+def _topic(topic: Topic, stills: dict[str, Still]) -> Iterator[Block]:
+    yield Heading(topic.title)
+    head, *body = topic.rows or ((),)
     if body:
         yield table(
-            head, body, [column for column in range(1, len(head)) if column not in one.left]
+            head, body, [column for column in range(1, len(head)) if column not in topic.left]
         )
-    yield notes(*map(formatting.clean, one.sentences))
-    if one.still in stills:
-        still = stills[one.still]
-        yield Image(still.name, one.title, still.png, still.wide_px, still.tall_px)
+    yield notes(*map(formatting.clean, topic.sentences))
+    if topic.still in stills:
+        still = stills[topic.still]
+        yield Image(still.name, topic.title, still.png, still.wide_px, still.tall_px)

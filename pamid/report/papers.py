@@ -201,7 +201,7 @@ def _joint_lead(rows: Sequence[PaperRow], cases: list[str]) -> str:
     known = [(row.model, error) for row in rows if (error := row.mae.get(case)) is not None]
     if len(known) < 2:
         return "The errors of the models on the steps of the first paper."
-    first, best = known[0], min(known[1:], key=lambda one: one[1])
+    first, best = known[0], min(known[1:], key=lambda item: item[1])
     return (
         f"At {formatting.clean(case)}, the {formatting.clean(first[0])} is off by "
         f"{formatting.short(first[1])} deg, the "
@@ -239,12 +239,12 @@ def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
         (
             effect_label(cause.effect),
             channel_label(name),
-            number(one.value),
-            formatting.span(one.low, one.high),
+            number(parameter.value),
+            formatting.span(parameter.low, parameter.high),
             channel_unit(name) or "-",
         )
         for cause in causes
-        for name, one in cause.parameters.items()
+        for name, parameter in cause.parameters.items()
     ]
     return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *rows) if rows else ()
 
@@ -294,7 +294,7 @@ def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> PaperStory:
         _notes(paper),
     )
     stuck = [
-        f"Not converged: {name}: {one.why}" for name, one in paper.fits.items() if not one.converged
+        f"Not converged: {name}: {fit.why}" for name, fit in paper.fits.items() if not fit.converged
     ]
     return PaperStory(
         "The second paper: an arm of two links", lead, (*_warnings(paper), *stuck), sections, stills
@@ -336,7 +336,7 @@ _STAR = "*: the interval does not hold the truth."
 def _arm_errors(
     title: str, variables: Mapping[str, ArmErrors], *, only: str = "", still: str = ""
 ) -> Topic:
-    rows = [one for one in variables.items() if not only or one[1].unit == only]
+    rows = [item for item in variables.items() if not only or item[1].unit == only]
     models = [key for key in _ARM_MODELS if any(getattr(one, key) is not None for _, one in rows)]
     body = [
         (channel_label(name), one.unit, *(number(getattr(one, key)) for key in models))
@@ -356,17 +356,17 @@ def _known_rows(
 ) -> tuple[tuple[str, ...], ...]:
     """Values with their intervals, a star where the interval does not hold the truth."""
     body = []
-    for name, one in parameters.items():
+    for name, parameter in parameters.items():
         cells = []
         for key in columns:
-            value = getattr(one, key)
+            value = getattr(parameter, key)
             if isinstance(value, StageEstimate):
                 star = "*" if value.holds is False else ""
                 interval = formatting.span(value.low, value.high)
                 cells.append(f"{number(value.value)} ({interval}){star}")
             else:
                 cells.append(number(value))
-        body.append((channel_label(name), formatting.unit_label(one.unit) or "-", *cells))
+        body.append((channel_label(name), formatting.unit_label(parameter.unit) or "-", *cells))
     return (("", "unit", *columns.values()), *body)
 
 

@@ -26,21 +26,25 @@ def ranking_table(
 ) -> Table:
     """Every candidate that was refitted, best first, with its errors per channel. places: by
     effect, the figure of the page that its row leads to."""
-    channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
+    channels = list(
+        dict.fromkeys(name for candidate in diagnosis.ranking for name in candidate.held_out)
+    )
     heads = ["effect", "family", "port", "P", "held-out error removed", formatting.INTERVAL]
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[str | TableCell]] = []
-    for one in diagnosis.ranking:
+    for candidate in diagnosis.ranking:
         row: list[str | TableCell] = [
-            TableCell(formatting.clean(one.effect), "code", place=places.get(one.effect, "")),
-            effect_label(one.family),
-            formatting.port_label(one.port),
-            number(one.probability, 2),
-            percent(one.shrinkage),
-            percent_span(one.low, one.high),
+            TableCell(
+                formatting.clean(candidate.effect), "code", place=places.get(candidate.effect, "")
+            ),
+            effect_label(candidate.family),
+            formatting.port_label(candidate.port),
+            number(candidate.probability, 2),
+            percent(candidate.shrinkage),
+            percent_span(candidate.low, candidate.high),
         ]
         for name in channels:
-            held = one.held_out.get(name)
+            held = candidate.held_out.get(name)
             row.append(
                 formatting.DASH
                 if held is None or held.mae_after is None
@@ -54,49 +58,53 @@ def rivals_table(diagnosis: DiagnosisFile) -> Table:
     """Every candidate with the parameters it was given, and why it is not the answer."""
     body: list[list[str | TableCell]] = [
         [
-            TableCell(formatting.clean(one.effect), "code"),
-            TableCell(_parameters(one), small=_bounds(one)),
-            why_not(one, diagnosis),
+            TableCell(formatting.clean(candidate.effect), "code"),
+            TableCell(_parameters(candidate), small=_bounds(candidate)),
+            why_not(candidate, diagnosis),
         ]
-        for one in diagnosis.ranking
+        for candidate in diagnosis.ranking
     ]
     return table(["effect", "its parameters", "why it is not the answer"], body)
 
 
-def _parameters(one: Candidate) -> str:
+def _parameters(candidate: Candidate) -> str:
     texts = [
         f"{channel_label(name)} {formatting.with_unit_text(estimate.value, channel_unit(name))}"
-        for name, estimate in one.parameters.items()
+        for name, estimate in candidate.parameters.items()
     ]
     return "; ".join(texts) or formatting.DASH
 
 
-def _bounds(one: Candidate) -> str:
-    return f"at its bound: {', '.join(map(channel_label, one.at_bound))}" if one.at_bound else ""
+def _bounds(candidate: Candidate) -> str:
+    return (
+        f"at its bound: {', '.join(map(channel_label, candidate.at_bound))}"
+        if candidate.at_bound
+        else ""
+    )
 
 
-def why_not(one: Candidate, diagnosis: DiagnosisFile) -> str:
+def why_not(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
     """Reason why a candidate was not chosen, from its figures."""
     named = {cause.effect for cause in diagnosis.causes}
-    if one.effect in named:
+    if candidate.effect in named:
         return "is named"
-    if not one.converged:
-        return formatting.not_converged("its fit", one.why)
-    if one.shrinkage is None:
-        return formatting.clean(one.why) or "was not refitted"
-    reasons = list(one.set_aside)
-    if one.effect in diagnosis.tied and named:
+    if not candidate.converged:
+        return formatting.not_converged("its fit", candidate.why)
+    if candidate.shrinkage is None:
+        return formatting.clean(candidate.why) or "was not refitted"
+    reasons = list(candidate.set_aside)
+    if candidate.effect in diagnosis.tied and named:
         reasons.append("these recordings cannot separate it from the first")
-    if one.low is not None and one.low <= 0.0:
+    if candidate.low is not None and candidate.low <= 0.0:
         reasons.append("its gain is not sure: the interval reaches 0")
     best = next((each for each in diagnosis.ranking if each.effect in named), None)
-    if best is not None and (best.shrinkage or 0.0) - one.shrinkage > _CLOSE:
+    if best is not None and (best.shrinkage or 0.0) - candidate.shrinkage > _CLOSE:
         reasons.append(
-            f"removes {percent(one.shrinkage)} where {effect_label(best.effect)} removes "
+            f"removes {percent(candidate.shrinkage)} where {effect_label(best.effect)} removes "
             f"{percent(best.shrinkage)}"
         )
-    if one.at_bound:
+    if candidate.at_bound:
         reasons.append("needs a value at its bound")
-    if not reasons and one.probability is not None:
-        reasons.append(f"is there with probability {formatting.chance(one.probability)}")
+    if not reasons and candidate.probability is not None:
+        reasons.append(f"is there with probability {formatting.chance(candidate.probability)}")
     return "; ".join(reasons) or formatting.DASH

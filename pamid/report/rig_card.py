@@ -34,8 +34,8 @@ def _drawn(diagram: Diagram, title: str, heads: list[Markup]) -> Markup:
         "svg",
         tag("defs", arrow_head(_ARROW, fill="currentColor")),
         heads,
-        [_link(one) for one in diagram.links],
-        [_block(one) for one in diagram.boxes],
+        [_link(link) for link in diagram.links],
+        [_block(box) for box in diagram.boxes],
         viewBox=f"-2 0 {diagram.wide + 4.0:.0f} {diagram.tall:.0f}",
         role="img",
         aria_label=title,
@@ -46,15 +46,15 @@ def _drawn(diagram: Diagram, title: str, heads: list[Markup]) -> Markup:
     )
 
 
-def _link(one: Link) -> Markup:
-    more = {"marker_start": f"url(#{_ARROW})"} if one.both else {}
+def _link(link: Link) -> Markup:
+    more = {"marker_start": f"url(#{_ARROW})"} if link.both else {}
     return tag(
         "path",
-        d=link_path(one),
+        d=link_path(link),
         fill="none",
         stroke="currentColor",
         stroke_opacity="0.7",
-        stroke_width="3" if one.broad else "1.2",
+        stroke_width="3" if link.broad else "1.2",
         marker_end=f"url(#{_ARROW})",
         **more,
     )

@@ -52,8 +52,8 @@ def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
 def bare_rig_drawing(rig: RigMap) -> Drawing:
     """The rig by itself, before anything was recorded: its ports with their units."""
     units: dict[str, list[str]] = {}
-    for one in rig.ports:
-        units.setdefault(one.group or one.port, []).append(formatting.unit_label(one.unit))
+    for port in rig.ports:
+        units.setdefault(port.group or port.port, []).append(formatting.unit_label(port.unit))
     texts = {
         group: BlockText(
             formatting.port_label(group),
@@ -91,11 +91,11 @@ def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return _plain_title(rig)
     where = diagnosis.where  # of shares that read alike the named port's comes first
-    shares = sorted(where.ports, key=lambda one: (-round(one.share, 2), one.port != where.port))
+    shares = sorted(where.ports, key=lambda item: (-round(item.share, 2), item.port != where.port))
     told = [
-        f"{formatting.port_label(one.port)} {percent(one.share)}"
-        for one in shares[:3]
-        if one.share >= 0.05
+        f"{formatting.port_label(share.port)} {percent(share.share)}"
+        for share in shares[:3]
+        if share.share >= 0.05
     ]
     return f"The rig {name} and where the gap enters it: {', '.join(told) or 'nowhere alone'}"
 
@@ -163,29 +163,29 @@ def _svg(diagram: Diagram, salt: str) -> str:
             "svg",
             tag("defs", arrow_head(head)),
             heads,
-            [_arrow(one, head) for one in diagram.links],
-            [_block(one) for one in diagram.boxes],
+            [_arrow(link, head) for link in diagram.links],
+            [_block(box) for box in diagram.boxes],
             viewBox=f"0 0 {diagram.wide:.0f} {diagram.tall:.0f}",
             class_="rig-map",
         )
     )
 
 
-def _arrow(one: Link, head: str) -> Markup:
-    more = {"marker_start": f"url(#{head})"} if one.both else {}
+def _arrow(link: Link, head: str) -> Markup:
+    more = {"marker_start": f"url(#{head})"} if link.both else {}
     return tag(
         "path",
-        d=link_path(one),
-        class_="link broad" if one.broad else "link",
+        d=link_path(link),
+        class_="link broad" if link.broad else "link",
         marker_end=f"url(#{head})",
         **more,
     )
 
 
-def link_path(one: Link) -> str:
-    (x, y), (u, v) = one.begin, one.end
-    if one.corners:
-        turns = "".join(f"L{p:.1f} {q:.1f}" for p, q in one.corners)
+def link_path(link: Link) -> str:
+    (x, y), (u, v) = link.begin, link.end
+    if link.corners:
+        turns = "".join(f"L{p:.1f} {q:.1f}" for p, q in link.corners)
         return f"M{x:.1f} {y:.1f}{turns}L{u:.1f} {v:.1f}"
     if abs(x - u) < 1.0 or abs(y - v) < 1.0:
         return f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}"
@@ -238,15 +238,15 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
     points = 72.0 * figure.get_figwidth() / diagram.wide  # per unit of the diagram
     for x, y, text in diagram.heads:
         axes.text(x, y, text, ha="center", fontsize=10.0 * points, color=colour("muted"))
-    for one in diagram.links:
+    for link in diagram.links:
         axes.add_patch(
             FancyArrowPatch(
-                path=Path([one.begin, *one.corners, one.end]),
-                arrowstyle="<|-|>" if one.both else "-|>",
+                path=Path([link.begin, *link.corners, link.end]),
+                arrowstyle="<|-|>" if link.both else "-|>",
                 mutation_scale=9.0 * points,
-                linewidth=(3.0 if one.broad else 1.2) * points,
+                linewidth=(3.0 if link.broad else 1.2) * points,
                 edgecolor=colour("muted"),
-                facecolor="none" if one.corners else colour("muted"),
+                facecolor="none" if link.corners else colour("muted"),
             )
         )
     for box in diagram.boxes:

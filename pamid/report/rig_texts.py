@@ -22,11 +22,13 @@ def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
     shares = _shares(diagnosis)
     unseen = set(diagnosis.where.unseen) if diagnosis.where is not None else set()
     blocks = {}
-    for group in dict.fromkeys(one.group or one.port for one in rig.ports):
+    for group in dict.fromkeys(port.group or port.port for port in rig.ports):
         share = shares.get(group)
-        lines = [(one, "") for one in _share_lines(share, group in unseen, bool(shares))]
+        lines = [
+            (share_line, "") for share_line in _share_lines(share, group in unseen, bool(shares))
+        ]
         pins = _pins(diagnosis, group)
-        lines += [(one, "pin") for one in pins]
+        lines += [(pin, "pin") for pin in pins]
         blocks[group] = BlockText(
             formatting.port_label(group),
             tuple(lines),
@@ -40,7 +42,7 @@ def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
     """Shares of the gap by group; none where there is no gap to be shared out."""
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return {}
-    return {one.port: one.share for one in diagnosis.where.ports}
+    return {port.port: port.share for port in diagnosis.where.ports}
 
 
 def _share_lines(share: float | None, unseen: bool, gap: bool) -> list[str]:
@@ -77,7 +79,7 @@ def _first_value(cause: Cause) -> str:
 def first_parameter(cause: Cause) -> tuple[str, CauseParameter] | None:
     """The parameter that says most of an effect: the first that is not 0."""
     every = list(cause.parameters.items())
-    return next((one for one in every if one[1].value), every[0] if every else None)
+    return next((item for item in every if item[1].value), every[0] if every else None)
 
 
 def _chance(cause: Cause) -> str:
@@ -86,13 +88,13 @@ def _chance(cause: Cause) -> str:
 
 def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> list[str]:
     """Sentences about a group of ports."""
-    own = [one for one in rig.ports if (one.group or one.port) == group]
+    own = [port for port in rig.ports if (port.group or port.port) == group]
     named = [
-        f"{formatting.port_label(one.port)}"
-        + (f" [{formatting.unit_label(one.unit)}]" if formatting.unit_label(one.unit) else "")
-        for one in own
+        f"{formatting.port_label(name.port)}"
+        + (f" [{formatting.unit_label(name.unit)}]" if formatting.unit_label(name.unit) else "")
+        for name in own
     ]
-    kinds = dict.fromkeys(KINDS.get(one.kind, one.kind) for one in own)
+    kinds = dict.fromkeys(KINDS.get(name.kind, name.kind) for name in own)
     texts = [f"What passes here: {'; '.join(kinds)} ({formatting.join(named)})."]
     texts += _alike(diagnosis, group)
     for cause in diagnosis.causes:
@@ -113,13 +115,15 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
     texts = []
     others = where.not_told_from(group)
     if others:
-        order = [one.port for one in where.ports]
-        named = sorted(others, key=lambda one: order.index(one) if one in order else len(order))
+        order = [port.port for port in where.ports]
+        named = sorted(others, key=lambda item: order.index(item) if item in order else len(order))
         ports = formatting.join(map(formatting.port_label, named), "or")
         texts.append(
             f"For an effect of unknown form these sensors cannot separate it from {ports}."
         )
-    split = next((one.sensor for one in where.sensors if any(group in g for g in one.splits)), None)
+    split = next(
+        (sensor.sensor for sensor in where.sensors if any(group in g for g in sensor.splits)), None
+    )
     if split is not None:
         texts.append(f"Measuring {sensor_label(split)} as well would separate them.")
     if group in where.unseen:
@@ -130,8 +134,8 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
 def _cause_text(cause: Cause) -> str:
     values = [
         f"{channel_label(name)} "
-        f"{formatting.with_interval(one.value, one.low, one.high, channel_unit(name))}"
-        for name, one in cause.parameters.items()
+        f"{formatting.with_interval(size.value, size.low, size.high, channel_unit(name))}"
+        for name, size in cause.parameters.items()
     ]
     text = f"{effect_label(cause.effect)} acts here"
     if cause.probability is not None:
@@ -142,7 +146,11 @@ def _cause_text(cause: Cause) -> str:
 
 
 def _tried(diagnosis: DiagnosisFile, group: str) -> str:
-    tried = [one for one in diagnosis.ranking if one.port == group and one.shrinkage is not None]
+    tried = [
+        candidate
+        for candidate in diagnosis.ranking
+        if candidate.port == group and candidate.shrinkage is not None
+    ]
     if not tried:
         return "No candidate that acts here was worth a refit."
     shown = [

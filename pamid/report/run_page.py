@@ -189,7 +189,7 @@ def _panels(run: RunData, pictures: dict[str, Picture]) -> tuple[Block, ...]:
 def _subtitle(run: RunData) -> str:
     parts = [f"Rig {formatting.clean(run.rig)}"] if run.rig else []
     if run.fit is not None and run.fit.recordings:
-        names = [formatting.clean(one.name) for one in run.fit.recordings]
+        names = [formatting.clean(recording.name) for recording in run.fit.recordings]
         parts.append(formatting.join(names) if len(names) <= 3 else f"{len(names)} recordings")
     return " · ".join(parts)
 
@@ -203,7 +203,7 @@ def _warnings(run: RunData) -> Paragraphs:
         for step in run.steps
         if not step.ended
     ]
-    return Paragraphs(tuple(formatting.clean(one).replace("..", ".") for one in texts), "warning")
+    return Paragraphs(tuple(formatting.clean(text).replace("..", ".") for text in texts), "warning")
 
 
 def _evidence(
@@ -297,7 +297,7 @@ def _candidates(run: RunData) -> Iterator[Block]:
     )
     if diagnosis.notes:
         yield Heading("What to know before believing a figure", 3)
-        yield Bullets(tuple(formatting.clean(one) for one in diagnosis.notes))
+        yield Bullets(tuple(formatting.clean(note) for note in diagnosis.notes))
 
 
 def _sensors(run: RunData) -> Iterator[Block]:

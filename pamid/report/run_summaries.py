@@ -55,12 +55,13 @@ def _with_findings(told: RunSummary, run: RunData) -> RunSummary:
     return told.model_copy(
         update={
             "recordings": tuple(
-                formatting.clean(one.name) for one in (run.fit.recordings if run.fit else ())
+                formatting.clean(recording.name)
+                for recording in (run.fit.recordings if run.fit else ())
             ),
             "verdict": diagnosis.verdict if diagnosis is not None else "",
             "sentence": verdict_sentence(run, rows),
             "causes": tuple(
-                formatting.clean(one.effect) for one in (diagnosis.causes if diagnosis else ())
+                formatting.clean(cause.effect) for cause in (diagnosis.causes if diagnosis else ())
             ),
             "mae": {row.channel: row.known() for row in rows},
         }
@@ -84,7 +85,7 @@ def runs_below(folder: Path) -> list[RunSummary]:
             "Name the folder that holds your run folders.",
             code="no-folder",
         )
-    return [_listed(one) for one in _run_folders(folder)]
+    return [_listed(run_folder) for run_folder in _run_folders(folder)]
 
 
 def _listed(folder: Path) -> RunSummary:

@@ -238,8 +238,8 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
 def png_of(*drawings: Drawing) -> bytes:
     """Drawings with their titles, one below the other, as a PNG file; the same drawings give the
     same bytes."""
-    images = [_image(one) for one in drawings]
-    size = max(one.width for one in images), sum(one.height for one in images)
+    images = [_image(drawing) for drawing in drawings]
+    size = max(item.width for item in images), sum(item.height for item in images)
     sheet, top = Image.new("RGB", size, colour("paper")), 0
     for image in images:
         sheet.paste(image, (0, top))

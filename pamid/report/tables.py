@@ -83,11 +83,11 @@ def loop_table(errors: Mapping[str, LoopError]) -> Table:
         [
             channel_label(channel),
             channel_unit(channel) or "-",
-            number(one.data_sheet),
-            number(one.refitted),
-            "" if one.band is None else f"± {number(one.band)}",
+            number(error.data_sheet),
+            number(error.refitted),
+            "" if error.band is None else f"± {number(error.band)}",
         ]
-        for channel, one in errors.items()
+        for channel, error in errors.items()
     ]
     return table(heads, body, (2, 3, 4))
 
@@ -109,30 +109,30 @@ def parameter_table(
         "known",
     ]
     body: list[list[str | TableCell]] = []
-    for name, one in parameters.items():
+    for name, parameter in parameters.items():
         row: list[str | TableCell] = [
-            TableCell(formatting.clean(name), "code", formatting.clean(one.source)),
-            formatting.unit_label(_unit(name, one)) or "-",
-            number(one.value),
-            formatting.span(one.low, one.high),
-            number(one.prior),
+            TableCell(formatting.clean(name), "code", formatting.clean(parameter.source)),
+            formatting.unit_label(_unit(name, parameter)) or "-",
+            number(parameter.value),
+            formatting.span(parameter.low, parameter.high),
+            number(parameter.prior),
         ]
         if compared:
             other = without_cause.get(name)
             row.append(number(other.value) if other is not None else formatting.DASH)
-        strained = one.strain is not None and abs(one.strain) > STRAINED
+        strained = parameter.strain is not None and abs(parameter.strain) > STRAINED
         shown = (
             formatting.DASH
-            if one.strain is None
-            else f"{one.strain:.1f}".replace("-", formatting.MINUS)
+            if parameter.strain is None
+            else f"{parameter.strain:.1f}".replace("-", formatting.MINUS)
         )
         strain = TableCell(shown, "strong" if strained else "")
-        body.append([*row, strain, _remark(one, strained)])
+        body.append([*row, strain, _remark(parameter, strained)])
     return table(heads, body, range(2, 6 + compared))
 
 
-def _unit(name: str, one: FitParameter | Combination) -> str:
-    return split_column(name)[1] if one.unit is None else one.unit
+def _unit(name: str, fit_parameter: FitParameter | Combination) -> str:
+    return split_column(name)[1] if fit_parameter.unit is None else fit_parameter.unit
 
 
 def combinations_table(fit: FitFile) -> Table:
@@ -168,25 +168,29 @@ def parameters_of(run: RunData) -> tuple[Mapping[str, FitParameter], Mapping[str
         return fitted, {}
     answer = {
         name: FitParameter(
-            value=one.value,
-            low=one.low,
-            high=one.high,
-            prior=one.prior,
-            unit=formatting.channel_unit(name) if one.unit is None else one.unit,
-            word=one.word,
-            at_bound=one.at_bound,
-            strain=one.strain,
+            value=parameter.value,
+            low=parameter.low,
+            high=parameter.high,
+            prior=parameter.prior,
+            unit=formatting.channel_unit(name) if parameter.unit is None else parameter.unit,
+            word=parameter.word,
+            at_bound=parameter.at_bound,
+            strain=parameter.strain,
             source=fitted[name].source if name in fitted else "",
             null=None,
         )
-        for name, one in diagnosis.parameters.items()
+        for name, parameter in diagnosis.parameters.items()
     }
     return answer, fitted
 
 
-def _remark(one: FitParameter, strained: bool) -> str:
-    end = f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound" if one.at_bound else ""
-    word = "" if end and one.word == "settled" else formatting.clean(one.word)
+def _remark(fit_parameter: FitParameter, strained: bool) -> str:
+    end = (
+        f"at its {'lower' if fit_parameter.at_bound == 'low' else 'upper'} bound"
+        if fit_parameter.at_bound
+        else ""
+    )
+    word = "" if end and fit_parameter.word == "settled" else formatting.clean(fit_parameter.word)
     strain = "may be absorbing structure" if strained else ""
     remarks = [text for text in (word, strain, end) if text]
     return ", ".join(remarks) or formatting.DASH
@@ -197,13 +201,13 @@ def recordings_table(fit: FitFile) -> Table:
     heads = ["recording", "role", "samples", "period", "loop"]
     body = [
         [
-            formatting.clean(one.name),
-            formatting.clean(one.role),
-            count(one.samples),
-            formatting.DASH if one.period_s is None else duration_text(one.period_s, 4),
-            formatting.clean(one.loop or "") or formatting.DASH,
+            formatting.clean(recording.name),
+            formatting.clean(recording.role),
+            count(recording.samples),
+            formatting.DASH if recording.period_s is None else duration_text(recording.period_s, 4),
+            formatting.clean(recording.loop or "") or formatting.DASH,
         ]
-        for one in fit.recordings
+        for recording in fit.recordings
     ]
     return table(heads, body, (2, 3))
 
@@ -238,13 +242,13 @@ def _steps_table(steps: tuple[Step, ...]) -> Table:
     heads = ["command", "seed", "begun", "ended", "outcome"]
     body: list[list[str | TableCell]] = [
         [
-            TableCell(formatting.clean(_typed(one.command)), "code"),
-            count(one.seed),
-            _moment(one.begun) or formatting.DASH,
-            _moment(one.ended or "") or "did not end",
-            one.outcome or formatting.DASH,
+            TableCell(formatting.clean(_typed(step.command)), "code"),
+            count(step.seed),
+            _moment(step.begun) or formatting.DASH,
+            _moment(step.ended or "") or "did not end",
+            step.outcome or formatting.DASH,
         ]
-        for one in steps
+        for step in steps
     ]
     return table(heads, body, (1,), fixed=True)
 
@@ -269,7 +273,7 @@ def _moment(stamp: str) -> str:
 
 def _inputs_table(steps: tuple[Step, ...]) -> Table:
     """Every input file with the sha256 it had."""
-    inputs = dict.fromkeys((one.path, one.sha256) for step in steps for one in step.inputs)
+    inputs = dict.fromkeys((input_.path, input_.sha256) for step in steps for input_ in step.inputs)
     return table(
         ["input", "sha256"],
         [
@@ -281,24 +285,24 @@ def _inputs_table(steps: tuple[Step, ...]) -> Table:
 
 def transfer_table(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Table:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
-    channels = list(dict.fromkeys(name for one in transfers for name in one.channels))
+    channels = list(dict.fromkeys(name for transfer in transfers for name in transfer.channels))
     heads = ["recording", "differs in"]
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[str | TableCell]] = []
-    for one in transfers:
+    for transfer in transfers:
         known = [
             r.name
             for r in (fit.recordings if fit is not None else ())
-            if r.sha256.startswith(one.recording)
+            if r.sha256.startswith(transfer.recording)
         ]
         row: list[str | TableCell] = [
             formatting.clean(known[0])
             if known
-            else TableCell(formatting.clean(one.recording), "code"),
-            formatting.clean(_differences(one.differs)) or formatting.DASH,
+            else TableCell(formatting.clean(transfer.recording), "code"),
+            formatting.clean(_differences(transfer.differs)) or formatting.DASH,
         ]
         for name in channels:
-            errors = one.channels.get(name)
+            errors = transfer.channels.get(name)
             row.append(
                 formatting.DASH
                 if errors is None or errors.mae_with_cause is None
@@ -328,10 +332,10 @@ def sensors_table(where: Where) -> Table:
     """Further sensors and the groups of ports that each would take apart."""
     body = [
         [
-            formatting.sentence(sensor_label(one.sensor)).removesuffix("."),
-            "; ".join(split_labels(one)) or formatting.DASH,
+            formatting.sentence(sensor_label(sensor.sensor)).removesuffix("."),
+            "; ".join(split_labels(sensor)) or formatting.DASH,
         ]
-        for one in where.sensors
+        for sensor in where.sensors
     ]
     return table(["one more sensor", "takes apart"], body)
 

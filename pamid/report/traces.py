@@ -133,17 +133,17 @@ def traces_of(
             }
             for kind in kinds
         },
-        "recordings": [_recording(run, one) for one in stretches],
+        "recordings": [_recording(run, stretch) for stretch in stretches],
         "places": [
             {
-                "label": one.label,
-                "answer": one.answer,
-                "recording": one.recording,
-                "begin": one.begin,
-                "end": one.end,
-                "bands": one.bands,
+                "label": place.label,
+                "answer": place.answer,
+                "recording": place.recording,
+                "begin": place.begin,
+                "end": place.end,
+                "bands": place.bands,
             }
-            for one in places
+            for place in places
         ],
     }
     section = tag(
@@ -231,16 +231,19 @@ def _blocks(
 ) -> list[Markup]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
     blocks = []
-    for one in stretches:
+    for stretch in stretches:
         blocks.append(
             _block(
-                f"samples-{one.recording}-time", packed_times(residual.columns["time_s"][one.rows])
+                f"samples-{stretch.recording}-time",
+                packed_times(residual.columns["time_s"][stretch.rows]),
             )
         )
         for number, plot in enumerate(plots):
             for kind in plot["kinds"]:
-                values = _values(residual, plot["column"], kind)[one.rows]
-                blocks.append(_block(f"samples-{one.recording}-{number}-{kind}", packed(values)))
+                values = _values(residual, plot["column"], kind)[stretch.rows]
+                blocks.append(
+                    _block(f"samples-{stretch.recording}-{number}-{kind}", packed(values))
+                )
     return blocks
 
 
@@ -274,7 +277,7 @@ def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[
             for kind in (MEASURED, *TRACE_KINDS)
             if kind == MEASURED or has(residual, channel, kind)
         ]
-        span = max(float(np.nanmax(one) - np.nanmin(one)) for one in traces)
+        span = max(float(np.nanmax(trace) - np.nanmin(trace)) for trace in traces)
         exact.append(
             f"{channel_label(channel)} "
             f"{formatting.with_unit_text(0.5 * span / SAMPLE_LEVELS, channel_unit(channel), 2)}"
@@ -283,7 +286,7 @@ def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
         f"by at most: {formatting.join(exact)}."
     ]
-    if any(one.cut for one in stretches):
+    if any(stretch.cut for stretch in stretches):
         texts.append(
             "The recordings are too long for a page: a part of what was fitted is left out; "
             "residual.csv has all of it."

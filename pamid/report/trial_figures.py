@@ -44,11 +44,11 @@ def targets_drawing(trial: Trial) -> Drawing | None:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for row, one in enumerate(shown):
-            _target(axes, row, one)
-        titles = [label(one.row.title.removeprefix("... "), 60) for one in shown]
+        for row, entry in enumerate(shown):
+            _target(axes, row, entry)
+        titles = [label(entry.row.title.removeprefix("... "), 60) for entry in shown]
         axes.set_yticks(
-            range(len(shown)), [textwrap.fill(one, 24 if narrow else 60) for one in titles]
+            range(len(shown)), [textwrap.fill(title, 24 if narrow else 60) for title in titles]
         )
         axes.set_ylim(len(shown) - 0.4, -0.6)
         grid(axes)
@@ -66,24 +66,26 @@ def targets_drawing(trial: Trial) -> Drawing | None:
     )
 
 
-def _target(axes: Axes, row: int, one: Scored) -> None:
-    assert one.value is not None and one.row.target is not None
-    ink = colour("with_network" if one.reached else "with_cause")
-    if one.low is not None and one.high is not None:
-        axes.plot([one.low, one.high], [row, row], color=ink, linewidth=1.8, solid_capstyle="butt")
-    axes.plot([one.row.target] * 2, [row - 0.36, row + 0.36], color=colour("ink"), linewidth=2.0)
+def _target(axes: Axes, row: int, scored: Scored) -> None:
+    assert scored.value is not None and scored.row.target is not None
+    ink = colour("with_network" if scored.reached else "with_cause")
+    if scored.low is not None and scored.high is not None:
+        axes.plot(
+            [scored.low, scored.high], [row, row], color=ink, linewidth=1.8, solid_capstyle="butt"
+        )
+    axes.plot([scored.row.target] * 2, [row - 0.36, row + 0.36], color=colour("ink"), linewidth=2.0)
     axes.plot(
-        one.value,
+        scored.value,
         row,
         marker="o",
         markersize=5.5,
         color=ink,
         markeredgewidth=1.3,
         linestyle="none",
-        markerfacecolor=ink if one.reached else colour("paper"),
+        markerfacecolor=ink if scored.reached else colour("paper"),
     )
     axes.text(
-        103.0, row, one.texts[1], va="center", fontsize=8.5, color=colour("ink"), clip_on=False
+        103.0, row, scored.texts[1], va="center", fontsize=8.5, color=colour("ink"), clip_on=False
     )
 
 

@@ -94,10 +94,10 @@ def read_trial(path: Path) -> Trial | None:
     )
 
 
-def _scored(row: FigureRow, one: Rate | Figure, texts: tuple[str, ...]) -> Scored:
-    figures = (one.value if isinstance(one, Figure) else one.share, one.low, one.high)
+def _scored(row: FigureRow, rate: Rate | Figure, texts: tuple[str, ...]) -> Scored:
+    figures = (rate.value if isinstance(rate, Figure) else rate.share, rate.low, rate.high)
     value, low, high = (None if x is None else row.factor * x for x in figures)
-    return Scored(row, one.of, texts, value, low, high)
+    return Scored(row, rate.of, texts, value, low, high)
 
 
 # ---- sentences ---------------------------------------------------------------------------------
@@ -108,10 +108,10 @@ def reached_text(trial: Trial) -> str:
     rows = [one for one in trial.scored if one.reached is not None]
     if not rows:
         return "No case counts for a target"
-    judged = [one.reached for one in rows]
+    judged = [row.reached for row in rows]
     text = f"{sum(map(bool, judged))} of {len(judged)} targets "
     text += "is reached" if sum(map(bool, judged)) == 1 else "are reached"
-    most = max(one.cases for one in rows)
+    most = max(row.cases for row in rows)
     few = f"{most} case{'' if most == 1 else 's'}"
     return text if most >= FEW_CASES else f"{text}, on {few} at most: too few to tell"
 
@@ -160,7 +160,7 @@ def confusion_title(trial: Trial) -> str:
     ]
     if not wrong:
         return text
-    count, family, answer = max(wrong, key=lambda one: one[0])
+    count, family, answer = max(wrong, key=lambda item: item[0])
     return (
         f"{text}; most often mistaken: {effect_label(family)} for {effect_label(answer)}, "
         f"{formatting.count(count)} of {formatting.count(_total(rows[family]))}"

@@ -16,7 +16,8 @@ def all_schemas() -> dict[str, dict[str, Any]]:
     from pamid.schemas.model import Model, json_schema
 
     modules = (
-        importlib.import_module(f"{__name__}.{one.name}") for one in pkgutil.iter_modules(__path__)
+        importlib.import_module(f"{__name__}.{iter_module.name}")
+        for iter_module in pkgutil.iter_modules(__path__)
     )
     schemas = {
         kind.model_fields["schema_"].default: json_schema(kind)
@@ -24,16 +25,16 @@ def all_schemas() -> dict[str, dict[str, Any]]:
         for kind in vars(module).values()
         if isinstance(kind, type) and issubclass(kind, Model) and "schema_" in kind.model_fields
     }
-    return dict(sorted((stem_of(name), one) for name, one in schemas.items()))
+    return dict(sorted((stem_of(name), schema) for name, schema in schemas.items()))
 
 
 def earlier_schemas() -> dict[str, dict[str, Any]]:
     """Schemas of files that are still read, by name and number: "diagnosis/2". The `$comment` of a
     key says what became of it."""
     schemas = {}
-    for one in sorted(files(__name__).iterdir(), key=lambda path: path.name):
-        if one.name.endswith(".json"):
-            schema = json.loads(one.read_text(encoding="utf-8"))
+    for item in sorted(files(__name__).iterdir(), key=lambda path: path.name):
+        if item.name.endswith(".json"):
+            schema = json.loads(item.read_text(encoding="utf-8"))
             schemas[str(schema["$id"]).removeprefix("pamid.")] = schema
     return schemas
 

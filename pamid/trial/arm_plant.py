@@ -208,17 +208,17 @@ def joint_records(arm: ArmSpecimen) -> Any:
     # the links' inertia is the arm's
     return np.array(
         [
-            machine_record(one, 0.0, {**KNOWN, "radius": radius})
-            for one, radius in zip(arm.joints, RADII, strict=True)
+            machine_record(joint, 0.0, {**KNOWN, "radius": radius})
+            for joint, radius in zip(arm.joints, RADII, strict=True)
         ]
     )
 
 
 def joint_waves(arm: ArmSpecimen) -> Array:
     """Errors of all force maps, (2 joints, 2 muscles, waves, 3); unused waves have no amplitude."""
-    waves = np.zeros((2, 2, max(one.waves.shape[1] for one in arm.joints), 3))
-    for j, one in enumerate(arm.joints):
-        waves[j, :, : one.waves.shape[1]] = one.waves
+    waves = np.zeros((2, 2, max(joint.waves.shape[1] for joint in arm.joints), 3))
+    for j, joint in enumerate(arm.joints):
+        waves[j, :, : joint.waves.shape[1]] = joint.waves
     return waves
 
 

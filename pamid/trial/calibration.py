@@ -181,8 +181,8 @@ def _examples(lessons: Sequence[Lesson]) -> list[Example]:
 def _weighed(m: Marked) -> list[dict[str, Any]]:
     """The causes that a case names, and the best of the leading families of its ranking."""
     leading: dict[str, dict[str, Any]] = {}
-    for one in [*m.causes, *m.ranking]:
-        leading.setdefault(str(one["family"]), one)
+    for cause in [*m.causes, *m.ranking]:
+        leading.setdefault(str(cause["family"]), cause)
     return [one for one in list(leading.values())[:FAMILIES] if one.get("figures")]
 
 

@@ -144,7 +144,7 @@ class Fault:
 
     def draw(self, random: np.random.Generator) -> dict[str, float]:
         """Sizes of one case, SI."""
-        return {name: float(one(random)) for name, one in self.sizes.items()}
+        return {name: float(size(random)) for name, size in self.sizes.items()}
 
 
 def planted(faults: Mapping[str, Mapping[str, float]]) -> Planted:

@@ -122,7 +122,7 @@ class Marked:
         together = self.causes if self.verdict == "ambiguous" else self.causes[:1]
         if any(_is_of(c, self.lead) for c in together):
             return "leader"  # a larger set is only named where all of it predicts the same
-        acts = any(_is_of(c, one) for c in self.causes for one in self.present)
+        acts = any(_is_of(c, name) for c in self.causes for name in self.present)
         return "lesser" if acts else "wrong"
 
     @property
@@ -150,11 +150,11 @@ class Marked:
         causes: list[dict[str, Any]] = self.found["causes"]
         return causes
 
-    def is_right(self, one: dict[str, Any]) -> bool:
+    def is_right(self, table: dict[str, Any]) -> bool:
         """Does an effect (with its family and port) act, or one of the same family at the same
         port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
         return any(
-            (one["family"] == t["family"] and one["port"] == t["port"]) or _is_exact(one, t)
+            (table["family"] == t["family"] and table["port"] == t["port"]) or _is_exact(table, t)
             for t in self.present
         )
 

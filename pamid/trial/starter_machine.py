@@ -218,11 +218,11 @@ class StarterMachine:
         places, n = self.planted(faults), len(next(iter(signal.values())))
         steps = steps or self.steps
         h = self.period_s / steps
-        there = {k: packed(**asdict(one)) for k, one in places.items()}
+        there = {k: packed(**asdict(place)) for k, place in places.items()}
         # it runs on after the end, for readings that are stamped early
         fine = {
-            k: _fine(np.concatenate([signal[k], np.full(AHEAD, signal[k][-1])]), steps, one.ramped)
-            for k, one in self.sent.items()
+            k: _fine(np.concatenate([signal[k], np.full(AHEAD, signal[k][-1])]), steps, item.ramped)
+            for k, item in self.sent.items()
         }
 
         def through(column: str, x: Array) -> Array:

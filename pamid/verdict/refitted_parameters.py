@@ -35,7 +35,7 @@ class RefittedParameters:
 
     def texts(self) -> list[str]:
         """ "mass 0.5 -> 0.62 kg (0.61 .. 0.63)", and the number of those left out."""
-        rows = [_shift_text(name, one) for name, one in self.shown.items()]
+        rows = [_shift_text(name, entry) for name, entry in self.shown.items()]
         return [text for text in (*rows, self.remark()) if text]
 
 
@@ -46,24 +46,32 @@ def refitted_parameters(parameters: Mapping[str, Estimate]) -> RefittedParameter
     return RefittedParameters(dict(moved), len(parameters))
 
 
-def _moved(one: Estimate) -> bool:
-    if one.prior is None or one.low is None or one.high is None:
-        return one.prior is None
-    if one.low <= one.prior <= one.high:
+def _moved(estimate: Estimate) -> bool:
+    if estimate.prior is None or estimate.low is None or estimate.high is None:
+        return estimate.prior is None
+    if estimate.low <= estimate.prior <= estimate.high:
         return False
-    strained = one.strain is None or abs(one.strain) >= LEAST_SHIFT
-    return strained or abs(one.value - one.prior) >= LEAST_PART * abs(one.prior)
+    strained = estimate.strain is None or abs(estimate.strain) >= LEAST_SHIFT
+    return strained or abs(estimate.value - estimate.prior) >= LEAST_PART * abs(estimate.prior)
 
 
-def _shift_text(name: str, one: Estimate) -> str:
+def _shift_text(name: str, estimate: Estimate) -> str:
     stem, unit = split_column(name)
-    prior = "" if one.prior is None else f"{one.prior:.4g} -> "
-    low_high = "" if one.low is None or one.high is None else f" ({one.low:.4g} .. {one.high:.4g})"
+    prior = "" if estimate.prior is None else f"{estimate.prior:.4g} -> "
+    low_high = (
+        ""
+        if estimate.low is None or estimate.high is None
+        else f" ({estimate.low:.4g} .. {estimate.high:.4g})"
+    )
     unit_text = "" if unit in ("", "-", "1") else f" {unit}"
-    text = f"{stem} {prior}{one.value:.4g}{unit_text}{low_high}"
-    return text + bound_text(one)
+    text = f"{stem} {prior}{estimate.value:.4g}{unit_text}{low_high}"
+    return text + bound_text(estimate)
 
 
-def bound_text(one: Estimate) -> str:
+def bound_text(estimate: Estimate) -> str:
     """ ", at its lower bound"; "" between the bounds."""
-    return f", at its {'lower' if one.at_bound == 'low' else 'upper'} bound" if one.at_bound else ""
+    return (
+        f", at its {'lower' if estimate.at_bound == 'low' else 'upper'} bound"
+        if estimate.at_bound
+        else ""
+    )

@@ -295,9 +295,9 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
     named = {k.effect.label: k.figures for k in d.answer.causes} if d.answer and d.cause else {}
     label, labels = c.label, [a.label for a in c.attached]
     parameters = {
-        f"{one}:{name}" if len(labels) > 1 else name: value
-        for one in labels
-        for name, value in _parameters(c, one).items()
+        f"{item}:{name}" if len(labels) > 1 else name: value
+        for item in labels
+        for name, value in _parameters(c, item).items()
     }
     alike = named.get(labels[0]) if set(labels) <= set(named) else None
     figures = alike or features(d.comparison, c, d.budget.baseline, d.ranking)

@@ -277,7 +277,7 @@ def advice_of(rest: Remainder) -> str:
 def _entrance(where: Where, spelling: Spelling) -> str:
     """Where the gap enters: the port that the evidence prefers, and those that take as much of it
     or more where the sensors cannot separate them."""
-    shares = {one.port: one.share for one in where.ports}
+    shares = {item.port: item.share for item in where.ports}
     own = shares.get(where.port, 0.0)
     alike = where.not_told_from(where.port)
     others = sorted(port for port in alike if shares.get(port, 0.0) >= own > 0.0)

@@ -91,12 +91,12 @@ def _enter_record(gathering: Gathering, name: str, record: dict[str, Any]) -> No
 def _enter_list(gathering: Gathering, name: str, values: list[Any]) -> None:
     if _is_plain(values):
         _column(gathering, name, values)
-    elif all(isinstance(one, dict) for one in values) and _are_rows(values):
-        keys = dict.fromkeys(key for one in values for key in one)
+    elif all(isinstance(value, dict) for value in values) and _are_rows(values):
+        keys = dict.fromkeys(key for value in values for key in value)
         for key in keys:
-            _enter_list(gathering, _inside(name, key), [one.get(key) for one in values])
+            _enter_list(gathering, _inside(name, key), [value.get(key) for value in values])
     elif _is_record_column(values):  # some records lack it
-        _enter_list(gathering, name, [one if isinstance(one, dict) else {} for one in values])
+        _enter_list(gathering, name, [value if isinstance(value, dict) else {} for value in values])
     elif width := _width(values):
         for column in range(width):
             cells = [None if row is None else row[column] for row in values]
@@ -120,7 +120,7 @@ def _inside(name: str, key: str) -> str:
 
 def _is_plain(values: Any) -> bool:
     """Is it a list without further ones inside?"""
-    return isinstance(values, list) and not any(isinstance(one, list | dict) for one in values)
+    return isinstance(values, list) and not any(isinstance(value, list | dict) for value in values)
 
 
 def _is_table(rows: Any, width: int) -> bool:
@@ -128,21 +128,23 @@ def _is_table(rows: Any, width: int) -> bool:
 
 
 def _is_record_column(values: list[Any]) -> bool:
-    there = [one for one in values if one is not None]
-    return 0 < len(there) < len(values) and all(isinstance(one, dict) for one in there)
+    there = [value for value in values if value is not None]
+    return 0 < len(there) < len(values) and all(isinstance(item, dict) for item in there)
 
 
 def _are_rows(records: list[Any]) -> bool:
     """Are these samples? Else they are recordings, with arrays of their own lengths."""
     count = len(records)
-    for key in dict.fromkeys(key for one in records if isinstance(one, dict) for key in one):
-        inside = [one[key] for one in records if isinstance(one, dict) and key in one]
+    for key in dict.fromkeys(
+        key for record in records if isinstance(record, dict) for key in record
+    ):
+        inside = [record[key] for record in records if isinstance(record, dict) and key in record]
         if any(isinstance(one, dict) for one in inside) and not _are_rows(inside):
             return False
         arrays = [one for one in inside if isinstance(one, list)]
-        if len({len(one) for one in arrays}) > 1:
+        if len({len(array) for array in arrays}) > 1:
             return False
-        if any(len(one) >= count or not _is_plain(one) for one in arrays):
+        if any(len(array) >= count or not _is_plain(array) for array in arrays):
             return False
     return True
 

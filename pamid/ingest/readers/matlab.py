@@ -112,7 +112,7 @@ def _enter(gathering: Gathering, name: str, value: Any) -> None:
 
 def _enter_struct(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
     folded = {key.casefold(): key for key in value}
-    if "X" in value and "Y" in value and all("Data" in one for one in _structs(value["Y"])):
+    if "X" in value and "Y" in value and all("Data" in struct for struct in _structs(value["Y"])):
         _enter_controldesk(gathering, name, value)
     elif {"time", "signals"} <= folded.keys():
         _enter_simulink(gathering, name, value[folded["time"]], _structs(value[folded["signals"]]))
@@ -143,14 +143,14 @@ def _enter_simulink(
 def _enter_controldesk(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
     """Enter an export of ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its
     own."""
-    rasters = [_stamps(one.get("Data")) for one in _structs(value["X"])]
+    rasters = [_stamps(struct.get("Data")) for struct in _structs(value["X"])]
     gathering.note(f"{name}: ControlDesk structure, stamps from X")
-    for index, one in enumerate(_structs(value["Y"])):
-        which = one.get("XIndex")
+    for index, struct in enumerate(_structs(value["Y"])):
+        which = struct.get("XIndex")
         raster = int(np.ravel(which)[0]) - 1 if isinstance(which, np.ndarray) and which.size else 0
-        label = str(one.get("Name") or index + 1).replace('"', "")
+        label = str(struct.get("Name") or index + 1).replace('"', "")
         stamps = rasters[raster] if 0 <= raster < len(rasters) else None
-        _add(gathering, f"{name}/{label}", one["Data"], stamps, _unit(one))
+        _add(gathering, f"{name}/{label}", struct["Data"], stamps, _unit(struct))
 
 
 def _enter_table(gathering: Gathering, name: str, table: Any) -> None:

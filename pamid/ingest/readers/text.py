@@ -248,7 +248,7 @@ def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
     dates = frame[stamp].dtype.kind not in "biuf"
     if dates:
         return bool(moment_kind(str(frame[stamp].iloc[0])))
-    return bool(frame.groupby(words)[stamp].agg(lambda one: one.is_monotonic_increasing).all())
+    return bool(frame.groupby(words)[stamp].agg(lambda item: item.is_monotonic_increasing).all())
 
 
 def _whole_rows(

@@ -37,7 +37,7 @@ def plan(*, seed: int, quick: bool) -> ArmPlan:
 
 def converged(paper: dict[str, Any]) -> bool:
     """Did every fit?"""
-    return all(one["converged"] for one in paper["fits"].values())
+    return all(fit["converged"] for fit in paper["fits"].values())
 
 
 def text(paper: dict[str, Any]) -> str:
@@ -63,7 +63,8 @@ def text(paper: dict[str, Any]) -> str:
     lines.append("Angles again, in windows whose states are set anew, as `pamid fit` judges them")
     for kind, title in _TITLES.items():
         lines += _errors(
-            title, [one for one in paper["windowed_mae"][kind].items() if one[1]["unit"] == "deg"]
+            title,
+            [item for item in paper["windowed_mae"][kind].items() if item[1]["unit"] == "deg"],
         )
     lines += _coupling(paper["coupling"])
     target, in_the_end = paper["target"], paper["tied"]["fitted_anfis"]
@@ -83,9 +84,9 @@ def text(paper: dict[str, Any]) -> str:
         "",
     ]
     lines += [
-        f"Not converged: {name}: {one['why']}"
-        for name, one in paper["fits"].items()
-        if not one["converged"]
+        f"Not converged: {name}: {fit['why']}"
+        for name, fit in paper["fits"].items()
+        if not fit["converged"]
     ]
     return "\n".join(
         [
@@ -131,8 +132,8 @@ def _combinations(estimates: dict[str, Any]) -> list[str]:
         f"{'Inertial data':28s}{'data sheet':>11s}{'truth':>11s}{'without the payload test':>38s}"
         f"{'all gravity tests':>38s}",
         *(
-            f"{name:28s}{one['data_sheet']:11.4g}{one['truth']:11.4g}{_told(one[_UNLOADED])}{_told(one['gravity'])}"
-            for name, one in estimates.items()
+            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_told(estimate[_UNLOADED])}{_told(estimate['gravity'])}"
+            for name, estimate in estimates.items()
         ),
     ]
 
@@ -142,18 +143,18 @@ def _parameters(estimates: dict[str, Any]) -> list[str]:
         f"{'Parameter':28s}{'data sheet':>11s}{'truth':>11s}{'fitted, analytic law':>38s}"
         f"{'fitted, ANFIS law':>38s}",
         *(
-            f"{name:28s}{one['data_sheet']:11.4g}{one['truth']:11.4g}{_told(one['fitted_analytic'])}"
-            f"{_told(one['fitted_anfis'])}"
-            for name, one in estimates.items()
+            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_told(estimate['fitted_analytic'])}"
+            f"{_told(estimate['fitted_anfis'])}"
+            for name, estimate in estimates.items()
         ),
         "* the interval does not hold the truth",
     ]
 
 
-def _told(one: dict[str, Any]) -> str:
+def _told(table: dict[str, Any]) -> str:
     """Value and 95 % interval."""
-    text = f"{one['value']:.4g} ({one['low']:.4g} .. {one['high']:.4g})"
-    return f"{text:>37s}{'*' if one['holds'] is False else ' '}"
+    text = f"{table['value']:.4g} ({table['low']:.4g} .. {table['high']:.4g})"
+    return f"{text:>37s}{'*' if table['holds'] is False else ' '}"
 
 
 def _tied(title: str, ties: list[dict[str, Any]]) -> list[str]:
