@@ -53,28 +53,28 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     with told_progress("check", stages=_stages(file)) as progress:
         progress.say("reading")
         result = check(file, rig)
-    said, text = result.to_dict(), result.summary()
+    content, text = result.to_dict(), result.summary()
     if figure is not None and result.kind not in ("recording", "rig"):
         raise UsageError(
             "--figure draws recordings and rigs.", f"Leave it out: {file} holds neither."
         )
     if figure is not None and result.drawable:
         text = f"{text}\n{write_figure(figure, result.plot_png())}"
-        said = {**said, "figure": str(figure)}
-    follow = _follow(file, rig, result.kind, said)
-    return frame.Result(said, f"{text}\nNext: {follow}", 0 if result.ok else WRONG)
+        content = {**content, "figure": str(figure)}
+    follow = _follow(file, rig, result.kind, content)
+    return frame.Result(content, f"{text}\nNext: {follow}", 0 if result.ok else WRONG)
 
 
-def _follow(file: Path, rig: str | None, kind: str, said: dict[str, Any]) -> str:
+def _follow(file: Path, rig: str | None, kind: str, content: dict[str, Any]) -> str:
     """Next command, for the last line of the output."""
     path, named = quoted(file), f" --rig {quoted(rig)}" if rig else ""
-    if not said["ok"]:
+    if not content["ok"]:
         return f"mend it, then pamid check {path}{named}"
     if kind == "effect":
         return f"pamid diagnose rec.csv --effect {path}"
     if kind != "recording":
         return f"pamid check {_recording_of(file)} --rig {path}"
-    if rig or said["rig"]:
+    if rig or content["rig"]:
         return f"pamid diagnose {path}{named}"
     return f"pamid new-rig {path}   (writes a rig for it; --rig names one that there is)"
 

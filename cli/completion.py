@@ -29,9 +29,9 @@ def command(shell: str) -> frame.Result:
     """
     from click.shell_completion import get_completion_class
 
-    made = get_completion_class(shell)
-    assert made is not None
-    script = made(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
+    completion = get_completion_class(shell)
+    assert completion is not None
+    script = completion(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
     line, place = _STARTUP[shell]
     return frame.Result(
         {

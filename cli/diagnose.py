@@ -233,12 +233,12 @@ def _left(diagnosis: dict[str, Any]) -> list[str]:
     lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
     if diagnosis["causes"] and (advice := advice_of(rest)):
         lines.append(f"          {advice}")
-    told = rest.formula or (diagnosis["unknown"] or {}).get("formula", "")
+    formula = rest.formula or (diagnosis["unknown"] or {}).get("formula", "")
     if rest.port:
         amount = amount_of(rest)
         lines.append(f"          at the {rest.port} port{f', {amount}' if amount else ''}")
-        beside = ", with the parameters estimated anew beside it"
-        lines += [f"          {told}{beside}"] if told else []
+        condition = ", with the parameters estimated anew beside it"
+        lines += [f"          {formula}{condition}"] if formula else []
     return lines
 
 

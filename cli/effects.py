@@ -65,5 +65,5 @@ def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result
             nearest(wanted, known) or "See `pamid effects` for all.",
             code="unknown-effect",
         )
-    said = catalogue.effect_story(known[wanted], looked_at, known.values())
-    return frame.Result(EffectCatalogue(effect=said), catalogue.effect_text(said))
+    story = catalogue.effect_story(known[wanted], looked_at, known.values())
+    return frame.Result(EffectCatalogue(effect=story), catalogue.effect_text(story))

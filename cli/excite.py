@@ -121,7 +121,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     from .model_limits import within
 
     signal, period, limit = (request[name] for name in ("signal", "period", "rate_limit"))
-    asked = {
+    options = {
         "duration_s": request["duration"],
         "hold_s": request["hold"],
         "levels": request["levels"],
@@ -134,13 +134,13 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         period,
         rate_limit=limit,
         seed=request["seed"],
-        **{name: value for name, value in asked.items() if name in SIGNAL_SETTINGS[signal]},
+        **{name: value for name, value in options.items() if name in SIGNAL_SETTINGS[signal]},
     )
     sending = _sending(request)
     amplitudes, offsets = sending.amplitudes, sending.offsets
     sent = draw(plan, amplitudes, offsets, sending.ramped, sending.rests)
     safe = within(request, sent, offsets)
-    each, said, shown = [], [], []
+    each, lines, shown = [], [], []
     for column, item in sent.items():
         unit = split_column(column)[1]
         reach = safe.reach(column, offsets[column], amplitudes[column])
@@ -165,11 +165,11 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
                 "band_hz": plan.settings.get("band_hz"),
             }
         )
-        said += [f"  {column}:"] if len(sent) > 1 else []
-        said += [f"  {sentence}" for sentence in covers.sentences()]
+        lines += [f"  {column}:"] if len(sent) > 1 else []
+        lines += [f"  {sentence}" for sentence in covers.sentences()]
         if column in sending.ramped:
-            said += [f"  {column} is imposed: it goes from level to level in ramps."]
-    said += [f"  {sentence}" for sentence in (*sending.notes, *safe.said)]
+            lines += [f"  {column} is imposed: it goes from level to level in ramps."]
+    lines += [f"  {sentence}" for sentence in (*sending.notes, *safe.said)]
     columns = {column: safe.samples(column, item) for column, item in sent.items()}
     samples = len(next(iter(columns.values())))
     held: dict[str, Any] = {name: np.full(samples, at) for name, at in sending.held.items()}
@@ -180,7 +180,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     return PlannedExcitation(
         {**held, **columns},
         _about_signals(request, settings, each, columns, meta) | safe.noted,
-        said,
+        lines,
         meta,
         shown,
     )
@@ -392,7 +392,7 @@ def _pulses(request: dict[str, Any]) -> PlannedExcitation:
     columns = muscle_pulses(rig, request["muscle"], request["level"], request["period"])
     pulsed = list(request["muscle"] or rig.actuators)
     lengths = ", ".join(f"{1e3 * s:g}" for s in PULSES_S)
-    said = [
+    lines = [
         f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
         f"{request['level']:g}.",
         f"  A fit would hold out the last 30 %, with muscle {pulsed[-1]}: record "
@@ -401,7 +401,7 @@ def _pulses(request: dict[str, Any]) -> PlannedExcitation:
     return PlannedExcitation(
         columns,
         _about(request, columns, {"muscles": pulsed, "level": request["level"]}),
-        said,
+        lines,
         _meta(request, {}),
     )
 
@@ -420,7 +420,7 @@ def _gravity(request: dict[str, Any]) -> PlannedExcitation:
     if not 0.0 < request["period"] < seconds < math.inf:
         raise UsageError(f"{seconds:g} s sampled every {request['period']:g} s are no recording.")
     columns = nothing_sent(rig, round(seconds / request["period"]))
-    said = [
+    lines = [
         "  Nothing is sent: "
         + ", ".join(f"{name} = {value:g}" for name, value in known.items())
         + ".",
@@ -429,7 +429,7 @@ def _gravity(request: dict[str, Any]) -> PlannedExcitation:
         "--held-out.",
     ]
     return PlannedExcitation(
-        columns, _about(request, columns, {"known": known}), said, _meta(request, known)
+        columns, _about(request, columns, {"known": known}), lines, _meta(request, known)
     )
 
 

@@ -107,36 +107,36 @@ def command(
         progress.say("reading")
         identified = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
         model = identified.knowing(parse_known(known))
-        made = export_model(
+        exported = export_model(
             model, form, output, overwrite=overwrite, anyway=anyway, randomise=randomise
         )
     network = model.network
-    for note in made.notes:
-        aside(f"Warning: {made.files[0]}: {note}.")
+    for note in exported.notes:
+        aside(f"Warning: {exported.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
     written = WrittenExport(
         to=form,
-        files=tuple(map(str, made.files)),
-        binary=made.binary,
+        files=tuple(map(str, exported.files)),
+        binary=exported.binary,
         rig=model.name,
         effects=effects,
         network="" if network is None else network.trained.network.kind,
         period_s=model.period_s,
         inputs=model.inputs,
         outputs=model.outputs,
-        notes=made.notes,
+        notes=exported.notes,
     )
-    if made.check is not None:
-        written = written.model_copy(update={"plain_mujoco": _plain(made.check)})
-    built = f", with a binary for {made.binary}" if made.binary else ""
+    if exported.check is not None:
+        written = written.model_copy(update={"plain_mujoco": _plain(exported.check)})
+    built = f", with a binary for {exported.binary}" if exported.binary else ""
     text = (
-        f"{', '.join(map(str, made.files))}: {model.name} with "
+        f"{', '.join(map(str, exported.files))}: {model.name} with "
         f"{', '.join(effects) or 'no effect'}"
         f"{'' if network is None else f' and a network ({written.network})'}{built}.\n"
         f"Every {model.period_s:g} s: {', '.join(model.inputs)} -> {', '.join(model.outputs)}"
     )
-    if made.check is not None:
-        text += f"\n{_plain_text(made.check)}"
+    if exported.check is not None:
+        text += f"\n{_plain_text(exported.check)}"
     return frame.Result(written, text)
 
 

@@ -56,13 +56,13 @@ def command(
     """
 
     def wrap(function: Callable[..., Result]) -> click.Command:
-        made = click.command(name, cls=_Command, **settings)(function)
-        assert isinstance(made, _Command)
-        made.example = example.strip()
-        for param in made.params:
+        wrapped = click.command(name, cls=_Command, **settings)(function)
+        assert isinstance(wrapped, _Command)
+        wrapped.example = example.strip()
+        for param in wrapped.params:
             if param.type is click.STRING:
                 param.type = names.OPTIONS.get(str(param.name), param.type)
-        made.params += [
+        wrapped.params += [
             click.Option(
                 ["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."
             ),
@@ -73,7 +73,7 @@ def command(
                 help="Show the traceback of an error.",
             ),
         ]
-        return made
+        return wrapped
 
     return wrap
 
@@ -199,10 +199,10 @@ class _Command(click.Command):
         for path, why in settings_files.ignored_files().items():
             aside(f"Warning: {path} is ignored: {why}.")
         extra.setdefault("default_map", settings_files.defaults_for(self))
-        made = super().make_context(info_name, args, parent, **extra)
-        for sentence in settings_files.not_taken(made):
+        context = super().make_context(info_name, args, parent, **extra)
+        for sentence in settings_files.not_taken(context):
             aside(f"Warning: {sentence}")
-        return made
+        return context
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if "" in args:

@@ -183,56 +183,61 @@ def command(
     form = format_of(output, form)
     require_png_name(figure)
     request = settled(request)
-    made = make(request)
+    planned = make(request)
     require_new(
-        (output, note, *([sidecar] if made.meta else []), *([figure] if figure else [])), overwrite
+        (output, note, *([sidecar] if planned.meta else []), *([figure] if figure else [])),
+        overwrite,
     )
-    return _write(output, form, figure, made, request)
+    return _write(output, form, figure, planned, request)
 
 
 def _write(
-    output: Path, form: str, figure: Path | None, made: PlannedExcitation, request: dict[str, Any]
+    output: Path,
+    form: str,
+    figure: Path | None,
+    planned: PlannedExcitation,
+    request: dict[str, Any],
 ) -> frame.Result:
     from pamid.excitation.writers import FORMATS, write_excitation
 
-    period, samples = request["period"], made.about["samples"]
-    follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
+    period, samples = request["period"], planned.about["samples"]
+    follow = _simulated(output, planned, request["rig"]) if form == "csv" else FORMATS[form].heed
     pictures = {}
     if figure is not None:
         from pamid.base.files import make_folder
         from pamid.report.excitation_figure import Shown, richness_picture
 
         pictures[figure] = richness_picture(
-            [Shown(period_s=period, **column) for column in made.shown]
+            [Shown(period_s=period, **column) for column in planned.shown]
         ).png
         make_folder(figure.parent)
     about = write_excitation(
         output,
-        made.columns,
+        planned.columns,
         period,
-        {"rig": request["rig"], **made.about},
+        {"rig": request["rig"], **planned.about},
         form=form,
-        meta=made.meta,
+        meta=planned.meta,
         others=pictures,
     )
     seed = f", seed {request['seed']}" if "seed" in about else ""
-    first = f"{output}: {samples} samples of {', '.join(made.columns)} at {period:g} s{seed}."
+    first = f"{output}: {samples} samples of {', '.join(planned.columns)} at {period:g} s{seed}."
     sidecar = output.with_suffix(".toml")
     left = [
         f"  {sidecar} was there before and is left as it is; what it states holds for this "
         "excitation too."
     ]
-    said = [
+    lines = [
         first,
-        *made.said,
+        *planned.said,
         *([f"  Picture: {figure}."] if figure else []),
-        *(left if sidecar.exists() and not made.meta else []),
+        *(left if sidecar.exists() and not planned.meta else []),
     ]
-    return frame.Result(about, "\n".join([*said, f"Next: {follow}"]))
+    return frame.Result(about, "\n".join([*lines, f"Next: {follow}"]))
 
 
-def _simulated(output: Path, made: PlannedExcitation, rig: str) -> str:
-    why = why_not_driven(rig, output, made.columns)
+def _simulated(output: Path, planned: PlannedExcitation, rig: str) -> str:
+    why = why_not_driven(rig, output, planned.columns)
     if why:
         return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
     return (

@@ -18,9 +18,9 @@ def unused(name: str, read: Iterable[Path] = ()) -> str:
 
     read: what the same line reads.
     """
-    first, taken = Path(name), {path.resolve() for path in read}
+    first, occupied = Path(name), {path.resolve() for path in read}
     every = (first, *(first.with_stem(f"{first.stem}-{k}") for k in range(2, MOST_TRIED)))
-    return str(next((p for p in every if not p.exists() and p.resolve() not in taken), first))
+    return str(next((p for p in every if not p.exists() and p.resolve() not in occupied), first))
 
 
 def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:

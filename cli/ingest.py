@@ -117,7 +117,7 @@ def command(
     if guess:
         if mapping is not None or len(logs) != 1:
             raise UsageError("--guess takes one LOG and no --mapping.")
-        asked = {
+        answers = {
             "pressures": pressures,
             "period": period,
             "angles": angles,
@@ -125,7 +125,7 @@ def command(
             "kind": kind,
             "memory_limit": memory_limit,
         }
-        return _guess(logs[0], rig, asked, parse_known(known), output, overwrite)
+        return _guess(logs[0], rig, answers, parse_known(known), output, overwrite)
     if angles or only:
         raise UsageError(f"{'--angles' if angles else '--only'} belongs to --guess.")
     if mapping is None:
@@ -135,7 +135,7 @@ def command(
             "mapping.",
         )
     with progress_line("reading logs", len(logs)) as progress:
-        made = ingest(
+        ingested = ingest(
             logs,
             mapping,
             rig=rig,
@@ -149,18 +149,18 @@ def command(
             overwrite=overwrite,
             progress=progress,
         )
-    for note in made.notes:
+    for note in ingested.notes:
         aside(f"Warning: {note}")
-    first = made.accounts[0].recording
+    first = ingested.accounts[0].recording
     assert first is not None
-    text = f"{made.summary()}\nNext: pamid check {quoted(first.path)}{_named(made.rig)}"
-    return frame.Result(made.to_dict(), text)
+    text = f"{ingested.summary()}\nNext: pamid check {quoted(first.path)}{_named(ingested.rig)}"
+    return frame.Result(ingested.to_dict(), text)
 
 
 def _guess(
     log: Path,
     rig: str | None,
-    asked: dict[str, Any],
+    answers: dict[str, Any],
     known: dict[str, float],
     output: Path | None,
     overwrite: bool,
@@ -168,13 +168,16 @@ def _guess(
     from pamid.ingest.ingesting import guess_mapping
     from pamid.schemas.command_files import GuessedMappingFile
 
-    guess = guess_mapping(log, rig, **asked, known=known, output=output, overwrite=overwrite)
+    guess = guess_mapping(log, rig, **answers, known=known, output=output, overwrite=overwrite)
     further = "".join(
         f" {option} {value}"
-        for option, value in (("--kind", asked["kind"]), ("--memory-limit", asked["memory_limit"]))
+        for option, value in (
+            ("--kind", answers["kind"]),
+            ("--memory-limit", answers["memory_limit"]),
+        )
         if value
     )
-    said = GuessedMappingFile(
+    content = GuessedMappingFile(
         log=str(log),
         output=str(output) if output else None,
         toml=guess.text,
@@ -184,7 +187,7 @@ def _guess(
     for note in guess.notes:
         aside(f"Warning: {note}")
     if output is None:
-        return frame.Result(said, guess.text)
+        return frame.Result(content, guess.text)
     to_answer = "".join(f"\n  to be answered: {key}" for key in guess.open)
     text = (
         f"{output}: {guess.mapped} of {guess.channels} channels guessed.{to_answer}\n"
@@ -192,7 +195,7 @@ def _guess(
         f"{quoted(output)}{_named(rig or '')}"
         f"{further} --output {quoted(unused('recording.csv', [log]))}"
     )
-    return frame.Result(said, text)
+    return frame.Result(content, text)
 
 
 def _named(rig: str) -> str:

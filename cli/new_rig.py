@@ -56,17 +56,19 @@ def command(
     from pamid.api.new_rigs import new_rig
     from pamid.base.errors import UsageError
 
-    said = {}
+    columns_by_role = {}
     for text in columns:
         wanted, sign, separator = text.partition("=")
         if not sign or not wanted.strip() or not separator.strip():
             raise UsageError(
                 f"--column {text!r} is not RIG_COLUMN=COLUMN.", "For example force_n=drive_v."
             )
-        said[wanted.strip()] = separator.strip()
-    made = new_rig(recording, like=like, columns=said, output=output, overwrite=overwrite)
+        columns_by_role[wanted.strip()] = separator.strip()
+    written = new_rig(
+        recording, like=like, columns=columns_by_role, output=output, overwrite=overwrite
+    )
     follow = (
         f"Next: pamid check {quoted(output)}   or   "
         f"pamid check {quoted(recording)} --rig {quoted(output)}   (both run that file)"
     )
-    return frame.Result(made.to_dict(), f"{made.summary()}\n{follow}")
+    return frame.Result(written.to_dict(), f"{written.summary()}\n{follow}")

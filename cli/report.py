@@ -121,10 +121,10 @@ def _comparison(
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
     write_comparison(comparison, page, paper, overwrite=overwrite)
     changed = changes_of(comparison)
-    told = WrittenComparison(
+    written = WrittenComparison(
         page=str(page), runs=tuple(map(summary_of, runs)), changed=tuple(changed)
     )
     lines = [comparison_sentence(comparison).replace("\u00a0", " ")]
     lines += [f"Differs in: {', '.join(changed)}."] if changed else []
     lines += ["", f"Page: {page}", *([f"PDF:  {paper}"] if paper is not None else [])]
-    return frame.Result(told, "\n".join(lines))
+    return frame.Result(written, "\n".join(lines))

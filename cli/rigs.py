@@ -45,8 +45,8 @@ def command(
         lines += ["", f"One of them, or a file of yours: pamid rigs {rows[0].name}"]
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
-    said = catalogue.rig_story(rig, library.effects().values(), library.rigs())
-    text = catalogue.rig_text(said)
+    story = catalogue.rig_story(rig, library.effects().values(), library.rigs())
+    text = catalogue.rig_text(story)
     if figure is not None:
         from pamid.model.port_flow import rig_map
         from pamid.report.rig_figure import bare_rig_drawing
@@ -54,4 +54,4 @@ def command(
 
         drawing = bare_rig_drawing(rig_map(rig, rig.outputs))
         text += f"\n{write_figure(figure, png_of(drawing))}"
-    return frame.Result(RigCatalogue(rig=said), text)
+    return frame.Result(RigCatalogue(rig=story), text)

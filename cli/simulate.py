@@ -106,7 +106,7 @@ def command(
     from pamid.schemas.command_files import SimulatedFile
 
     with told_progress("simulate"):
-        made = simulate(
+        simulated = simulate(
             excitation,
             rig,
             effects=effects,
@@ -119,22 +119,23 @@ def command(
             output=output,
             overwrite=overwrite,
         )
-    for text in made.warnings:
+    for text in simulated.warnings:
         warning(text)
     # said here, to who asked for it; a recording names rigs of the catalogue only
-    ran = rig or made.rig
+    ran = rig or simulated.rig
     content = SimulatedFile(
         output=str(output),
-        samples=len(made),
+        samples=len(simulated),
         rig=ran,
-        loop=made.loop,
-        effects=made.effects,
+        loop=simulated.loop,
+        effects=simulated.effects,
         seed=seed,
     )
-    told = ", ".join(made.effects) or "no effect"
+    effects_text = ", ".join(simulated.effects) or "no effect"
     text = (
-        f"{output}: {len(made)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-        f"Next: {_follow(output, len(made), ran or 'one-dof')}"
+        f"{output}: {len(simulated)} samples of {', '.join(simulated.columns)} "
+        f"({effects_text}, seed {seed}).\n"
+        f"Next: {_follow(output, len(simulated), ran or 'one-dof')}"
     )
     return frame.Result(content, text)
 

@@ -277,12 +277,12 @@ def _share(
 
 def _scoring(output: Path, options: dict[str, Any]) -> str:
     """The line that scores what the shares have worked through: the same trial without --index."""
-    asked = [
+    words = [
         f"--{name}" if value is True else f"--{name} {quoted(str(value))}"
         for name, value in options.items()
         if value is not None and name != "machine"
     ]
-    return " ".join(["pamid trial", *asked, f"--output {quoted(output)} --resume"])
+    return " ".join(["pamid trial", *words, f"--output {quoted(output)} --resume"])
 
 
 def _begun(

@@ -100,8 +100,8 @@ class CheckResult:
             what = "could not be read" if self.kind == "recording" else f"is a {self.kind} file"
             raise UsageError(f"{self.subject} {what}: only recordings and sound rigs are drawn.")
         issues = self._inspection.issues
-        told = {issue.text for issue in issues}
-        others = [f.detail for f in self.problems if f.detail not in told]
+        drawn = {issue.text for issue in issues}
+        others = [f.detail for f in self.problems if f.detail not in drawn]
         return self.recording, issues, self._inspection.said["quality"]["channels"], others
 
     def __repr__(self) -> str:
@@ -154,13 +154,13 @@ def check(
     elif not isinstance(subject, type):
         looked_at = recording_given(subject)
     inspection = inspect(looked_at, rig_given(rig))
-    said = inspection.said
+    content = inspection.said
     return CheckResult(
-        said["file"],
-        said["kind"],
-        said["ok"],
+        content["file"],
+        content["kind"],
+        content["ok"],
         tuple(
-            CheckOutcome(f["check"], f["ok"], f["detail"], f["advice"]) for f in said["findings"]
+            CheckOutcome(f["check"], f["ok"], f["detail"], f["advice"]) for f in content["findings"]
         ),
         inspection.recording,
         inspection,

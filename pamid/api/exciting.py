@@ -54,13 +54,13 @@ def release_excitation(
     UsageError
         The rig does not swing, or has no such joint or range.
     """
-    made = _made(rig)
-    period = made.period_s if period_s is None else period_s
+    bench_rig = _made(rig)
+    period = bench_rig.period_s if period_s is None else period_s
     if not 0.0 < period < duration_s < np.inf:
         raise UsageError(f"{duration_s:g} s sampled every {period:g} s are no recording.")
-    known = gravity_test(made, release, clamped, payload_kg)
-    columns = nothing_sent(made, round(duration_s / period))
-    return _excitation(made, columns, period, "release", known)
+    known = gravity_test(bench_rig, release, clamped, payload_kg)
+    columns = nothing_sent(bench_rig, round(duration_s / period))
+    return _excitation(bench_rig, columns, period, "release", known)
 
 
 def pulse_excitation(
@@ -86,9 +86,11 @@ def pulse_excitation(
     UsageError
         A muscle does not exist.
     """
-    made = _made(rig)
-    period = made.period_s if period_s is None else period_s
-    return _excitation(made, muscle_pulses(made, muscles, level, period), period, "pulses", {})
+    bench_rig = _made(rig)
+    period = bench_rig.period_s if period_s is None else period_s
+    return _excitation(
+        bench_rig, muscle_pulses(bench_rig, muscles, level, period), period, "pulses", {}
+    )
 
 
 def within_limits(
@@ -107,11 +109,11 @@ def within_limits(
     that is not 0; speed_limits: joint -> rad/s or m/s, beside those that a URDF states. DataError
     (code "no-room") where nothing of it is left, UsageError for a joint that is not there.
     """
-    made = _made(rig)
-    if not isinstance(made, CompiledMechanism) or not set(columns) & set(made.inputs):
+    bench_rig = _made(rig)
+    if not isinstance(bench_rig, CompiledMechanism) or not set(columns) & set(bench_rig.inputs):
         return None
     values = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
-    return safe_excitation(made.mechanism, values, period_s, centres, speed_limits)
+    return safe_excitation(bench_rig.mechanism, values, period_s, centres, speed_limits)
 
 
 def _made(rig: RigLike) -> Rig:

@@ -115,45 +115,47 @@ def evidence_of(
     check: refuse recordings with which any fit is nonsense.
     """
     named = rig_given(rig)
-    made = rig_named(named) if named else None
+    model = rig_named(named) if named else None
     fitted, judged = recordings_given(recordings), recordings_given(held_out)
     if not fitted:
         raise UsageError("There is no recording to fit.", "Give at least one.")
-    taken = [_taken(item, k) for k, item in enumerate((*fitted, *judged))]
-    read = [recording for recording, _ in taken]
+    resolved = [_taken(item, k) for k, item in enumerate((*fitted, *judged))]
+    read = [recording for recording, _ in resolved]
     unnamed = not named and not any(recording.rig for recording in read)
     named = named or rig_of(read)
-    made = made or catalogue_rig(str(named))
+    model = model or catalogue_rig(str(named))
     if unnamed:
-        _require_its_columns(made, read)
+        _require_its_columns(model, read)
     for recording in read:
-        odd = (*unknown_columns(made, recording), *_known_remarks(made, recording))
+        odd = (*unknown_columns(model, recording), *_known_remarks(model, recording))
         for text in (*recording.warnings, *odd):
             warn(f"{recording.path}: {text}")
-    evidence = split_recordings(made, read[: len(fitted)], read[len(fitted) :])
-    made = evidence.rig
+    evidence = split_recordings(model, read[: len(fitted)], read[len(fitted) :])
+    model = evidence.rig
     doubts: dict[str, None] = {}
     for recording in evidence.recordings:
         if check:
-            doubts |= dict.fromkeys(require_sound(recording, made))
-        for text in _between_remarks(made, recording) if check else ():
+            doubts |= dict.fromkeys(require_sound(recording, model))
+        for text in _between_remarks(model, recording) if check else ():
             warn(text)
         if lacks := evidence.lacking(recording):
             warn(
                 f"{recording.path} lacks {', '.join(lacks)}, which other recordings have; each is "
                 "used where it was recorded."
             )
-    unused = [c for c in made.outputs if c not in evidence.channels and any(r.has(c) for r in read)]
+    unused = [
+        c for c in model.outputs if c not in evidence.channels and any(r.has(c) for r in read)
+    ]
     if unused:
         warn(
             f"{', '.join(unused)} cannot be judged and is left out: at rest in every recording, or "
             "not both fitted and held out."
         )
     evidence = replace(evidence, doubts=tuple(doubts))
-    kept = {name: content for _, files in taken for name, content in files.items()}
-    in_files = [recording.path for recording, files in taken if not files]
+    contents = {name: content for _, files in resolved for name, content in files.items()}
+    in_files = [recording.path for recording, files in resolved if not files]
     inputs = tuple(file for path in in_files for file in _with_toml(path))
-    return Given(evidence, named, inputs, kept)
+    return Given(evidence, named, inputs, contents)
 
 
 def _require_its_columns(rig: Rig, recordings: Sequence[Recording]) -> None:

@@ -40,7 +40,7 @@ def modelled(
 
 
 def recorded(
-    excitation: Recording, made: VirtualRecording, digits: int, output: Path | None = None
+    excitation: Recording, virtual: VirtualRecording, digits: int, output: Path | None = None
 ) -> Recording:
     """A simulation as its file holds it, whether one is written or not.
 
@@ -52,10 +52,12 @@ def recorded(
     """
     tell("writing")
     name = f"{excitation.name}-simulated" if output is None else output.stem
-    recording = recording_of(excitation.time, made.columns, made.meta, name=name, digits=digits)
+    recording = recording_of(
+        excitation.time, virtual.columns, virtual.meta, name=name, digits=digits
+    )
     if output is not None:
         make_folder(output.parent)
-        write_recording(output, excitation.time, made.columns, made.meta, digits=digits)
+        write_recording(output, excitation.time, virtual.columns, virtual.meta, digits=digits)
         recording = replace(recording, path=output)
-    warnings = (*recording.warnings, *made.remarks)
-    return replace(recording, effects=tuple(made.effects), warnings=warnings)
+    warnings = (*recording.warnings, *virtual.remarks)
+    return replace(recording, effects=tuple(virtual.effects), warnings=warnings)

@@ -167,8 +167,8 @@ def _rig_name(name: str) -> str:
     """Name that `Rig` gives a class of this name."""
     from pamid.model.rig import Rig
 
-    made: type[Rig] = type(name, (Rig,), {})
-    return made.name
+    kind: type[Rig] = type(name, (Rig,), {})
+    return kind.name
 
 
 def _unit(column: str) -> str:

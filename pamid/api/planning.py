@@ -190,8 +190,8 @@ def power(
     """
     source = recording_given(excitation, "excitation")
     virtual = rig_given(rig) or rig_of([source])
-    made = simulate_virtual_rig(virtual, source, (), dict(known or {}), {}, noise, seed)
-    recording = recorded(source, made, SIGNIFICANT_DIGITS, None)
+    simulated = simulate_virtual_rig(virtual, source, (), dict(known or {}), {}, noise, seed)
+    recording = recorded(source, simulated, SIGNIFICANT_DIGITS, None)
     split = split_recordings(rig_named(virtual), [recording], [])
     # nothing is chosen here: all of it counts as fitted
     split = replace(split, fit=(Span(recording, 0, len(recording)),))

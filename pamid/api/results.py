@@ -212,7 +212,7 @@ class FitResult:
         another period, or the model becomes unstable.
         """
         source = recording_given(excitation, "excitation")
-        made = modelled(
+        simulated = modelled(
             self.folder,
             source,
             which=which,
@@ -223,7 +223,7 @@ class FitResult:
             noise=noise,
             seed=seed,
         )
-        return recorded(source, made, MODEL_DIGITS)
+        return recorded(source, simulated, MODEL_DIGITS)
 
     def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
         """Measured and modelled over the held-out window in which the refitted model errs most;

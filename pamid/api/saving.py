@@ -20,14 +20,14 @@ def save_run(source: Path, target: Path, *, overwrite: bool = False) -> Path:
     listed = record.get("files")
     names = [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
     content = {name: _content(source, name) for name in names if (source / name).exists()}
-    made = Run.create(
+    copy = Run.create(
         target,
         command=record.get("command") or "pamid",
         seed=record.get("seed"),
         options=record["options"],
         overwrite=overwrite,
     )
-    for name, path in zip(content, made.claim(*content), strict=True):
+    for name, path in zip(content, copy.claim(*content), strict=True):
         write_atomically(path, content[name])
     write_json(target / "run.json", {**record, "files": list(content)})
     return target

@@ -78,8 +78,8 @@ def simulate(
         if which != "best":
             raise UsageError("--which belongs to --model RUN.")
         virtual = rig_given(rig) or rig_of([source])
-        made = simulate_virtual_rig(virtual, source, named, stated, hidden, noise, seed)
-        return recorded(source, made, SIGNIFICANT_DIGITS, target)
+        simulated = simulate_virtual_rig(virtual, source, named, stated, hidden, noise, seed)
+        return recorded(source, simulated, SIGNIFICANT_DIGITS, target)
     for effect in named:
         if isinstance(effect, str) and not effect.endswith(".py"):
             raise UsageError(
@@ -87,7 +87,7 @@ def simulate(
                 "only its effect files are named again."
             )
     own = model.code if isinstance(model, FitResult) else (None, ())
-    made = modelled(
+    simulated = modelled(
         model.folder if isinstance(model, FitResult) else Path(model),
         source,
         which=which,
@@ -98,4 +98,4 @@ def simulate(
         noise=noise,
         seed=seed,
     )
-    return recorded(source, made, MODEL_DIGITS, target)
+    return recorded(source, simulated, MODEL_DIGITS, target)

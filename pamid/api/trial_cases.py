@@ -132,8 +132,8 @@ def run_cases(
     those that were there already, too. A case whose process is killed again and again is one that
     failed."""
     make_folder(folder / "cases")
-    made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
-    todo = [c for c in cases if c.number not in made]
+    results = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
+    todo = [c for c in cases if c.number not in results]
     if pool.executor is None and pool.jobs > 1 and len(todo) > 1:
         CaseMachine.of(todo[0]).run({})  # compiles the machine: the processes inherit it
     for i, result in pool.finished(CaseWork(), todo):
@@ -141,9 +141,9 @@ def run_cases(
         if isinstance(result, Failed):
             result = _result(c, failed=PamidError(result.why, code="killed").as_dict())
         write_json(_path(c, folder), result)
-        made[c.number] = result
-        done(len(made), len(cases))
-    return [made[c.number] for c in cases]
+        results[c.number] = result
+        done(len(results), len(cases))
+    return [results[c.number] for c in cases]
 
 
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:

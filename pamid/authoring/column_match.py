@@ -176,15 +176,15 @@ def roles_of(rig: type[Rig]) -> dict[str, str]:
 def match_columns(
     recorded: Iterable[str],
     rig: type[Rig],
-    said: Mapping[str, str] | None = None,
+    stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> Match:
     """The best assignment of recorded columns to those of a rig; said: column of the rig ->
     recorded column, taken as it is; held: recorded columns that go from one level to the next, as
     nothing does that is measured or moves. UsageError for a name on either side that is not
     there."""
-    recorded, roles, said = list(recorded), roles_of(rig), dict(said or {})
-    for wanted, column in said.items():
+    recorded, roles, stated = list(recorded), roles_of(rig), dict(stated or {})
+    for wanted, column in stated.items():
         if wanted not in roles:
             raise UsageError(
                 f"rig {rig.name!r} has no column {wanted!r}.",
@@ -202,16 +202,16 @@ def match_columns(
             )
     taken = {
         wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
-        for wanted, column in said.items()
+        for wanted, column in stated.items()
     }
-    free = [column for column in recorded if column not in said.values()]
+    free = [column for column in recorded if column not in stated.values()]
     needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
         (wanted, column): recorded_fit(column, wanted, sent=wanted in needed)
         # a room's temperature, which a rig can do without, comes after that of the oven
         for wanted, role in sorted(roles.items(), key=lambda item: item[0] in rig.optional)
         for column in free
-        if wanted not in said
+        if wanted not in stated
         and not ((role == "output" or wanted in rig.ramped) and column in held)
     }
     for wanted, column in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
@@ -256,7 +256,7 @@ def _same(symbol: str, wanted: str) -> bool:
 def best_match(
     recorded: Iterable[str],
     like: str | None = None,
-    said: Mapping[str, str] | None = None,
+    stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> tuple[Match, list[Match]]:
     """The rig that fits best, or the one asked for, and the others that fit, best first; held: as
@@ -268,27 +268,27 @@ def best_match(
     """
     recorded = list(recorded)
     if like is not None:
-        asked = match_columns(recorded, example_named(like), said, held)
-        speeds = [(q, w) for w in asked.missing for q in asked.unused if _is_rate(q, w)]
+        wanted = match_columns(recorded, example_named(like), stated, held)
+        speeds = [(q, w) for w in wanted.missing for q in wanted.unused if _is_rate(q, w)]
         if speeds:
             raise FileError(
-                f"The recording does not fit {like!r}: {asked.why_not()}.",
+                f"The recording does not fit {like!r}: {wanted.why_not()}.",
                 _add_up(*speeds[0]),
                 code="no-match",
             )
-        if not asked.fits:
+        if not wanted.fits:
             raise FileError(
-                f"The recording does not fit {like!r}: {asked.why_not()}.",
+                f"The recording does not fit {like!r}: {wanted.why_not()}.",
                 "Say which column it is with --column "
-                f"{(asked.missing or tuple(asked.rig.outputs))[0]}=NAME; the recording has "
+                f"{(wanted.missing or tuple(wanted.rig.outputs))[0]}=NAME; the recording has "
                 f"{listed(recorded)}.",
                 code="no-match",
             )
-        return asked, []
+        return wanted, []
     every = []
     for rig in examples().values():
-        known = {k: v for k, v in (said or {}).items() if k in roles_of(rig)}
-        if len(known) == len(said or {}):
+        known = {k: v for k, v in (stated or {}).items() if k in roles_of(rig)}
+        if len(known) == len(stated or {}):
             every.append(match_columns(recorded, rig, known, held))
     every.sort(key=lambda item: -item.score)
     # a column without a place may be what drives a machine: nothing drives a rig without inputs

@@ -100,12 +100,12 @@ class _Text:
 
     def thin_tuple(self, node: ast.Tuple, stays: Callable[[str], bool]) -> None:
         """Keep the calls whose first argument is such a name."""
-        kept = [stays(_first_word(call)) for call in node.elts]
-        if sum(kept) == 1:
-            (only,) = (call for call, stay in zip(node.elts, kept, strict=True) if stay)
+        stays_here = [stays(_first_word(call)) for call in node.elts]
+        if sum(stays_here) == 1:
+            (only,) = (call for call, stay in zip(node.elts, stays_here, strict=True) if stay)
             self.replace(node, f"({self.source(only)},)")
         else:
-            self.thin([self.span(call) for call in node.elts], kept)
+            self.thin([self.span(call) for call in node.elts], stays_here)
 
     def drop(self, node: ast.stmt) -> None:
         """Remove a statement or a function with its lines, and the comment right above it."""

@@ -59,8 +59,8 @@ def require_plain(name: str, what: str) -> str:
 
 def class_name(stem: str) -> str:
     """ "my_rig" -> "MyRig"; FileError where a file's name makes no class."""
-    made = "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", stem))
-    return require_plain(made, "The name of the output,")
+    name = "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", stem))
+    return require_plain(name, "The name of the output,")
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ class _Edit:
 class RigSource:
     """The source of a rig like another one, for a recording."""
 
-    def __init__(self, match: Match, recording: Recording, name: str, told: str) -> None:
-        self.match, self.recording, self.name, self.told = match, recording, name, told
+    def __init__(self, match: Match, recording: Recording, name: str, why: str) -> None:
+        self.match, self.recording, self.name, self.told = match, recording, name, why
         self.rig: Rig = match.rig()
         self.by_wanted = {pair.wanted: pair for pair in match.pairs}
         recorded = [column for column in self.rig.outputs if column in self.by_wanted]
@@ -102,11 +102,11 @@ class RigSource:
 
     def text(self) -> str:
         """The whole file."""
-        made = self.source.encode()
-        assert made.isascii(), "places in the tree are counted in bytes"
+        content = self.source.encode()
+        assert content.isascii(), "places in the tree are counted in bytes"
         for edit in sorted(self._edits(), key=lambda e: -e.first):
-            made = made[: edit.first] + edit.text.encode() + made[edit.last :]
-        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", made.decode())
+            content = content[: edit.first] + edit.text.encode() + content[edit.last :]
+        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", content.decode())
         tree = ast.parse(text)
         imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
         body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
@@ -129,25 +129,25 @@ class RigSource:
 
     def _settled(self) -> dict[str, str]:
         """Class attributes that are written anew."""
-        rig, kept = self.rig, {c: self._found(c) for c in self.columns}
-        noise = {kept[c]: self._noise(c) for c in rig.outputs if c in kept}
+        rig, names = self.rig, {c: self._found(c) for c in self.columns}
+        noise = {names[c]: self._noise(c) for c in rig.outputs if c in names}
         swings = self._swings()
         scaled = {pair.wanted for pair in self.match.pairs if pair.scaled}
-        made = {
-            "inputs": {kept[c]: self._unit(c) for c in rig.inputs if c in kept},
-            "outputs": {kept[c]: self._unit(c) for c in rig.outputs if c in kept},
+        tables = {
+            "inputs": {names[c]: self._unit(c) for c in rig.inputs if c in names},
+            "outputs": {names[c]: self._unit(c) for c in rig.outputs if c in names},
             "optional": {
-                kept[c]: v for c, v in rig.optional.items() if c in kept and c not in scaled
+                names[c]: v for c, v in rig.optional.items() if c in names and c not in scaled
             },
             "noise": {c: v for c, v in noise.items() if v > 0.0},
             "excited": {c: half for c, (_, half) in swings.items()},
             "centre": {c: centre for c, (centre, _) in swings.items() if centre},
-            "ramped": tuple(kept[c] for c in rig.ramped if c in kept),
+            "ramped": tuple(names[c] for c in rig.ramped if c in names),
             "period_s": _short(self.recording.sampling_period_s),
         }
         slower = self.recording.sampling_period_s / rig.period_s
-        made["hold_s"] = tuple(_short(slower * hold) for hold in rig.hold_s)
-        return {name: _literal(value) for name, value in made.items()}
+        tables["hold_s"] = tuple(_short(slower * hold) for hold in rig.hold_s)
+        return {name: _literal(value) for name, value in tables.items()}
 
     def _assignment(
         self, node: ast.Assign, name: str, settled: Mapping[str, str]
@@ -182,8 +182,10 @@ class RigSource:
                 yield _Edit(whole.last, whole.last, self._left_over())
         elif name == "background" and any(pair.scaled for pair in self.match.pairs):
             # a map that is off by 2 % would be traded for the scale, which nobody knows
-            told = "# background: state by how much the maps may be off when the scales are known"
-            yield replace(whole, text=told)
+            comment = (
+                "# background: state by how much the maps may be off when the scales are known"
+            )
+            yield replace(whole, text=comment)
         elif name == "parameters":
             yield from self._parameters(node)
 
@@ -194,8 +196,8 @@ class RigSource:
             assert isinstance(call, ast.Call)
             words = {str(k.arg): k.value for k in call.keywords}
             if "source" in words:
-                told = f"GUESS, from {self.rig.name}: {ast.literal_eval(words['source'])}"
-                yield _Edit(*self._span(words["source"]), _literal(told))
+                source = f"GUESS, from {self.rig.name}: {ast.literal_eval(words['source'])}"
+                yield _Edit(*self._span(words["source"]), _literal(source))
             if "spread" in words:
                 spread = float(ast.literal_eval(words["spread"]))
                 wider = max(spread, GUESS) if "log" in words else GUESS * spread
@@ -258,30 +260,30 @@ class RigSource:
     def _swings(self) -> dict[str, tuple[float, float]]:
         """Centre and half range of what was sent, per recorded column, in its unit: of the columns
         that the example excites. The temperature of a room is an input, and nobody sends it."""
-        made = {}
+        swings = {}
         for pair in self.match.pairs:
             if pair.wanted not in self.rig.excited or (pair.role == "reference" and not self.loops):
                 continue
             low, high = np.quantile(self._values(pair), (0.01, 0.99))
             half, centre = _short(0.5 * float(high - low)), 0.5 * float(high + low)
             if half > 0.0:
-                made[pair.found] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
-        return made
+                swings[pair.found] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
+        return swings
 
     def _controller(self) -> dict[str, float]:
         """The example's controller in the unit of the recorded reading."""
-        (loop, *_), made = self.rig.loops, dict[str, float]()
+        (loop, *_), gains = self.rig.loops, dict[str, float]()
         old, new = (split_column(c)[1] for c in (loop.reading, self._found(loop.reading)))
         for key, value in self.rig.controller.items():
             gain = key.endswith(f"_per_{suffix_of(old)}")
             name = key.removesuffix(suffix_of(old)) + suffix_of(new) if gain else key
-            made[name] = (
+            gains[name] = (
                 _short(value * size_to_si(1.0, new) / size_to_si(1.0, old), 4) if gain else value
             )
         most = float(np.abs(self._values(self.by_wanted[loop.command])).max())
-        if most > made["command_limit"]:
-            made["command_limit"] = _short(1.01 * most, 3)
-        return made
+        if most > gains["command_limit"]:
+            gains["command_limit"] = _short(1.01 * most, 3)
+        return gains
 
     def _gain(self, pair: Pair) -> _Gain | None:
         """Gain between a column and the example's quantity, from the ranges of both."""
@@ -296,8 +298,8 @@ class RigSource:
         above, below = (own, symbol) if pair.role == "input" else (symbol, own)
         ratio = usual / span if pair.role == "input" else span / usual
         name = f"{split_column(pair.found)[0]}_gain"
-        made = quotient(above or NONE, below or NONE)
-        return _Gain(name, _short(ratio), "" if made == NONE else made)
+        unit_text = quotient(above or NONE, below or NONE)
+        return _Gain(name, _short(ratio), "" if unit_text == NONE else unit_text)
 
     def _usual_span(self, column: str) -> float:
         """Span of the example's column (SI) under its usual excitation."""

@@ -77,8 +77,8 @@ def progress_steps(
 
         yield say, counted.update
     elif callable(wanted):
-        told = wanted
-        yield told, lambda done, text: told(f"{done}/{total} {text}")
+        show = wanted
+        yield show, lambda done, text: show(f"{done}/{total} {text}")
     elif wanted is False:
         yield silent, lambda done, text: None
     else:
@@ -211,10 +211,10 @@ class ProgressLine:
         if name != self._stage[0] or done < self._stage[1]:
             self._stage = (name, done, now)
         _, before, since = self._stage
-        said = f", {100 * done // total} % of this stage"
+        share = f", {100 * done // total} % of this stage"
         # of what was to do when the stage was first seen
         left = _time_left(now - since, (done - before) / max(1, total - before))
-        return f"{said}, about {left} of it left" if left and done < total else said
+        return f"{share}, about {left} of it left" if left and done < total else share
 
     def _write(self, text: str) -> None:
         with contextlib.suppress(OSError):  # a closed or full stderr stops no work

@@ -146,10 +146,10 @@ class Run:
         inputs: list[dict[str, str]],
         options: dict[str, Any],
     ) -> Run:
-        record, asked = self.record, {"seed": seed, "inputs": inputs, "options": options}
+        record, request = self.record, {"seed": seed, "inputs": inputs, "options": options}
         other = [
             what
-            for what, value in asked.items()
+            for what, value in request.items()
             if record.get(what) != json.loads(json_text(value))
         ]
         _require_inside(self.folder, JOBS)

@@ -228,10 +228,10 @@ def divided_name(name: str) -> str:
     stem, written = split_column(name)
     above, below = _split_fraction(written)
     moved = [(atom, n) for atom, n in above if unit(atom).dimension == unit("s").dimension]
-    kept = [factor for factor in above if factor not in moved]
-    if below or not moved or not kept:
+    factors = [factor for factor in above if factor not in moved]
+    if below or not moved or not factors:
         return ""
-    meant = _join_symbol(kept, moved)
+    meant = _join_symbol(factors, moved)
     return with_unit(stem, meant) if _is_quantity(meant) and not _is_quantity(written) else ""
 
 

@@ -127,8 +127,8 @@ class ValidatedMap:
     def rms_n(self, held: HeldOutForces, law: str = "") -> float | None:
         """RMS error of a scaled law, or of the ANFIS, on what was held out; None where nothing
         was."""
-        said = held.scaled[law] if law else held.anfis
-        return rms(self.map.force_n[held.rows], said[held.rows]) if held.rows.any() else None
+        predicted = held.scaled[law] if law else held.anfis
+        return rms(self.map.force_n[held.rows], predicted[held.rows]) if held.rows.any() else None
 
     @property
     def finding(self) -> str:
@@ -264,9 +264,9 @@ def pulls(law: Law, at: ForceMap) -> Array:
     return np.maximum(forces(law, at), 0.0)
 
 
-def scale_of(said: Array, measured: Array) -> float:
+def scale_of(law_force: Array, measured: Array) -> float:
     """The factor that brings what a rig takes from a law nearest to the measured force."""
-    pull = np.maximum(said, 0.0)
+    pull = np.maximum(law_force, 0.0)
     return max(float(pull @ measured / (pull @ pull)), 0.0) if pull.any() else 0.0
 
 
@@ -284,7 +284,7 @@ def judge(
     pressures.
     """
     _check_size(points, sets, every)
-    said = {name: forces(law, points) for name, law in LAWS.items()}
+    analytic = {name: forces(law, points) for name, law in LAWS.items()}
 
     ways = [0, every + BANDS]  # trainings done, and in all
 
@@ -295,7 +295,7 @@ def judge(
             {law: np.zeros(len(points)) for law in LAWS},
         )
         for rows in (group == name for name in names if name in group):
-            rest = {law: values[~rows] for law, values in said.items()}
+            rest = {law: values[~rows] for law, values in analytic.items()}
             progress(f"training {ways[0]}/{ways[1]}: {rows.sum()} of {len(points)} held out")
             ways[0] += 1
             held.anfis[rows] = pulls(
@@ -303,13 +303,13 @@ def judge(
             )
             for law, values in rest.items():
                 factor = scale_of(values, points.force_n[~rows])
-                held.scaled[law][rows] = factor * np.maximum(said[law][rows], 0.0)
+                held.scaled[law][rows] = factor * np.maximum(analytic[law][rows], 0.0)
         return held
 
     by_point = held_out(np.arange(len(points)) % every, range(every))
     place = (points.contraction - points.contraction.min()) / np.ptp(points.contraction)
     by_contraction = held_out(np.rint(BANDS * place).astype(np.intp), range(1, BANDS))
-    trained, unconstrained = _train(points, said, sets, seed)
+    trained, unconstrained = _train(points, analytic, sets, seed)
     wrong_way, complaint = _guarded(trained)
     limits = "" if unconstrained is None else _constraint_words(points, trained, unconstrained)
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
@@ -319,8 +319,8 @@ def judge(
         trained,
         by_point,
         by_contraction,
-        {law: np.maximum(said[law], 0.0) for law in order},
-        {law: scale_of(said[law], points.force_n) for law in order},
+        {law: np.maximum(analytic[law], 0.0) for law in order},
+        {law: scale_of(analytic[law], points.force_n) for law in order},
         wrong_way,
         not complaint,
         complaint
@@ -372,11 +372,11 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
 
 
 def _train(
-    points: ForceMap, said: dict[str, Array], sets: int, seed: int
+    points: ForceMap, analytic: dict[str, Array], sets: int, seed: int
 ) -> tuple[TrainedNetwork, TrainedNetwork | None]:
     """An ANFIS of these points, constrained to the right way where it has to be; and then the one
     that was trained. said: what each analytic law says of the points, N."""
-    moved = [_moved(points, values) for values in said.values()]
+    moved = [_moved(points, values) for values in analytic.values()]
     nearest_law = min(moved, key=lambda values: rms(points.force_n, np.maximum(values, 0.0)))
     taught = np.where(points.slack, np.minimum(points.force_n, nearest_law), points.force_n)
     signals = {CONTRACTION_COLUMN: points.contraction, PRESSURE_COLUMN: points.pressure_kpa}
@@ -400,10 +400,10 @@ def _train(
     return law, trained
 
 
-def _moved(points: ForceMap, said: Array) -> Array:
+def _moved(points: ForceMap, law_force: Array) -> Array:
     """A law's forces (points,), N, with the factor and the offset that suit the pulling points
     best."""
-    terms = np.column_stack([said, np.ones_like(said)])
+    terms = np.column_stack([law_force, np.ones_like(law_force)])
     return np.asarray(
         terms @ np.linalg.lstsq(terms[~points.slack], points.force_n[~points.slack])[0]
     )

@@ -207,10 +207,10 @@ class Identified:
         """The same model where these parameters (outside names and units) are known to be
         otherwise."""
 
-        beside = self.beside
-        if beside is not None:
-            beside = beside[0], beside[0].with_known(beside[1], known)
-        return replace(self, values=self.assembly.with_known(self.values, known), beside=beside)
+        company = self.beside
+        if company is not None:
+            company = company[0], company[0].with_known(company[1], known)
+        return replace(self, values=self.assembly.with_known(self.values, known), beside=company)
 
     def closed(self, controller: Mapping[str, float]) -> Identified:
         """The same model with this controller in its loop: references in the place of commands."""
@@ -356,9 +356,9 @@ def load_identified(
     with _sound(path):
         noted = {str(input_["path"]): str(input_["sha256"]) for input_ in record["inputs"]}
         source = str(record["options"].get("rig") or fit.rig)
-        if (made := rig_again(source, rig, noted)).name != fit.rig:
+        if (rig_object := rig_again(source, rig, noted)).name != fit.rig:
             raise FileError(
-                f"The run is of the rig {fit.rig!r}, not of {made.name!r}.",
+                f"The run is of the rig {fit.rig!r}, not of {rig_object.name!r}.",
                 "Name its own.",
                 code="rig",
             )
@@ -375,7 +375,7 @@ def load_identified(
             require_rival(choose, rivals or saved.effects)
         if rivals and fit.rivals:
             saved = fit.rivals[choose or max(rivals, key=lambda k: rivals[k])].model
-        model = _model(made, saved, fit.recordings, catalogue, path)
+        model = _model(rig_object, saved, fit.recordings, catalogue, path)
         model = replace(
             model,
             source=name_of(rig or source),

@@ -241,8 +241,8 @@ def write_network(
 ) -> dict[str, Any]:
     """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in
     residual.csv; returns network.json. An earlier network of another channel is kept beside it."""
-    kept = keep_others(run, about, trained.output_name)
-    stale = set(networks_beside(run.folder)) - kept
+    others = keep_others(run, about, trained.output_name)
+    stale = set(networks_beside(run.folder)) - others
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
@@ -255,7 +255,7 @@ def write_network(
             residual: with_columns(
                 residual,
                 {derived(channel, "network"): values for channel, values in corrected.items()},
-                {derived(channel, "network") for channel in kept},
+                {derived(channel, "network") for channel in others},
             ),
         }
     )
@@ -275,25 +275,25 @@ def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
         if not at_output or about["enters"] != "output":
             return set()
         before = load_network(run.folder).output_name
-        kept = {*networks_beside(run.folder), before} - {channel}
-        if before in kept:
+        others = {*networks_beside(run.folder), before} - {channel}
+        if before in others:
             data = [read_data(run.folder / name, WEIGHTS) for name in NETWORK_FILES]
             files = run.claim(*network_files_beside(before))
             write_together(dict(zip(files, data, strict=True)))
     except FileError:
         return set()
-    return kept
+    return others
 
 
 def with_columns(
     path: Path,
     added: Mapping[str, Sequence[float] | Array],
-    kept: Collection[str] = (),
+    others: Collection[str] = (),
 ) -> bytes:
     """residual.csv with a network's columns at its end, in place of those of any earlier network
     but the ones that are kept; other cells unchanged."""
     names, body = split_table(path)
-    earlier = {derived(c, "network") for c in names} - (set(kept) - set(added))
+    earlier = {derived(c, "network") for c in names} - (set(others) - set(added))
     keep = [i for i, column in enumerate(names) if column not in earlier]
     complete = len(keep) == len(names)
     lines = [header_line([*(names[i] for i in keep), *added]).rstrip("\n")]

@@ -198,14 +198,16 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
         for one in (path, str(Path(path).with_suffix(".toml"))):
             if one in known:
                 _require_unchanged(_place(folder, one), known[one], folder)
-    made = rig_again(name, rig, known)
+    rig_object = rig_again(name, rig, known)
     recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(
-        made,
+        rig_object,
         [r for path, r in recordings.items() if roles[path] != "held-out"],
         [r for path, r in recordings.items() if roles[path] == "held-out"],
     )
-    model, p, stepping = stored_model(made, saved, fit.recordings, all_effects(), folder / FIT_FILE)
+    model, p, stepping = stored_model(
+        rig_object, saved, fit.recordings, all_effects(), folder / FIT_FILE
+    )
     evidence = replace(evidence, rig=model.rig)
     assembly = model_with(evidence, model.attachments, observed_sizes(evidence))
     # a diagnosis widens ranges where a fit ends at them
@@ -219,8 +221,8 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
 
 def _place(folder: Path, path: str) -> Path:
     """Where a recording lies: a run keeps those that came to it in no file in its own folder."""
-    kept = folder / path
-    return kept if not Path(path).is_file() and kept.is_file() else Path(path)
+    copy = folder / path
+    return copy if not Path(path).is_file() and copy.is_file() else Path(path)
 
 
 def _require_unchanged(path: Path, sha256: str, folder: Path) -> None:

@@ -74,8 +74,8 @@ class _Models:
     @property
     def every(self) -> list[tuple[str, Identified]]:
         """Each model once, with its name; of the networks beside, their channel's."""
-        beside = [(f"with network of {channel}", m) for channel, m in self.beside.items()]
-        return [*self.named.items(), *beside]
+        others = [(f"with network of {channel}", m) for channel, m in self.beside.items()]
+        return [*self.named.items(), *others]
 
 
 def score_run(
@@ -115,16 +115,16 @@ def _models_of(
     }
     if fit.cause is not None:
         named["with_cause"] = load_identified(folder, which="cause", rig=rig, effects=effects)
-    beside: dict[str, Identified] = {}
+    others: dict[str, Identified] = {}
     if (folder / NETWORK_FILE).exists():
         named["with_network"] = load_identified(folder, which="network", rig=rig, effects=effects)
         own = named["with_network"].network
-        beside = {
+        others = {
             channel: network_beside(named, place, fit.channels)
             for channel, place in networks_beside(folder).items()
             if own is not None and channel != own.channel
         }
-    return _Models(refitted, named, tuple(fit.channels), beside)
+    return _Models(refitted, named, tuple(fit.channels), others)
 
 
 def _notes(models: _Models) -> tuple[str, ...]:
@@ -250,10 +250,10 @@ def _loop_of(model: Identified, recording: Recording) -> dict[str, Array] | None
     commands = {q.command for q in model.assembly.rig.loops}
     sent = {n: v for n, v in recording.columns.items() if n not in commands}
     try:
-        made = record_identified(model, replace(recording, columns=sent), noise=0.0)
+        simulated = record_identified(model, replace(recording, columns=sent), noise=0.0)
     except DataError:
         return None
-    return {name: np.asarray(values) for name, values in made.columns.items()}
+    return {name: np.asarray(values) for name, values in simulated.columns.items()}
 
 
 @dataclass(frozen=True, eq=False)

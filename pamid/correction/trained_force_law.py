@@ -113,14 +113,14 @@ def check_force_law(
     axis = order.index("Pa")
     violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = tolerance * (high - low)
-    said = [
+    faults = [
         _said(trained, k, places, forces)
         for k, (by, places) in zip((axis, 1 - axis), violations, strict=True)
         if by > allowed
     ]
-    if said:
+    if faults:
         message = (
-            f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(said)}."
+            f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(faults)}."
         )
         hint = (
             "Train with fewer sets or more starts, add data there, or accept it with strict=False."

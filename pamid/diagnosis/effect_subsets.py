@@ -142,18 +142,18 @@ def responses_of(
     )
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
     responses = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
-    kept = [
+    finite = [
         (s, r)
         for s, r in zip(screened, responses, strict=True)
         if not isinstance(r, Failed) and np.isfinite(r.columns).all()
     ]
-    columns = np.column_stack([np.zeros((len(ground.away), 0)), *(r.columns for _, r in kept)])
-    edges = np.cumsum([0, *(len(r.room) for _, r in kept)]).tolist()
+    columns = np.column_stack([np.zeros((len(ground.away), 0)), *(r.columns for _, r in finite)])
+    edges = np.cumsum([0, *(len(r.room) for _, r in finite)]).tolist()
     return ScreenedResponses(
-        [s for s, _ in kept],
+        [s for s, _ in finite],
         columns.T @ columns,
         columns.T @ ground.away,
-        np.concatenate([np.zeros((0, 2)), *(r.room for _, r in kept)]),
+        np.concatenate([np.zeros((0, 2)), *(r.room for _, r in finite)]),
         [range(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)],
     )
 

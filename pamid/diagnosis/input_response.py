@@ -214,9 +214,9 @@ def _is_better(own: Array, guess: Array, seed: int, settings: Settings) -> bool:
         return False
     if own.sum() < settings.naive_plain * guess.sum():
         return True
-    beside = guess + 1e-9 * guess.mean()
+    guess_error = guess + 1e-9 * guess.mean()
     # of few windows it is not shown that it explains nothing either
-    return bool(moving_block_interval(own, beside, seed=seed, widened=False)[1] < most)
+    return bool(moving_block_interval(own, guess_error, seed=seed, widened=False)[1] < most)
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:

@@ -225,8 +225,8 @@ class ScreeningBaseline:
 
     def model_beside(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
         """The baseline and a candidate; what was widened for the baseline stays wide."""
-        made = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
-        return as_wide(made, self.baseline.assembly)
+        assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
+        return as_wide(assembly, self.baseline.assembly)
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(

@@ -91,9 +91,9 @@ class _Screening(ObjectWork[Addition, Screened]):
         return _screened_plain(result)
 
     def restored(self, item: Addition, plain: Plain) -> Screened:
-        fits, made = plain["fits"], self.reference.model_beside
+        fits, assemble = plain["fits"], self.reference.model_beside
         return _screened_restored(
-            item, made(self.evidence, item, self.sizes) if fits else None, plain
+            item, assemble(self.evidence, item, self.sizes) if fits else None, plain
         )
 
     def name(self, item: Addition) -> str:
@@ -194,8 +194,12 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
         return candidate_restored(self.evidence, self._assembly(item), plain)
 
     def _assembly(self, item: RefitStart) -> Assembly:
-        made = item.assembly or model_with(self.evidence, item.attached, self.sizes)
-        return replace(made, ranges={**made.ranges, **item.ranges}) if item.ranges else made
+        assembly = item.assembly or model_with(self.evidence, item.attached, self.sizes)
+        return (
+            replace(assembly, ranges={**assembly.ranges, **item.ranges})
+            if item.ranges
+            else assembly
+        )
 
     def name(self, item: RefitStart) -> str:
         return " + ".join(a.label for a in item.attached)

@@ -333,7 +333,7 @@ def _with_rivals(
     best, steps = selection.best, selection.steps
     without: dict[str, CandidateModel] = {}
     instead: dict[str, tuple[CandidateModel, ...]] = {}
-    taken = set(map(search.family, best.attached))
+    families = set(map(search.family, best.attached))
     for added in best.additions:
         others = _less(best, added)
         for one in (added, *(Addition((a,)) for a in added.members)):
@@ -345,7 +345,7 @@ def _with_rivals(
             for step in steps
             for c in step.tied
             for k in c.additions
-            if search.family(k) not in taken
+            if search.family(k) not in families
             and any(search.family(added) in families_of(m) for m in step.tied)
         }
         models = [

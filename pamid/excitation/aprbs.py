@@ -115,7 +115,7 @@ class Coverage:
 
     def sentences(self) -> tuple[str, ...]:
         """Coverage and blind spots of the signal, as sentences."""
-        said = [
+        texts = [
             f"{self.steps} turns between {self.low:g} and {self.high:g}, "
             f"{self.shortest_hold_s:.3g} to "
             f"{self.longest_hold_s:.3g} s apart; crest factor {self.crest:.3g}."
@@ -130,16 +130,16 @@ class Coverage:
         ]
         if self.changes is not None:
             (small, large), (slow, fast) = self.changes.most
-            said.append(
+            texts.append(
                 f"Changes: mostly by {small:.0%} to {large:.0%} of the range at {slow:.2g} to "
                 f"{fast:.2g} Hz; {np.count_nonzero(self.changes.share)} of {CELLS**2} combinations "
                 "of size and pace occur."
             )
         if self.library_condition is not None:
-            said.append(
+            texts.append(
                 f"Curvature: condition number {self.library_condition:.2g} of 1, u, u², u³."
             )
-        return (*said, *self.blind_spots())
+        return (*texts, *self.blind_spots())
 
     def blind_spots(self) -> list[str]:
         """Effects that the signal cannot show, then those it hardly shows, a sentence each."""
@@ -424,18 +424,18 @@ def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
     begins = np.flatnonzero((way != 0.0) & (way != np.append(0.0, way[:-1])))
     if not moving:
         return begins
-    kept: list[int] = []
+    turns: list[int] = []
     for turn in begins.tolist():
         # a turn that goes on the same way takes the place of the last one; one that comes back by
         # less than a ripple is passed over
         if (
-            len(kept) > 1
-            and (values[turn] - values[kept[-1]]) * (values[kept[-1]] - values[kept[-2]]) > 0.0
+            len(turns) > 1
+            and (values[turn] - values[turns[-1]]) * (values[turns[-1]] - values[turns[-2]]) > 0.0
         ):
-            kept[-1] = turn
-        elif not kept or abs(values[turn] - values[kept[-1]]) >= _RIPPLE * np.ptp(values):
-            kept.append(turn)
-    return np.array(kept)
+            turns[-1] = turn
+        elif not turns or abs(values[turn] - values[turns[-1]]) >= _RIPPLE * np.ptp(values):
+            turns.append(turn)
+    return np.array(turns)
 
 
 def _by_size_and_pace(

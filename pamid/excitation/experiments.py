@@ -141,8 +141,8 @@ class Experiment:
         """Its signals, and what the bench carries beside them."""
         sent = self.signals(bench)
         samples = len(next(iter(sent.values())))
-        beside = {k: np.resize(v, samples) for k, v in bench.carried.items() if k not in sent}
-        return {**sent, **beside}
+        constant = {k: np.resize(v, samples) for k, v in bench.carried.items() if k not in sent}
+        return {**sent, **constant}
 
     def minutes_on(self, bench: Bench) -> float:
         """Time at the rig; on a rig of one's own, whose protocol is not known, the length of the

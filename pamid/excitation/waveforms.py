@@ -384,8 +384,8 @@ def plan_for(
             f"There is no signal {signal!r}.",
             nearest(signal, SIGNAL_SETTINGS) or f"Signals: {', '.join(SIGNAL_SETTINGS)}.",
         )
-    asked = {name: value for name, value in given.items() if value is not None}
-    for name in asked:
+    stated = {name: value for name, value in given.items() if value is not None}
+    for name in stated:
         if name not in SIGNAL_SETTINGS[signal]:
             takers = (
                 " and ".join(
@@ -405,7 +405,7 @@ def plan_for(
     return Plan(
         signal,
         period_s,
-        **{name: usual[name] for name in SIGNAL_SETTINGS[signal]} | asked,
+        **{name: usual[name] for name in SIGNAL_SETTINGS[signal]} | stated,
         rate_limit=rate_limit,
         offset=offset,
         seed=seed,

@@ -105,8 +105,8 @@ def write_excitation(
     from importlib.metadata import version
 
     generator = f"pamid {version('pamid')} generate-aprbs"
-    made = [f"{word} {about[word]}" for word in ("signal", "experiment", "seed") if word in about]
-    signals = SentSignals(columns, period_s, path.stem, ", ".join([generator, *made, HELD_WORDS]))
+    words = [f"{word} {about[word]}" for word in ("signal", "experiment", "seed") if word in about]
+    signals = SentSignals(columns, period_s, path.stem, ", ".join([generator, *words, HELD_WORDS]))
     # first: it refuses what is not finite
     files = recording_files(path, signals.time, signals.columns, meta)
     chosen = FORMATS[form]

@@ -55,15 +55,17 @@ def export_model(
     further = () if randomise is None else (randomise,)
     require_new((*files, *further), overwrite)
     ranges = {path: randomisation_yaml(model) for path in further}
-    made = chosen.write(model, step, files)
-    if made.check is not None and made.check.is_worse and not anyway:
+    written = chosen.write(model, step, files)
+    if written.check is not None and written.check.is_worse and not anyway:
         raise FileError(
-            f"{files[0]} was not written: {made.check.worst_words}.",
+            f"{files[0]} was not written: {written.check.worst_words}.",
             "Its notes (--anyway prints them and writes it) say which part of the finding the "
             "file cannot hold.",
             code="worse",
         )
     for folder in {file.parent for file in (*files, *further)}:
         make_folder(folder)
-    write_together({**made.files, **ranges})
-    return Exported((*files, *further), made.binary, (*model.notes, *made.notes), made.check)
+    write_together({**written.files, **ranges})
+    return Exported(
+        (*files, *further), written.binary, (*model.notes, *written.notes), written.check
+    )

@@ -49,9 +49,9 @@ def write_fmu(
     model: Identified, step: SampleStep, files: tuple[Path, ...], *, version: int
 ) -> Written:
     """Build the content of an FMU, in the interface that forms of export share."""
-    made = make_fmu(step, version)
-    notes = (f"{made.why}; {_HOW_TO_BUILD}",) if made.why else ()
-    return Written({files[0]: made.data}, made.binary, notes)
+    fmu = make_fmu(step, version)
+    notes = (f"{fmu.why}; {_HOW_TO_BUILD}",) if fmu.why else ()
+    return Written({files[0]: fmu.data}, fmu.binary, notes)
 
 
 def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:

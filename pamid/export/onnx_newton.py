@@ -43,7 +43,7 @@ class Implicit:
         matrix = b.add("Sub", b.array(np.eye(self.nx)), b.add("Mul", gh, self.slopes(b, x)))
         change = _quotient(b, matrix, self._residual(b, base, gh, x), self.nx)
         worst = _largest(b, change, x)
-        taken = self._taken(b, base, gh, x, matrix, change, worst)
+        accepted = self._taken(b, base, gh, x, matrix, change, worst)
         done = b.add("Squeeze", b.add("Less", worst, b.number(LAST_STEP)))
         again = b.add("Not", done)
         boolean = {name: TensorProto.BOOL for name in (going, again, settled, done)}
@@ -51,7 +51,7 @@ class Implicit:
             b,
             "newton",
             {count: (), going: (), x: (self.nx,), settled: ()},
-            {again: (), taken: (self.nx,), done: ()},
+            {again: (), accepted: (self.nx,), done: ()},
             types={count: TensorProto.INT64, **boolean},
         )
         solution, fine = g.several(

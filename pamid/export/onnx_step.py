@@ -35,11 +35,11 @@ class Sampled:
     def remembered(self) -> tuple[str, ...]:
         """Cells whose value at the last step is asked for, those of the network left out."""
         s = self.step
-        asked = symbols(
+        used = symbols(
             [*(e for u in s.updates for e in (u.value, u.seconds)), *s.rates, *s.readings]
         )
         return tuple(
-            u.name for u in s.updates if ("past", u.name) in asked and not self._of_network(u)
+            u.name for u in s.updates if ("past", u.name) in used and not self._of_network(u)
         )
 
     def _of_network(self, update: Update) -> bool:

@@ -51,13 +51,13 @@ _RESERVED = frozenset(
 )
 
 
-def identifier(name: str, taken: Iterable[str] = ()) -> str:
+def identifier(name: str, occupied: Iterable[str] = ()) -> str:
     """`name` as a word of C and MATLAB that is not among `taken`: "dead-time:delay_s" ->
     "dead_time_delay_s"."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:50] or "v"
     word = f"v{word}" if word[0].isdigit() else word
     functions = (name for o in OPERATORS.values() for name in (o.c, o.matlab))
-    used = {*_RESERVED, *functions, *taken}
+    used = {*_RESERVED, *functions, *occupied}
     unique, n = word, 2
     while unique in used or re.fullmatch(r"k\d+", unique):  # k12 is the name of a part
         unique, n = f"{word}_{n}", n + 1
@@ -169,10 +169,10 @@ class Writer:
         self.words = {**places, **dict(zip(named, own, strict=True))}
 
     def lines(
-        self, roots: list[Expr], write: Callable[[Statements], None], made: Iterable[Symbol] = ()
+        self, roots: list[Expr], write: Callable[[Statements], None], written: Iterable[Symbol] = ()
     ) -> list[str]:
         """The locals, and what `write` adds; made: symbols that these lines define themselves."""
-        used = symbols(roots) - set(made)
+        used = symbols(roots) - set(written)
         own = [
             self.dialect.assign.format(self.words[s], place)
             for s, place in self.places.items()

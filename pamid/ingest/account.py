@@ -106,8 +106,10 @@ def write_conversions(
     try:
         following = iter(accounts)
         for conversion, part in zip(conversions, outputs, strict=True):
-            for made, path in zip(conversion.recordings, part, strict=True):
-                write_recording(stage / path.name, made.time, made.columns, tables_of(conversion))
+            for recording, path in zip(conversion.recordings, part, strict=True):
+                write_recording(
+                    stage / path.name, recording.time, recording.columns, tables_of(conversion)
+                )
                 file = (stage / path.name).with_suffix(".ingest.json")
                 write_json(file, next(following).as_json())
         replace_together({target: stage / target.name for target in targets})
@@ -123,10 +125,10 @@ def accounts_of(
 ) -> list[result.IngestFile]:
     """Conversion record of each recording, by file."""
     return [
-        shared.model_copy(update={"recording": _of_recording(made, path, conversion)})
+        shared.model_copy(update={"recording": _of_recording(recording, path, conversion)})
         for conversion, part in zip(conversions, outputs, strict=True)
         for shared in [_of_log(conversion, mapping_file)]
-        for made, path in zip(conversion.recordings, part, strict=True)
+        for recording, path in zip(conversion.recordings, part, strict=True)
     ]
 
 
@@ -232,15 +234,17 @@ def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:
     )
 
 
-def _of_recording(made: MadeRecording, path: Path, conversion: Conversion) -> result.RecordingMade:
+def _of_recording(
+    recording: MadeRecording, path: Path, conversion: Conversion
+) -> result.RecordingMade:
     return result.RecordingMade(
         path=str(path),
-        samples=made.time.size,
+        samples=recording.time.size,
         sampling_period_s=conversion.period,
-        duration_s=made.time.size * conversion.period,
-        columns=tuple(made.columns),
-        begins_s=made.begins_s,
-        first_row=made.first_row,
+        duration_s=recording.time.size * conversion.period,
+        columns=tuple(recording.columns),
+        begins_s=recording.begins_s,
+        first_row=recording.first_row,
     )
 
 

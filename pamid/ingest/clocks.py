@@ -187,11 +187,13 @@ def _require_sane(channel: Channel, log: Log) -> None:
 def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> FloatArray:
     pressure = atmosphere if signal.absolute else 0.0
     if signal.unit is not None:
-        made = in_unit(values, signal.unit, signal.symbol, pressure)
+        converted = in_unit(values, signal.unit, signal.symbol, pressure)
     else:
-        made = values * signal.scale - (pressure / unit(signal.symbol).factor if pressure else 0.0)
-    made = made if signal.sign == 1 else -made
-    return made + signal.offset if signal.offset else made
+        converted = values * signal.scale - (
+            pressure / unit(signal.symbol).factor if pressure else 0.0
+        )
+    converted = converted if signal.sign == 1 else -converted
+    return converted + signal.offset if signal.offset else converted
 
 
 def _clock(
@@ -309,12 +311,15 @@ def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: 
     if usual is None or 1.0 / FAR_FROM_USUAL < period / usual < FAR_FROM_USUAL:
         return
     factor = read_unit(mapping.time.unit or "s").factor
-    said = f'time.unit is "{mapping.time.unit}"' if mapping.time.unit else "time.unit is not given"
+    unit_text = (
+        f'time.unit is "{mapping.time.unit}"' if mapping.time.unit else "time.unit is not given"
+    )
     for name in _TIME_UNITS:
         other = period / factor * read_unit(name).factor
         if 1.0 / NEAR_USUAL < other / usual < NEAR_USUAL:
             raise FileError(
-                f'{where}: {said}: samples would be {period:.4g} s apart; in "{name}" they would '
+                f'{where}: {unit_text}: samples would be {period:.4g} s apart; in "{name}" '
+                "they would "
                 f"be {other:.4g} s apart, and {usual:g} s are usual.",
                 "Correct time.unit; if they really are so far apart, say so in time.period_s.",
                 code="time-unit",

@@ -112,7 +112,7 @@ def convert(
         for course in clock.sampled
     }
     tracks = {column: tracks[column] for column in mapping.signals}
-    made, short, budget = [], 0, MemoryBudget(log.path)
+    recordings, short, budget = [], 0, MemoryBudget(log.path)
     for start, end in _common(tracks, period * stretch):
         if (end - start) / (period * stretch) > FINER * lead.rows.stamps.size:
             raise FileError(
@@ -127,8 +127,8 @@ def convert(
         if one.time.size < MIN_SAMPLES:
             short += 1
         else:
-            made.append(one)
-    if not made:
+            recordings.append(one)
+    if not recordings:
         raise DataError(
             f"{log.path}: nowhere are all channels there for {MIN_SAMPLES} samples in a row.",
             "Leave out the channel that is hardly there, or allow longer gaps with time.max_gap_s.",
@@ -141,7 +141,7 @@ def convert(
         )
     notes += unknown_to(rig, mapping.signals) if rig else []
     return Conversion(
-        log, mapping, tuple(made), period, stretch, lead, clocks, tracks, tuple(notes)
+        log, mapping, tuple(recordings), period, stretch, lead, clocks, tracks, tuple(notes)
     )
 
 
@@ -190,7 +190,7 @@ def round_period(measured: float) -> float:
 def _pieces(
     clock: Clock, course: SampledColumn, max_gap: float | None
 ) -> list[tuple[FloatArray, FloatArray]]:
-    made = []
+    pieces = []
     for piece in clock.base.pieces:
         there = np.isfinite(course.values[piece])
         t, y = clock.base.instants[piece][there], course.values[piece][there]
@@ -205,12 +205,12 @@ def _pieces(
             if course.signal.hold and course.signal.events
             else (np.flatnonzero(steps > limit) + 1).tolist()
         )
-        made += [
+        pieces += [
             (t[a:b], y[a:b])
             for a, b in zip([0, *longer], [*longer, t.size], strict=True)
             if b - a > 1 or (clock.found is None and b > a)
         ]
-    return made
+    return pieces
 
 
 def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:

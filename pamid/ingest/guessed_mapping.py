@@ -199,9 +199,9 @@ def _of_one_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str
     # of as many channels the longer ones
     usual = max(lengths, key=lambda length: (lengths[length], length))
     others = [c for c in channels if c.stamps is None and c.values.size != usual]
-    said = listed(f"{c.name} ({c.values.size})" for c in others)
+    names = listed(f"{c.name} ({c.values.size})" for c in others)
     stay = [c for c in channels if c.stamps is not None or c.values.size == usual]
-    return stay, [f"not mapped, of other lengths than the {usual} rows of the others: {said}"]
+    return stay, [f"not mapped, of other lengths than the {usual} rows of the others: {names}"]
 
 
 # ---- which channel is what ---------------------------------------------------------------------
@@ -225,11 +225,11 @@ def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, Chosen
                 score = 0.0
             fit = named.get((i, column))
             scores[column, i] = max(score, fit.score / 100.0 if fit else 0.0)
-    taken = best_pairs(scores)
+    pairs = best_pairs(scores)
     return {
-        column: ChosenChannel(channels[taken[column]], named.get((taken[column], column)))
+        column: ChosenChannel(channels[pairs[column]], named.get((pairs[column], column)))
         for column in columns
-        if column in taken
+        if column in pairs
     }
 
 
@@ -250,7 +250,7 @@ def _head(
     log: Log,
     rig_name: str,
     rig: Rig | None,
-    taken: Mapping[str, ChosenChannel],
+    chosen: Mapping[str, ChosenChannel],
     notes: Sequence[str],
 ) -> list[str]:
     lines = [
@@ -264,7 +264,7 @@ def _head(
         else '# rig = "..."                # a rig of the catalogue; one of your own is named later'
     )
     loops = rig.loops if rig is not None else ()
-    if any(loop.reference in taken and loop.command in taken for loop in loops):
+    if any(loop.reference in chosen and loop.command in chosen for loop in loops):
         lines.append(
             'loop = "closed"              # a controller produced the command? otherwise "open"'
         )
@@ -313,21 +313,21 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
     if chosen.by_own_name:
         if counts_rows(channel.values):
             return NONE, "it counts rows"
-        said = f"the log says {toml_string(logged)}; " if logged else ""
+        hint = f"the log says {toml_string(logged)}; " if logged else ""
         values = channel.values[np.isfinite(channel.values)]
         whole = values.size and not logged and bool((values == np.round(values)).all())
         counts = f"; counts: [signals.{column}_deg] and scale = 360 / (4 * lines)" if whole else ""
         return (
             UNANSWERED,
-            f'{said}"deg" makes {column} a column {column}_deg; "1" is a ratio{counts}',
+            f'{hint}"deg" makes {column} a column {column}_deg; "1" is a ratio{counts}',
         )
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if not logged and suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
-    if said := logged or suffix.removeprefix(NONE):
+    if hint := logged or suffix.removeprefix(NONE):
         return UNANSWERED, (
-            f"the log says {toml_string(said)}, the column is a {quantity_of(symbol)}; or scale "
-            f"= {symbol} per {toml_string(said)} in place of it"
+            f"the log says {toml_string(hint)}, the column is a {quantity_of(symbol)}; or scale "
+            f"= {symbol} per {toml_string(hint)} in place of it"
         )
     if fit is not None and fit.si:
         for one in _SI:
@@ -348,11 +348,11 @@ def _about(channel: Channel, time: ClockGuess | None = None) -> str:
     values = channel.values[np.isfinite(channel.values)]
     if not values.size:
         return "empty"
-    said = f"{values.min():.4g} to {values.max():.4g}" + (
+    text = f"{values.min():.4g} to {values.max():.4g}" + (
         f" {channel.unit}" if channel.unit else ""
     )
     if values.size < channel.values.size:
-        said += f", {1.0 - values.size / channel.values.size:.2%} of the cells empty"
+        text += f", {1.0 - values.size / channel.values.size:.2%} of the cells empty"
     stamps = (
         channel.stamps
         if channel.stamps is not None
@@ -363,8 +363,8 @@ def _about(channel: Channel, time: ClockGuess | None = None) -> str:
         # pauses between the parts of a log say nothing of the rate
         paused = bool((np.diff(stamps) > PAUSE * step).any()) and step > 0.0
         rate = 1.0 / step if paused else (values.size - 1) / (stamps[-1] - stamps[0])
-        said += f", {rate:.4g} Hz"
-    return " ".join(said.split())
+        text += f", {rate:.4g} Hz"
+    return " ".join(text.split())
 
 
 def _pressure_hint(channel: Channel, guessed: str) -> str:
@@ -385,15 +385,15 @@ def _pressure_hint(channel: Channel, guessed: str) -> str:
 
 def _tail(
     rig: Rig | None,
-    taken: Mapping[str, ChosenChannel],
+    chosen: Mapping[str, ChosenChannel],
     rest: Sequence[Channel],
     known: Mapping[str, float],
 ) -> list[str]:
     lines = []
     outputs = rig.outputs if rig is not None else ()
-    if missing := [column for column in outputs if column not in taken]:
+    if missing := [column for column in outputs if column not in chosen]:
         lines.append(f"# nothing found for: {', '.join(missing)}")
-    mapped = {one.channel.name for one in taken.values()}
+    mapped = {one.channel.name for one in chosen.values()}
     left = [channel for channel in rest if channel.name not in mapped]
     if left:
         lines.append("# channels that are not mapped:")

@@ -77,10 +77,10 @@ class IngestResult:
         return card(self._headline(), html_table(self._rows()), *notes)
 
     def _headline(self) -> str:
-        logs, made = len(self._conversions), len(self.recordings)
+        logs, count = len(self._conversions), len(self.recordings)
         return (
-            f"{made} recording{'' if made == 1 else 's'} of {logs} log{'' if logs == 1 else 's'}, "
-            f"{len(self.notes)} notes"
+            f"{count} recording{'' if count == 1 else 's'} of {logs} log"
+            f"{'' if logs == 1 else 's'}, {len(self.notes)} notes"
         )
 
     def _rows(self) -> Cells:
@@ -159,11 +159,11 @@ def ingest(
     parsed = load_mapping(file, pressures, _period(period))
     given = rig_given(rig)
     named = name_of(given) if given is not None else parsed.rig
-    made = _rig(parsed.rig, file) if given is None else rig_named(given)
+    target_rig = _rig(parsed.rig, file) if given is None else rig_named(given)
     parsed = parsed.model_copy(
         update={"rig": named, "known": {**parsed.known, **dict(known or {})}}
     )
-    parsed = named_by_units(parsed, made)
+    parsed = named_by_units(parsed, target_rig)
     sources = [signal.source for signal in parsed.signals.values()]
     sources += [parsed.time.source] if parsed.time.source is not None else []
     conversions = []
@@ -174,7 +174,7 @@ def ingest(
         for number, path in enumerate(paths):
             count(number, path.name)
             conversions += [
-                convert(part, parsed, made, str(file), repair or "")
+                convert(part, parsed, target_rig, str(file), repair or "")
                 for part in parted(read_log(path, kind), sources, str(file))
             ]
     recordings, accounts = _kept(conversions, target, file, overwrite)
@@ -233,9 +233,9 @@ def guess_mapping(
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
     given = rig_given(rig)
-    made, name = (None, "") if given is None else (rig_named(given), name_of(given))
+    target_rig, name = (None, "") if given is None else (rig_named(given), name_of(given))
     with limited_memory(memory_limit):
-        guess = guess_of(read_log(Path(log), kind), made, name, answers, only)
+        guess = guess_of(read_log(Path(log), kind), target_rig, name, answers, only)
     guess = replace(guess, text=printable(guess.text))
     if target is not None:
         write_atomically(target, guess.text.encode())
@@ -273,9 +273,9 @@ def _kept(
             for files in outputs_for([conversion], Path(), as_folder=True)
         ]
         recordings = [
-            recording_of(made.time, made.columns, tables_of(conversion), name=path.stem)
+            recording_of(recording.time, recording.columns, tables_of(conversion), name=path.stem)
             for conversion, files in zip(conversions, outputs, strict=True)
-            for made, path in zip(conversion.recordings, files, strict=True)
+            for recording, path in zip(conversion.recordings, files, strict=True)
         ]
         return recordings, accounts_of(conversions, outputs, mapping)
     as_folder = output.is_dir() or not output.suffix  # a Path does not keep a trailing slash

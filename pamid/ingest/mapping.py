@@ -139,15 +139,15 @@ def _answer(signals: Any, pressures: str, where: str) -> None:
             or unit(split_column(column)[1]).dimension != PRESSURE_DIMENSION
         ):
             continue
-        said = table.get("pressure", UNANSWERED)
-        if said not in (UNANSWERED, pressures):
+        stated = table.get("pressure", UNANSWERED)
+        if stated not in (UNANSWERED, pressures):
             raise FileError(
-                f"{where}: signals.{column}.pressure is {_shown(said)}, but --pressures says "
+                f"{where}: signals.{column}.pressure is {_shown(stated)}, but --pressures says "
                 f'"{pressures}".',
                 "Leave one of the two out.",
                 code="mapping",
             )
-        if said == UNANSWERED and not _says_itself(table.get("unit")):
+        if stated == UNANSWERED and not _says_itself(table.get("unit")):
             table["pressure"] = pressures
 
 
@@ -200,7 +200,7 @@ def settle(
     have.
     """
     held = set(_held(rig)) if rig else set()
-    made = []
+    mapped = []
     for column, signal in mapping.signals.items():
         if rig is not None:
             for wanted in (*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)):
@@ -211,8 +211,8 @@ def settle(
         if (way := mapping.between.get(column)) is not None:
             hold = way == "held"
         hold = hold if signal.interpolation is None else signal.interpolation == "hold"
-        made.append(_settle_one(column, signal, hold, units.get(signal.source, ""), where))
-    return tuple(made)
+        mapped.append(_settle_one(column, signal, hold, units.get(signal.source, ""), where))
+    return tuple(mapped)
 
 
 def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
@@ -248,8 +248,8 @@ def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
     """A sentence for every column that the rig does not know; they are kept."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     columns, known = list(columns), {split_column(name)[0] for name in wanted}
-    made = {split_column(name)[0] for name in columns}
-    lacking = [name for name in wanted if split_column(name)[0] not in made]
+    stems = {split_column(name)[0] for name in columns}
+    lacking = [name for name in wanted if split_column(name)[0] not in stems]
     return [
         f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, lacking)}".rstrip()  # noqa: E501
         for name in columns
@@ -276,21 +276,21 @@ def _settle_one(
         _require_agreement(source, logged, symbol, place)
     elif signal_map.scale == 0.0:
         raise FileError(f"{place}.scale is 0: nothing of the source would be left.", code="mapping")
-    said = source.pressure if source is not None else ""
+    implied = source.pressure if source is not None else ""
     if not pressure and signal_map.pressure is not None:
         raise FileError(
             f"{place}.pressure is {signal_map.pressure!r}, but {column!r} is no pressure.",
             "Leave the key out.",
             code="mapping",
         )
-    if source is not None and said and signal_map.pressure not in (None, said):
+    if source is not None and implied and signal_map.pressure not in (None, implied):
         raise FileError(
             f"{place}.pressure is {signal_map.pressure!r}, but the unit {source.text!r} "
-            f"says {said}.",
+            f"says {implied}.",
             "Correct one of the two.",
             code="mapping",
         )
-    if pressure and not (said or signal_map.pressure):
+    if pressure and not (implied or signal_map.pressure):
         raise FileError(
             f'{place}.pressure is missing; allowed: "gauge", "absolute".', _GAUGE, code="pressure"
         )
@@ -300,7 +300,7 @@ def _settle_one(
         symbol,
         source,
         signal_map.scale if signal_map.scale is not None else 1.0,
-        (signal_map.pressure or said) == "absolute",
+        (signal_map.pressure or implied) == "absolute",
         signal_map.sign,
         signal_map.offset,
         signal_map.rows,

@@ -40,8 +40,8 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     same = dimension in (None, unit(wanted_symbol).dimension)
     if not same and (dimension not in RAW or wanted_symbol == NONE):
         return NO_FIT
-    given, asked = number(stem), number(wanted_stem)
-    if given and asked and given != asked:
+    given, wanted_number = number(stem), number(wanted_stem)
+    if given and wanted_number and given != wanted_number:
         return NO_FIT
     recorded_meanings, sought = meanings(stem), meanings(wanted_stem)
     if ("reference" in recorded_meanings) != ("reference" in sought):
@@ -88,8 +88,8 @@ def _drive_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     if same and "reference" in meanings(stem):
         return ColumnFit(SET_POINT, "word", False)
     electric = dimension in RAW and meanings(stem) & {"voltage", "current"}
-    made = electric and meanings(wanted_stem) & {"force", "torque"}
-    return ColumnFit(DRIVEN, "word", True) if made else NO_FIT
+    drives = electric and meanings(wanted_stem) & {"force", "torque"}
+    return ColumnFit(DRIVEN, "word", True) if drives else NO_FIT
 
 
 def pair_fit(
@@ -117,8 +117,8 @@ def recorded_fit(name: str, wanted: str, sent: bool = False) -> ColumnFit:
 def best_pairs(scores: Mapping[tuple[str, Given], float]) -> dict[str, Given]:
     """Column of the rig -> what fits it, each once; best fits first, and of equal ones those that
     come first."""
-    taken: dict[str, Given] = {}
+    pairs: dict[str, Given] = {}
     for (column, given), score in sorted(scores.items(), key=lambda pair: -pair[1]):
-        if score > 0.0 and column not in taken and given not in taken.values():
-            taken[column] = given
-    return taken
+        if score > 0.0 and column not in pairs and given not in pairs.values():
+            pairs[column] = given
+    return pairs

@@ -159,9 +159,9 @@ def _fit(value: RobotValue, name: LogName, sizes: Mapping[str, int]) -> NameFit 
     if value.quantity == "effort" and name.sent and name.per_effort is not None:
         if not effort and not value.si:
             return NameFit(score, why, si=value.si)
-        said = f"{1.0 / name.per_effort:.6g} of effort per unit that is sent, by the model"
-        said = "; ".join(filter(None, (why, said)))
-        return NameFit(score - (_AS_EFFORT if effort else 0), said, name.per_effort)
+        reason = f"{1.0 / name.per_effort:.6g} of effort per unit that is sent, by the model"
+        reason = "; ".join(filter(None, (why, reason)))
+        return NameFit(score - (_AS_EFFORT if effort else 0), reason, name.per_effort)
     # of a state before and after a filter the plain one
     return NameFit(score + (value.group.rpartition("/")[2] == "joint_states"), why, si=value.si)
 
@@ -197,8 +197,8 @@ def _alike(text: str, other: str) -> int:
 def _ends(a: Words, b: Words) -> bool:
     """Are the words of one name the last ones of the other? A number alone says nothing."""
     short, long = sorted((a, b), key=len)
-    said = len(short) < len(long) and not all(word.isdigit() for word in short)
-    return said and long[-len(short) :] == short
+    matches = len(short) < len(long) and not all(word.isdigit() for word in short)
+    return matches and long[-len(short) :] == short
 
 
 def _plain(words: Words) -> Words:
@@ -279,21 +279,21 @@ def notes_on(channels: Sequence[Channel], rig: Rig, chosen: Mapping[str, Channel
         return []
     names, notes = log_names(rig), []
     theirs = _elements(values.values())
-    taken = {
+    elements = {
         values[i].element
         for i, channel in enumerate(channels)
         if i in values and any(channel is other for other in chosen.values())
     }
-    free = [name for name in theirs if name not in taken]
+    free = [name for name in theirs if name not in elements]
     for column in (c for c in names if c not in chosen):
         name = names[column]
         needed = column in rig.inputs and column not in rig.optional
         what = f"{name.quantity or 'value'}{' sent to' if name.sent else ' of'} {name.names[-1]}"
-        said = f"nothing found for {column} ({what})"
-        said += ", which a recording must have" if needed else ""
+        note = f"nothing found for {column} ({what})"
+        note += ", which a recording must have" if needed else ""
         other = _other_quantity(name, values.values())
         hint = other or _nearest_pairs(name.names, free)
-        notes.append(f"{said}. {hint}" if hint else f"{said}.")
+        notes.append(f"{note}. {hint}" if hint else f"{note}.")
     strangers = [c for c in free if any(channel.robot for channel in channels)]
     if strangers:
         notes.append(f"in the log, not in the model: {listed(strangers)}.")
@@ -336,5 +336,5 @@ def _near(name: str, theirs: Sequence[str]) -> str:
     shared = [other for other in theirs if words & set(_plain(tokens(other)))]
     if shared:
         return shared[0]
-    said = nearest(name, theirs)
-    return next((other for other in theirs if repr(other) in said), "")
+    hint = nearest(name, theirs)
+    return next((other for other in theirs if repr(other) in hint), "")

@@ -254,15 +254,15 @@ def _take_time(stamps: FloatArray) -> bool:
 def _spread(stamps: FloatArray) -> FloatArray:
     """Stamps of samples that share one, moved apart to the side on which there is time, by a period
     at most."""
-    made, steps = stamps.copy(), np.diff(stamps)
+    spread, steps = stamps.copy(), np.diff(stamps)
     usual = float(np.median(steps[steps > 0.0]))
     for first, last in zip(*runs_of(steps == 0.0), strict=True):
         before = steps[first - 1] if first else 0.0
         after = steps[last] if last < steps.size else 0.0
         apart = min(max(before, after) / (last - first + 1), usual)
         offsets = apart * np.arange(last - first + 1)
-        made[first : last + 1] += offsets if after > before else offsets - offsets[-1]
-    return made
+        spread[first : last + 1] += offsets if after > before else offsets - offsets[-1]
+    return spread
 
 
 def rough_period(rows: Rows) -> float:
@@ -466,8 +466,8 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
 def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
     """Late stamps lowered until all rise, by a thousandth of a period at least: a sample was taken
     before any later sample got its stamp."""
-    made, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
+    restored, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
     for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
         piece, rise = rows[start:end], least * np.arange(end - start)
-        made[piece] = np.minimum.accumulate((stamps[piece] - rise)[::-1])[::-1] + rise
-    return made
+        restored[piece] = np.minimum.accumulate((stamps[piece] - rise)[::-1])[::-1] + rise
+    return restored

@@ -158,8 +158,8 @@ def reconstructed_time_base(
             for p in pieces
         )
         lost = steps if clock.wanders else min(lost, steps)
-        said = _repairs(rows.stamps, pieces, rows.starts, lost)
-        return TimeBase(rows.stamps, tuple(pieces), diagnosis.period, said)
+        repairs = _repairs(rows.stamps, pieces, rows.starts, lost)
+        return TimeBase(rows.stamps, tuple(pieces), diagnosis.period, repairs)
     even = rows.stamps - late
     instants = even.copy()
     for piece in pieces:
@@ -167,12 +167,12 @@ def reconstructed_time_base(
             instants[piece] += _earliest(late[piece], _follow_rows(rows, piece))
         elif cure == "late-stamps":
             instants[piece] += float(np.quantile(late[piece], LEAST_LATENCY_QUANTILE))
-    said = _repairs(instants, pieces, rows.starts, lost)
+    repairs = _repairs(instants, pieces, rows.starts, lost)
     if clock.wanders:
         instants = np.maximum.accumulate(instants) + 1e-9 * period * samples
         detail = "the sampling itself slows and quickens: its clock follows the earliest stamps"
-        said = (Repair("clock-followed", len(pieces), detail), *said)
-    return TimeBase(instants, tuple(pieces), period, said)
+        repairs = (Repair("clock-followed", len(pieces), detail), *repairs)
+    return TimeBase(instants, tuple(pieces), period, repairs)
 
 
 @dataclass(frozen=True)

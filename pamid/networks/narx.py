@@ -206,8 +206,8 @@ class Narx(Network):
             ]
             seen = g.index(*np.concatenate(rows).tolist())
             taps = g.joined([given, g.add("Gather", inputs, seen, axis=0)])
-            kept = g.parts(inputs, [(reach_in - 1) * m, m])[:1] if reach_in > 1 else []
-            past_inputs = [given, *kept]
+            past = g.parts(inputs, [(reach_in - 1) * m, m])[:1] if reach_in > 1 else []
+            past_inputs = [given, *past]
         fed_back = g.index(*(lag * self.stride - 1 for lag in range(1, self.output_lags + 1)))
         back = g.add("Gather", outputs, fed_back, axis=0)
         driven = affine(

@@ -154,9 +154,9 @@ class WorkerPool:
                 yield i, work.restored(items[i], stored)
         if self.executor is None and self.jobs <= 1:
             for i in todo:
-                made = attempted(work, items[i], partial(self._here, work, items[i], keys[i:]))
-                self.failed += [made] if isinstance(made, Failed) else []
-                yield i, made
+                outcome = attempted(work, items[i], partial(self._here, work, items[i], keys[i:]))
+                self.failed += [outcome] if isinstance(outcome, Failed) else []
+                yield i, outcome
             return
         for k, done in self._executor()(work, [items[i] for i in todo]) if todo else ():
             i = todo[k]
@@ -180,10 +180,10 @@ class WorkerPool:
         """The result, worked out in this process; keys: its own first."""
         with threadpool_limits(limits=1, user_api="blas"):
             if isinstance(work, ObjectWork):
-                made: R = work.result(item)
-                kept = work.plain_form(item, made) if self.store else {}
-                self._store_result(keys, work.label(item), kept)
-                return made
+                result: R = work.result(item)
+                plain_result = work.plain_form(item, result) if self.store else {}
+                self._store_result(keys, work.label(item), plain_result)
+                return result
             outcome = plain(work(item))
         self._store_result(keys, work.label(item), outcome)
         return work.restored(item, outcome)

@@ -81,29 +81,31 @@ class PredictedReach:
         )
 
 
-def reaches(evidence: DataSplit, made: Recording) -> list[PredictedReach]:
+def reaches(evidence: DataSplit, predicted_run: Recording) -> list[PredictedReach]:
     """Of every channel and of every imposed speed that went there and back, in an experiment."""
     predicted = []
     for channel in evidence.channels:
         before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
-        now = made.columns[channel]
+        now = predicted_run.columns[channel]
         seen = float(before.min()), float(before.max())
         predicted.append(
             PredictedReach(channel, float(now[0]), float(now.min()), float(now.max()), seen)
         )
-    return predicted + [r for name in evidence.rig.inputs for r in _way(evidence, made, name)]
+    return predicted + [
+        r for name in evidence.rig.inputs for r in _way(evidence, predicted_run, name)
+    ]
 
 
-def _way(evidence: DataSplit, made: Recording, speed: str) -> Iterator[PredictedReach]:
+def _way(evidence: DataSplit, predicted_run: Recording, speed: str) -> Iterator[PredictedReach]:
     """Of an input that is a speed: where it leads from 0."""
     symbol = {"m/s": "m", "rad/s": "rad"}.get(evidence.rig.inputs[speed])
     recordings = [r for r in evidence.recordings if r.has(speed)]
-    if symbol is None or not recordings or speed not in made.columns:
+    if symbol is None or not recordings or speed not in predicted_run.columns:
         return
     if not any(r.signal(speed).min() < 0.0 < r.signal(speed).max() for r in recordings):
         return  # it turns, or feeds on: there is no end to reach
     before = max((_added_up(r, speed) for r in recordings), key=np.ptp)
-    now, seen = _added_up(made, speed), (float(before.min()), float(before.max()))
+    now, seen = _added_up(predicted_run, speed), (float(before.min()), float(before.max()))
     yield PredictedReach(speed, 0.0, float(now.min()), float(now.max()), seen, symbol)
 
 
@@ -204,8 +206,8 @@ class Predictions:
                 kind = excitation.loop == "closed", len(excitation)
                 alike.setdefault(kind, []).append((way, excitation))
         for pairs in alike.values():
-            made = _recorded(model, [excitation for _, excitation in pairs])
-            for (way, _), recording in zip(pairs, made, strict=True):
+            recordings = _recorded(model, [excitation for _, excitation in pairs])
+            for (way, _), recording in zip(pairs, recordings, strict=True):
                 self._made[model, way].append(recording)
         return [self._made[model, way] for way in ways]
 
@@ -258,11 +260,11 @@ def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float
     return ranges
 
 
-def _leaving(evidence: DataSplit, made: list[Recording | None]) -> list[PredictedReach]:
+def _leaving(evidence: DataSplit, recordings: list[Recording | None]) -> list[PredictedReach]:
     """Channels that a prediction takes beyond the recordings; all of them where the model blows
     up."""
-    stable = [r for r in made if r is not None]
-    if len(stable) < len(made):
+    stable = [r for r in recordings if r is not None]
+    if len(stable) < len(recordings):
         return [PredictedReach(c, 0.0, -np.inf, np.inf, (0.0, 0.0)) for c in evidence.channels]
     return [x for r in stable for x in reaches(evidence, r) if x.leaves(LEEWAY)]
 

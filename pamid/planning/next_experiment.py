@@ -182,8 +182,8 @@ def models_to_keep(
 ) -> list[CandidateModel]:
     """Models by which an experiment is to leave the rig where it was recorded: those in question,
     the best first, and the refitted model alone."""
-    asked = {c.label: c for pair in pairs for c in pair}
-    return [*asked.values(), d.budget.baseline]
+    models = {c.label: c for pair in pairs for c in pair}
+    return [*models.values(), d.budget.baseline]
 
 
 def _decided(d: Diagnosis) -> WithheldExperiment | None:
@@ -212,8 +212,8 @@ def _withheld(
     d: Diagnosis, predictions: Predictions, bench: Bench, models: list[CandidateModel]
 ) -> WithheldExperiment | None:
     """Why nothing is proposed: what the tamest way of an entry would do."""
-    told = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
-    name, away = next(((n, text) for n, text in told if text), ("", ""))
+    reasons = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
+    name, away = next(((n, text) for n, text in reasons if text), ("", ""))
     if not away:
         return None
     return WithheldExperiment(
@@ -277,14 +277,14 @@ def separations(
     re-adjusted; the last bound is the separation. Zeros where a model cannot be simulated."""
     rivals, separation, evidence = [], [], predictions.evidence
     for truth, other in pairs:
-        made = predictions.of(truth, way)
+        recordings = predictions.of(truth, way)
         tracks = tuple(
             track_of(other.assembly, r, evidence.channels, evidence.jump, evidence.timescale_s)
-            for r in made
+            for r in recordings
             if r is not None
         )
         rival = _RivalModel(other, evidence.noise, tracks)
-        if len(tracks) < len(made) or not rival.left:
+        if len(tracks) < len(recordings) or not rival.left:
             yield np.zeros(len(evidence.channels))
             return
         rivals.append(rival)

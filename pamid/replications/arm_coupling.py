@@ -63,20 +63,20 @@ def stretches(r: Recording) -> list[PulsedStretch]:
 
 
 def coupling_json(
-    taken: Taken, runs: dict[str, Array]
+    pulse_record: Taken, runs: dict[str, Array]
 ) -> tuple[tuple[result.ArmCoupling, ...], list[Swung]]:
     """The figures of the coupling in a recording with pulses, and what to draw of them.
 
     runs: whole free runs (samples x VARIABLES, SI) of the data sheet, the fitted model and the
     fitted model without the coupling, by name in `ArmCoupling.mae`.
     """
-    r, told, drawn = taken.recording, [], []
+    r, couplings, drawn = pulse_record.recording, [], []
     for stretch in stretches(r):
         k = VARIABLES.index(stretch.angle)
-        measured, noise = r.signal(stretch.angle), shown(stretch.angle, taken.noise[:, k])
+        measured, noise = r.signal(stretch.angle), shown(stretch.angle, pulse_record.noise[:, k])
         angles = {name: shown(stretch.angle, run[:, k]) for name, run in runs.items()}
         clean = (measured - noise)[stretch.rows]
-        told.append(
+        couplings.append(
             result.ArmCoupling(
                 pulsed=stretch.pulsed,
                 moved=stretch.angle,
@@ -101,16 +101,18 @@ def coupling_json(
                 angles["without_coupling"][seen],
             )
         )
-    return tuple(told), drawn
+    return tuple(couplings), drawn
 
 
-def coupling_png(told: tuple[result.ArmCoupling, ...], drawn: list[Swung]) -> bytes:
+def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[Swung]) -> bytes:
     """PNG of the largest deflection at each joint; its title says how far, and what explains it."""
 
     def each(name: str) -> str:
-        return " and ".join(f"{one.mae[name]:.2g}" for one in told)
+        return " and ".join(f"{one.mae[name]:.2g}" for one in couplings)
 
-    moved = ", ".join(f"joint {one.moved.split('_')[1]} by {one.swing_deg:.1f} deg" for one in told)
+    moved = ", ".join(
+        f"joint {one.moved.split('_')[1]} by {one.swing_deg:.1f} deg" for one in couplings
+    )
     title = (
         f"Pulses on one joint swing the other: {moved}. The fitted arm is off by {each('fitted')} "
         f"deg, without coupling terms by {each('without_coupling')} deg "

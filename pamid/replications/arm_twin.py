@@ -95,7 +95,7 @@ class ArmTwin:
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording; no load cells."""
         specs = tuple(f"{name}={value}" for name, value in self.friction.items())
-        made = simulate_virtual_rig(
+        simulated = simulate_virtual_rig(
             f"{ARM_RIG}:{self.law}",
             session.excitation,
             specs,
@@ -104,10 +104,15 @@ class ArmTwin:
             noise,
             seed,
         )
-        columns = {k: v for k, v in made.columns.items() if k in VARIABLES or k in session.columns}
+        columns = {
+            k: v for k, v in simulated.columns.items() if k in VARIABLES or k in session.columns
+        }
         return {
             "columns": columns,
-            "meta": {**made.meta, "recording": {**made.meta["recording"], "rig": ARM_RIG}},
+            "meta": {
+                **simulated.meta,
+                "recording": {**simulated.meta["recording"], "rig": ARM_RIG},
+            },
         }
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
@@ -259,7 +264,7 @@ class ArmRecords:
 
 def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -> ArmRecords:
     """Make all recordings, with the default sensor noise, as files a user could have."""
-    taken = []
+    recordings = []
     for k, session in enumerate(planned):
         path = folder / f"{session.name}.csv"
         write_recording(
@@ -267,5 +272,5 @@ def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -
         )
         recording, quiet = read_recording(path), twin.record(session, noise=0.0)["columns"]
         clean = np.stack([to_si(quiet[v], split_column(v)[1]) for v in VARIABLES], axis=1)
-        taken.append(Taken(session, recording, output_table(VARIABLES, recording) - clean))
-    return ArmRecords(tuple(taken))
+        recordings.append(Taken(session, recording, output_table(VARIABLES, recording) - clean))
+    return ArmRecords(tuple(recordings))

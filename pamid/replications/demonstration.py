@@ -84,14 +84,14 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     write_recording(excitation, time, {"reference_deg": reference})
     sheet = {p.outside_name: p.value for p in catalogue_rig(DEMO_RIG).parameters}
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
-    made = simulate(
+    simulated = simulate(
         excitation, DEMO_RIG, effects=withheld.spec, parameters=hidden, seed=seed, output=recording
     )
     truth = WithheldFile(
         seed=seed,
         effect=withheld.effect,
         family=withheld.family,
-        as_simulated=tuple(made.effects),
+        as_simulated=tuple(simulated.effects),
         parameters=hidden,
         over_data_sheet=withheld.factors,
     )

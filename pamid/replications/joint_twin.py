@@ -89,7 +89,7 @@ class Twin:
     ) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording on this reference
         (deg)."""
-        made = simulate_virtual_rig(
+        simulated = simulate_virtual_rig(
             TWIN_RIG,
             excitation(reference),
             self.effects(inertia),
@@ -98,7 +98,7 @@ class Twin:
             noise,
             seed,
         )
-        return {"columns": made.columns, "meta": made.meta}
+        return {"columns": simulated.columns, "meta": simulated.meta}
 
 
 def step_reference() -> Array:
@@ -135,13 +135,13 @@ def analytic_run(recording: Recording) -> dict[str, Array]:
 def analytic_loop(recording: Recording) -> dict[str, Array]:
     """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
     own loop."""
-    reference, made = recording.signal(REFERENCE_COLUMN), analytic_run(recording)
-    velocity = np.gradient(made[ANGLE_COLUMN], PERIOD_S)
+    reference, simulated = recording.signal(REFERENCE_COLUMN), analytic_run(recording)
+    velocity = np.gradient(simulated[ANGLE_COLUMN], PERIOD_S)
     unit = split_column(ANGLE_COLUMN)[1]
     return {
         REFERENCE_COLUMN: reference,
-        f"{COMMAND}_loop": made[COMMAND],
-        derived(ANGLE_COLUMN, "loop"): made[ANGLE_COLUMN],
+        f"{COMMAND}_loop": simulated[COMMAND],
+        derived(ANGLE_COLUMN, "loop"): simulated[ANGLE_COLUMN],
         with_unit("velocity_loop", f"{unit}/s"): velocity,
         with_unit("acceleration_loop", f"{unit}/s2"): np.gradient(velocity, PERIOD_S),
     }

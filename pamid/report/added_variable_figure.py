@@ -41,7 +41,7 @@ def added_leaders(run: RunData) -> list[AddedVariable]:
     }
     families = {item.effect: item.family for item in diagnosis.ranking}
     families |= {item.effect: item.family for item in diagnosis.causes}
-    together = any(beside for _, beside in plots)
+    together = any(company for _, company in plots)
     leaders = [
         plots[key]
         for cause in diagnosis.causes

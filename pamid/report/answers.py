@@ -276,8 +276,8 @@ def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     lead = f"None of the catalogue; it is {families}." if families else "None of the catalogue."
     if one is None:
         return lead, []
-    told = (*_free_forms(one), *nature_texts(one), *formula_texts(one))
-    return lead, [text for text in told if text]
+    texts = (*_free_forms(one), *nature_texts(one), *formula_texts(one))
+    return lead, [text for text in texts if text]
 
 
 def _free_forms(unknown: Unknown) -> list[str]:

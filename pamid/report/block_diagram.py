@@ -125,9 +125,9 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     one_way = {(a, b) for a, b in level if (b, a) not in level}
     ahead, reached = forward | one_way, {b for _, b in forward | one_way}
     back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
-    kept = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
+    direct = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
     drawn = (
-        {_stepped(a, b, back & {(d, c) for c, d in kept}, stage) for a, b in kept}
+        {_stepped(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
         | back
         | (level - one_way)
     )

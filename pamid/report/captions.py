@@ -122,8 +122,8 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
 
 def set_figures(text: str) -> str:
     """One line in which no number is parted from its sign, nor from the P before it."""
-    kept = formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
-    return kept.replace("(P ", f"(P{formatting.SPACE}")
+    clean = formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
+    return clean.replace("(P ", f"(P{formatting.SPACE}")
 
 
 def free_form_title(diagnosis: DiagnosisFile, family_form: FamilyForm) -> str:

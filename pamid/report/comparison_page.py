@@ -96,11 +96,11 @@ def comparison_document(runs: Sequence[ComparedRun]) -> Document:
 
 def comparison_sentence(runs: Sequence[ComparedRun]) -> str:
     """Whether the runs agree on the cause: "Both runs name Coulomb friction at the joint port"."""
-    told = [_answer(run) for run in runs]
-    if len(set(told)) == 1:
+    answers = [_answer(run) for run in runs]
+    if len(set(answers)) == 1:
         every = "Both runs" if len(runs) == 2 else f"All {len(runs)} runs"
-        return formatting.sentence(f"{every} say: {told[0]}")
-    each = "; ".join(f"{run.name} says {said}" for run, said in zip(runs, told, strict=True))
+        return formatting.sentence(f"{every} say: {answers[0]}")
+    each = "; ".join(f"{run.name} says {answer}" for run, answer in zip(runs, answers, strict=True))
     return formatting.sentence(f"the runs differ: {each}")
 
 
@@ -132,7 +132,7 @@ def _heads(runs: Sequence[ComparedRun], *first: str, last: str = "") -> list[str
 
 
 def _found(runs: Sequence[ComparedRun]) -> Table:
-    told: dict[str, Callable[[ComparedRun], str]] = {
+    columns: dict[str, Callable[[ComparedRun], str]] = {
         "verdict": lambda item: item.run.diagnosis.verdict if item.run.diagnosis else "fit only",
         "causes": _causes,
         "port": _port,
@@ -141,7 +141,10 @@ def _found(runs: Sequence[ComparedRun]) -> Table:
     }
     return table(
         _heads(runs, "found"),
-        [[what, *(said(run) or formatting.DASH for run in runs)] for what, said in told.items()],
+        [
+            [what, *(text_of(run) or formatting.DASH for run in runs)]
+            for what, text_of in columns.items()
+        ],
     )
 
 
@@ -174,12 +177,12 @@ def _left(compared_run: ComparedRun) -> str:
 
 
 def _next(compared_run: ComparedRun) -> str:
-    asked = (
+    experiment = (
         compared_run.run.diagnosis.next_experiment
         if compared_run.run.diagnosis is not None
         else None
     )
-    return formatting.effect_label(asked.name) if asked is not None else ""
+    return formatting.effect_label(experiment.name) if experiment is not None else ""
 
 
 def _errors(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:

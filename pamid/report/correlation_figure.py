@@ -114,6 +114,6 @@ def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
     correlations = np.clip(correlations[np.ix_(own, own)], -1.0, 1.0)
     if len(own) > _MOST:
         strength = np.sort(np.abs(correlations - np.eye(len(own))), axis=1)[:, -1]
-        kept = sorted(np.argsort(-strength, kind="stable")[:_MOST].tolist())
-        own, correlations = [own[k] for k in kept], correlations[np.ix_(kept, kept)]
+        strongest = sorted(np.argsort(-strength, kind="stable")[:_MOST].tolist())
+        own, correlations = [own[k] for k in strongest], correlations[np.ix_(strongest, strongest)]
     return [posterior.keys[k] for k in own], correlations

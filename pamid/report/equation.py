@@ -275,6 +275,6 @@ def _meaning(function: str) -> str:
     if function in _CALLED:
         return _CALLED[function]
     of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
-    said = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
-    said = re.split(r"[;.](?:\s|$)", said, maxsplit=1)[0]
-    return said.replace("+-", "± ").replace("half_width", "its second value")
+    summary = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
+    summary = re.split(r"[;.](?:\s|$)", summary, maxsplit=1)[0]
+    return summary.replace("+-", "± ").replace("half_width", "its second value")

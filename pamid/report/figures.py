@@ -148,9 +148,9 @@ def missing_drawing(run: RunData) -> Drawing | None:
         return None
     stems = {split_column(name)[0]: name for name in run.missing}
     named = (s for s in stems if s not in NO_SIGNALS and s in term.formula)
-    told = term.variables or sorted(named, key=term.formula.index)
+    variables = term.variables or sorted(named, key=term.formula.index)
     signals = [
-        *(v for v in told if v in stems),
+        *(v for v in variables if v in stems),
         *(s for s in stems if s not in NO_SIGNALS),
     ]
     if not signals:

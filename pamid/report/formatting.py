@@ -124,8 +124,8 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
     if values and unit_text:
         factor, unit_text = _told_in(unit_text, *values)
         values = [factor * value for value in values]
-    told = between.join(short(value) for value in values)
-    return f"{told}{SPACE}{unit_text}" if unit_text else told
+    text = between.join(short(value) for value in values)
+    return f"{text}{SPACE}{unit_text}" if unit_text else text
 
 
 def with_interval(
@@ -139,9 +139,9 @@ def with_interval(
     if not known or not unit_text:
         return short(value, digits) + interval_tail(span(low, high, "", digits))
     factor, unit_text = _told_in(unit_text, *known)
-    told, low, high = (None if one is None else factor * one for one in (value, low, high))
+    middle, low, high = (None if one is None else factor * one for one in (value, low, high))
     interval = span(low, high, unit_text, digits)
-    return f"{with_unit_text(told, unit_text, digits)}{interval_tail(interval)}"
+    return f"{with_unit_text(middle, unit_text, digits)}{interval_tail(interval)}"
 
 
 def _told_in(unit_text: str, *values: float) -> tuple[float, str]:

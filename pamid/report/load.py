@@ -108,7 +108,7 @@ def load_run(folder: Path) -> RunData:
             code="no-result",
         )
     network = read_result(folder / "network.json", NetworkFile, any_schema=True)
-    beside = () if network is None else _beside(folder)
+    others = () if network is None else _beside(folder)
     residual = read_columns(folder / "residual.csv")
     if residual is not None:
         _require(folder / "residual.csv", residual, KEYS)
@@ -123,13 +123,13 @@ def load_run(folder: Path) -> RunData:
             {split_column(name)[0]: x for name, x in missing.items()},
             ("missing",),
         )
-    networks = () if network is None else (network, *beside)
+    networks = () if network is None else (network, *others)
     return RunData(
         steps=read_steps(folder / "run.json"),
         fit=fit,
         diagnosis=diagnosis,
         network=network,
-        beside=beside,
+        beside=others,
         residual=None if residual is None else Residual(_in_loops(residual, networks)),
         trace=trace,
         missing=missing,

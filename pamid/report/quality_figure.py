@@ -177,13 +177,17 @@ def _close_up(axes: Axes, recording: Recording, name: str, channel: Mapping[str,
         markeredgewidth=0.0,
         markerfacecolor=colour("ink"),
     )
-    said = [
+    figures = [
         f"{what} {formatting.number(channel[what], 2)}"
         for what in ("noise", "step")
         if channel[what] > 0.0
     ]
     axes.set_ylabel(
-        "\n".join(said) or "no noise\nto be seen", fontsize=7.0, rotation=0, ha="left", va="center"
+        "\n".join(figures) or "no noise\nto be seen",
+        fontsize=7.0,
+        rotation=0,
+        ha="left",
+        va="center",
     )
     axes.yaxis.set_label_position("right")
     axes.yaxis.set_major_locator(MaxNLocator(2))

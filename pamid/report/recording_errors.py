@@ -41,8 +41,8 @@ def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
         for row in rows
         if row.comparison == IN_LOOP and "with_network" in row.mae
     }
-    beside = [_with_network(row, networks) for row in run.fit.loops if _is_shown(run, row)]
-    return (*(row for row in rows if row.comparison == REPLAYED), *beside)
+    corrected = [_with_network(row, networks) for row in run.fit.loops if _is_shown(run, row)]
+    return (*(row for row in rows if row.comparison == REPLAYED), *corrected)
 
 
 def _is_shown(run: RunData, row: RecordingError) -> bool:

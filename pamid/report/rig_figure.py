@@ -92,12 +92,12 @@ def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
         return _plain_title(rig)
     where = diagnosis.where  # of shares that read alike the named port's comes first
     shares = sorted(where.ports, key=lambda item: (-round(item.share, 2), item.port != where.port))
-    told = [
+    parts = [
         f"{formatting.port_label(share.port)} {percent(share.share)}"
         for share in shares[:3]
         if share.share >= 0.05
     ]
-    return f"The rig {name} and where the gap enters it: {', '.join(told) or 'nowhere alone'}"
+    return f"The rig {name} and where the gap enters it: {', '.join(parts) or 'nowhere alone'}"
 
 
 def panels_html(diagnosis: DiagnosisFile) -> Markup:

@@ -27,7 +27,7 @@ def summary_of(folder: Path) -> RunSummary:
     has_result = any((folder / name).exists() for name in ("fit.json", "diagnosis.json"))
     run = load_run(folder) if has_result and not kind else None
     first = steps[0]
-    told = RunSummary(
+    summary = RunSummary(
         path=str(folder),
         kind=kind or _kind_of(run),
         command=command_name(first),
@@ -40,7 +40,7 @@ def summary_of(folder: Path) -> RunSummary:
         causes=(),
         mae={},
     )
-    return told if run is None else _with_findings(told, run)
+    return summary if run is None else _with_findings(summary, run)
 
 
 def _kind_of(run: RunData | None) -> str:
@@ -49,10 +49,10 @@ def _kind_of(run: RunData | None) -> str:
     return "fit" if run.diagnosis is None else "diagnosis"
 
 
-def _with_findings(told: RunSummary, run: RunData) -> RunSummary:
+def _with_findings(summary: RunSummary, run: RunData) -> RunSummary:
     rows = errors_of(run)
     diagnosis = run.diagnosis
-    return told.model_copy(
+    return summary.model_copy(
         update={
             "recordings": tuple(
                 formatting.clean(recording.name)

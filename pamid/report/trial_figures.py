@@ -121,11 +121,11 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
                 fontsize=8.0,
                 color=colour("muted"),
             )
-        said, right = zip(
+        stated, right = zip(
             *((one.said, one.right.share or 0.0) for one in trial.reliability), strict=True
         )
         axes.plot(
-            said,
+            stated,
             right,
             color=colour("refitted"),
             linewidth=1.2,

@@ -66,8 +66,8 @@ def read_trial(path: Path) -> Trial | None:
     known = machine_names()
     # a trial may be one of any rig, or of a file: it is told what it was, and nothing is looked up
     if trial.rig not in known and not in_catalogue(trial.rig) and not is_code(trial.rig):
-        told = " or ".join([*map(repr, known), "another rig"])
-        raise damaged(path, "rig", told, f"{trial.rig!r:.60}")
+        rigs = " or ".join([*map(repr, known), "another rig"])
+        raise damaged(path, "rig", rigs, f"{trial.rig!r:.60}")
     for name in ("failed", "unseen"):
         if name not in trial.rates:
             raise damaged(path, f"rates.{name}", "a rate", "missing")

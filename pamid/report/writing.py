@@ -140,12 +140,12 @@ def write_report(
     paper = {pdf: printed(html)} if pdf is not None else {}
     own = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in own.items() if name in pictures]
-    beside = [one for one in (page, pdf) if one is not None]
-    for one in beside:
+    outputs = [one for one in (page, pdf) if one is not None]
+    for one in outputs:
         make_folder(one.parent)
     run = Run.open(run_folder)
     run.remove(*(file for file in own if file not in drawn))
-    figures = run.claim(*drawn, *(one.name for one in beside if one.parent == run_folder))[
+    figures = run.claim(*drawn, *(one.name for one in outputs if one.parent == run_folder))[
         : len(drawn)
     ]
     files = {path: pictures[own[file]].png for path, file in zip(figures, drawn, strict=True)}

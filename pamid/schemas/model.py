@@ -155,12 +155,12 @@ class _NeverNull:
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        made = handler(core)
-        others = [one for one in made.pop("anyOf", []) if one != _NULL]
-        made |= others[0] if len(others) == 1 else {"anyOf": others} if others else {}
-        if made.get("default", 0) is None:
-            del made["default"]
-        return made
+        schema = handler(core)
+        others = [one for one in schema.pop("anyOf", []) if one != _NULL]
+        schema |= others[0] if len(others) == 1 else {"anyOf": others} if others else {}
+        if schema.get("default", 0) is None:
+            del schema["default"]
+        return schema
 
 
 class _MayLack:
@@ -229,15 +229,15 @@ class Model(BaseModel):
     def __get_pydantic_json_schema__(
         cls, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        made = handler.resolve_ref_schema(handler(core))
-        made["required"] = [
+        schema = handler.resolve_ref_schema(handler(core))
+        schema["required"] = [
             field.alias or name
             for name, field in cls.model_fields.items()
             if not any(one is MAY_LACK for one in field.metadata)
         ]
-        for one in made.get("properties", {}).values():
+        for one in schema.get("properties", {}).values():
             one.pop("default", None)
-        return made
+        return schema
 
 
 class NumbersByKey(Model):
@@ -265,11 +265,11 @@ class _Untitled(GenerateJsonSchema):
 
 def json_schema(kind: type[Model]) -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of what is written of this kind."""
-    made = kind.model_json_schema(mode="serialization", schema_generator=_Untitled)
-    if "$ref" in made:  # a kind that holds itself
-        made = {**made["$defs"][kind.__name__], "$defs": made["$defs"]}
-    name = made["properties"]["schema"]["const"]
-    return {"$schema": DRAFT, "$id": name, "title": made.pop("title"), **made}
+    schema = kind.model_json_schema(mode="serialization", schema_generator=_Untitled)
+    if "$ref" in schema:  # a kind that holds itself
+        schema = {**schema["$defs"][kind.__name__], "$defs": schema["$defs"]}
+    name = schema["properties"]["schema"]["const"]
+    return {"$schema": DRAFT, "$id": name, "title": schema.pop("title"), **schema}
 
 
 def read(kind: type[M], content: Mapping[str, Any], *, also: tuple[str, ...] = ()) -> M:

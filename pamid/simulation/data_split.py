@@ -305,9 +305,9 @@ def _divided(rig: Rig, recordings: Sequence[Recording]) -> tuple[list[Span], lis
     fit, held = list[Span](), list[Span]()
     for recording in recordings:
         if len(recording) >= FEWEST_SAMPLES:
-            fitted, kept = _parts(rig, recording)
+            fitted, held_out = _parts(rig, recording)
             fit += fitted
-            held += kept
+            held += held_out
     # a third of a short episode would be no window
     episodes = [Span(r, 0, len(r)) for r in recordings if len(r) < FEWEST_SAMPLES]
     for number, episode in enumerate(episodes):

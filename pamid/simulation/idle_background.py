@@ -66,12 +66,12 @@ def without_idle_terms(
     if not idle:
         return rig, ()
     names = {(term.port, term.name) for term in idle}
-    kept = {
+    background = {
         port: tuple(term for term in terms if (port, term.name) not in names)
         for port, terms in _listed(rig).items()
     }
     changed = copy.copy(rig)
-    vars(changed)["background"] = {port: terms for port, terms in kept.items() if terms}
+    vars(changed)["background"] = {port: terms for port, terms in background.items() if terms}
     return changed, tuple(idle)
 
 

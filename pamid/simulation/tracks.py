@@ -172,7 +172,7 @@ def noise_remarks(
             )
             remarks.append(NoiseRemark("noise", channel, text, used))
         elif lag > 0.0:
-            taken = (
+            usage = (
                 f"The stated noise of {used:.2g}{symbol} is used"
                 if stated > 0.0
                 else f"A noise of {used:.2g}{symbol} is used; state the error of the sensor as "
@@ -180,7 +180,7 @@ def noise_remarks(
             )
             text = (
                 f"{channel} stands still and leaps on while the machine moves, as a coarse gauge "
-                f"or a slow sensor: its readings lag by {lag:.2g}{symbol} (rms). {taken}"
+                f"or a slow sensor: its readings lag by {lag:.2g}{symbol} (rms). {usage}"
             )
             remarks.append(NoiseRemark("clinging", channel, text, used))
     return remarks

@@ -67,10 +67,10 @@ class Runner:
         """The same, keeping slopes from run to run, where there are any to keep; other: that were
         kept along this track before, from which these begin."""
         program = self.assembly.program
-        made = program.room(len(self.track), self.stepping.substeps, self.columns)
-        if made is None:
+        room = program.room(len(self.track), self.stepping.substeps, self.columns)
+        if room is None:
             return self
-        return replace(self, known=other.copy() if other and other.fits(made) else made)
+        return replace(self, known=other.copy() if other and other.fits(room) else room)
 
     def parameters(self, p: Array) -> Array:
         """p with what this recording knows put in."""

@@ -180,7 +180,7 @@ class _MemoryExpansion:
     def follows_a_state(self, x: Expr) -> bool:
         """Does x read a state, itself or in what its cells remember? Cells that are none of these,
         a rig's own, are taken to."""
-        made = {c.name: c for c in self.cells}
+        cells = {c.name: c for c in self.cells}
         seen: set[str] = set()
         todo = [x]
         while todo:
@@ -190,10 +190,10 @@ class _MemoryExpansion:
                 if space == "state":
                     return True
                 if space in ("cell", "past") and name not in seen:
-                    if name not in made:
+                    if name not in cells:
                         return True
                     seen.add(name)
-                    cell = made[name]
+                    cell = cells[name]
                     parts = (cell.update, cell.start, cell.joined, cell.seconds)
                     todo += [e for e in parts if e is not None]
         return False

@@ -166,7 +166,7 @@ def run(
     m: Any,
     f: Any,
     waves: Array,
-    asked: Array,
+    reference: Array,
     closed: bool,
     controller: Array,
     noise_deg: Array,
@@ -177,7 +177,7 @@ def run(
 ) -> None:
     """Fill readings (samples x 14, SI, before noise) and commands (2 x samples); asked (2 x
     samples): references in deg, or the commands themselves; waves: (joint, muscle, wave, 3)."""
-    h, n = period / steps, asked.shape[1]
+    h, n = period / steps, reference.shape[1]
     x, s, z = (
         np.zeros((2, JOINT_STATES)),
         np.zeros((2, 2, MUSCLE_STATES)),
@@ -193,12 +193,12 @@ def run(
             for j in range(2):
                 readings[k, j] = moved_zero(y[j, 0], f[JOINT + j])
                 commands[j, k] = (
-                    asked[j, k]
+                    reference[j, k]
                     if not closed
                     else command_of(
                         memory[j],
                         k,
-                        asked[j, k],
+                        reference[j, k],
                         readings[k, j],
                         noise_deg[j, k],
                         m[j],

@@ -167,9 +167,11 @@ def record_arm(
 
     f = placed(faults)
     closed = excitation.reference_deg is not None
-    asked = np.asarray(excitation.reference_deg if closed else excitation.command, dtype=np.float64)
-    n = len(asked)
-    extended = np.concatenate([asked, np.repeat(asked[-1:], AHEAD, axis=0)]).T.copy()
+    reference = np.asarray(
+        excitation.reference_deg if closed else excitation.command, dtype=np.float64
+    )
+    n = len(reference)
+    extended = np.concatenate([reference, np.repeat(reference[-1:], AHEAD, axis=0)]).T.copy()
     random = np.random.default_rng(seed)
     jitter = noise * ARM_NOISE * logger.noise(random, (n + AHEAD, len(ARM_CHANNELS)))
     readings, commands = np.zeros((n + AHEAD, len(ARM_CHANNELS))), np.zeros((2, n + AHEAD))
@@ -192,9 +194,11 @@ def record_arm(
             f"the arm flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
-    taken = time + PERIOD_S * logger.delays(random, n)
-    logged = _logged(arm.joints[0], f, readings, jitter[:n], taken)
-    asked_for = {f"reference_{j}_deg": asked[:, k] for k, j in enumerate(JOINTS)} if closed else {}
+    stamps = time + PERIOD_S * logger.delays(random, n)
+    logged = _logged(arm.joints[0], f, readings, jitter[:n], stamps)
+    asked_for = (
+        {f"reference_{j}_deg": reference[:, k] for k, j in enumerate(JOINTS)} if closed else {}
+    )
     return {
         "time_s": time,
         **asked_for,

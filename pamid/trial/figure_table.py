@@ -133,8 +133,8 @@ def rows_of(scores: Mapping[str, Any]) -> tuple[FigureRow, ...]:
     rows = _ROWS_OF.get(scores.get("rig", ONE_DOF), _STARTER_ROWS)
     if scores.get("world") != OPEN:
         return rows
-    kept = (row for row in rows if row.key not in _CLOSED_ONLY)
-    return (*_OPEN_ROWS, *(replace(row, target=_OPEN_TARGETS.get(row.key)) for row in kept))
+    shared = (row for row in rows if row.key not in _CLOSED_ONLY)
+    return (*_OPEN_ROWS, *(replace(row, target=_OPEN_TARGETS.get(row.key)) for row in shared))
 
 
 def trial_text(scores: dict[str, Any]) -> str:

@@ -89,7 +89,7 @@ def run(
     m: Any,
     f: Any,
     waves: Array,
-    asked: Array,
+    reference: Array,
     closed: bool,
     controller: Array,
     noise_deg: Array,
@@ -100,7 +100,7 @@ def run(
 ) -> None:
     """Fill readings (samples x 5, SI, before noise: angle, gauge pressures, forces) and commands;
     asked: reference in deg, or the command itself."""
-    h, n = period / steps, asked.shape[0]
+    h, n = period / steps, reference.shape[0]
     x, s, z, y = (
         np.zeros(JOINT_STATES),
         np.zeros((2, MUSCLE_STATES)),
@@ -115,10 +115,10 @@ def run(
             readings[k] = y[:, 0]
             readings[k, 0] = moved_zero(y[0, 0], f)
             commands[k] = (
-                asked[k]
+                reference[k]
                 if not closed
                 else command_of(
-                    memory, k, asked[k], readings[k, 0], noise_deg[k], m, controller, period
+                    memory, k, reference[k], readings[k, 0], noise_deg[k], m, controller, period
                 )
             )
         for j in range(steps):

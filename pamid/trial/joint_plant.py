@@ -179,9 +179,11 @@ def record(
 
     f = planted(faults)
     closed = excitation.reference_deg is not None
-    asked = np.asarray(excitation.reference_deg if closed else excitation.command, dtype=np.float64)
-    n = len(asked)
-    extended = np.concatenate([asked, np.full(AHEAD, asked[-1])])
+    reference = np.asarray(
+        excitation.reference_deg if closed else excitation.command, dtype=np.float64
+    )
+    n = len(reference)
+    extended = np.concatenate([reference, np.full(AHEAD, reference[-1])])
     random = np.random.default_rng(seed)
     jitter = noise * JOINT_NOISE * logger.noise(random, (n + AHEAD, len(JOINT_CHANNELS)))
     readings, commands = np.zeros((n + AHEAD, len(JOINT_CHANNELS))), np.zeros(n + AHEAD)
@@ -203,9 +205,9 @@ def record(
             f"the machine flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
-    taken = time + PERIOD_S * logger.delays(random, n)
-    logged = _logged(specimen, f, readings, jitter[:n], taken)
-    asked_for = {"reference_deg": asked} if closed else {}
+    stamps = time + PERIOD_S * logger.delays(random, n)
+    logged = _logged(specimen, f, readings, jitter[:n], stamps)
+    asked_for = {"reference_deg": reference} if closed else {}
     return {
         "time_s": time,
         **asked_for,

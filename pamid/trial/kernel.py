@@ -411,7 +411,7 @@ def moved_zero(angle: float, f: Any) -> float:
 def command_of(
     memory: Array,
     k: int,
-    asked: float,
+    reference: float,
     angle: float,
     noise_deg: float,
     m: Any,
@@ -421,7 +421,9 @@ def command_of(
     """The PD controller's command at sample k; memory: its last error and the slope of it, in deg
     and s."""
     kp, kd, smoothing, limit = controller
-    error = asked - np.floor((np.degrees(angle) + noise_deg) / m.angle_step + 0.5) * m.angle_step
+    error = (
+        reference - np.floor((np.degrees(angle) + noise_deg) / m.angle_step + 0.5) * m.angle_step
+    )
     if k > 0:
         memory[1] += ((error - memory[0]) / period - memory[1]) * period / (smoothing + period)
     memory[0] = error

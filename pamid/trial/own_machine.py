@@ -174,12 +174,12 @@ def machine_given(rig: str | Rig, excitation: Recording | None = None) -> str | 
 
 def machine_of(rig: str | Rig, excitation: Recording | None = None) -> OwnMachine:
     """A machine made of a rig; errors as of `machine_given`."""
-    made, about = rig_named(rig), name_of(rig)
+    rig_object, about = rig_named(rig), name_of(rig)
     sent = [] if excitation is None else [dict(excitation.columns), dict(excitation.known)]
     # the file as it stands: of a class a process digests the file once
     files = [sha256_of(file) for file in code_files(rig, ())]
     name = Path(about).name if is_code(about) else about
-    return OwnMachine(made, name, excitation, digest(made, *files, *sent))
+    return OwnMachine(rig_object, name, excitation, digest(rig_object, *files, *sent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,14 +228,14 @@ class RigSpecimen:
         smooth = self._run(self.probe, {}, rough=False)
         for _ in range(GENTLER):
             try:
-                made = self._run(self.probe, {name: {**sizes, TIMES_TYPICAL: times}})
+                outputs = self._run(self.probe, {name: {**sizes, TIMES_TYPICAL: times}})
             except DataError:
                 times, raised = 0.5 * times, True
                 continue
             if raised:
                 return times
             shown = max(
-                _rms(made[c] - rough[c])
+                _rms(outputs[c] - rough[c])
                 / np.hypot(self.conditions.noise * self.rig.noise[c], _rms(rough[c] - smooth[c]))
                 for c in self.rig.outputs
             )
@@ -368,8 +368,8 @@ class RigSpecimen:
             for passage in plain.traced.passages
             if passage.port in a.ports
         }
-        made = _read(plain, self.probe, at, changes)[:, -len(changes) :]
-        usual = float(np.percentile(np.abs(made), 95.0)) if len(made) else 0.0
+        outputs = _read(plain, self.probe, at, changes)[:, -len(changes) :]
+        usual = float(np.percentile(np.abs(outputs), 95.0)) if len(outputs) else 0.0
         return usual if usual > 0.0 else 1.0
 
 

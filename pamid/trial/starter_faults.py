@@ -202,9 +202,12 @@ def signal_faults(
         ("gain-error", "sensor-gain", {"gain": either(0.08)}, ()),
         ("offset", "offset" if sent else "sensor-offset", {"zero": either(0.05 * s.full)}, ()),
     ]
-    kept = [row for row in rows if row[0] not in (*leave_out, *(TWO_SIDED if s.one_sided else ()))]
+    selected = [
+        row for row in rows if row[0] not in (*leave_out, *(TWO_SIDED if s.one_sided else ()))
+    ]
     faults = [
-        known_fault(name, family, port, sizes, *amounts) for name, family, sizes, amounts in kept
+        known_fault(name, family, port, sizes, *amounts)
+        for name, family, sizes, amounts in selected
     ]
     # below zero there is nothing that could tell them apart
     return [
@@ -336,7 +339,8 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
         ),
     ]
     lacking = {"load-dependent-friction": s.load, "signal-dependent-friction": s.level}
-    kept = [row for row in rows if row[0] not in leave_out and lacking.get(row[0], 1.0)]
+    selected = [row for row in rows if row[0] not in leave_out and lacking.get(row[0], 1.0)]
     return [
-        known_fault(name, family, port, sizes, *amounts) for name, family, sizes, amounts in kept
+        known_fault(name, family, port, sizes, *amounts)
+        for name, family, sizes, amounts in selected
     ]

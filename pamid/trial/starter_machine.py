@@ -173,7 +173,7 @@ class StarterMachine:
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
         """Faults at every place, with the sizes by fault. UsageError for a fault there is not, or
         two that set the same size."""
-        places, taken = {**self.ports, CLOCK: ClockSizes()}, set()
+        places, occupied = {**self.ports, CLOCK: ClockSizes()}, set()
         for name, sizes in faults.items():
             if name not in self.faults:
                 raise UsageError(
@@ -182,12 +182,12 @@ class StarterMachine:
                 )
             for key, value in sizes.items():
                 place = self._place(self.faults[name], key)
-                if (place, key) in taken:
+                if (place, key) in occupied:
                     raise UsageError(
                         f"fault {name!r} sets {key!r}, which another one has set",
                         "plant one of the two",
                     )
-                taken.add((place, key))
+                occupied.add((place, key))
                 places[place] = replace(places[place], **{key: float(value)})
         return places
 

@@ -79,12 +79,12 @@ def _plots(
     held = fitted.held != 0.0 if len(fitted.held) == k else np.zeros(k, bool)
     left, *columns = left_over(ground, np.column_stack([-ground.away, *added, *others]), held).T
     root = fitted.weights.root * np.sqrt(ground.every)
-    beside = tuple(a.label for a in below.attached)
+    company = tuple(a.label for a in below.attached)
     plots = []
     for i, x, other in zip(usable, columns[: len(usable)], columns[len(usable) :], strict=True):
         x, y = _without(x, other), _without(left, other)
         if x @ x > 0.0 and y @ y > 0.0:
-            plots.append(_plot(models[i][1], beside, ground, root, channels, x, y))
+            plots.append(_plot(models[i][1], company, ground, root, channels, x, y))
     return plots
 
 
@@ -125,7 +125,7 @@ def _with_and_without(fitted: Fit, model: CandidateModel, label: str) -> tuple[A
 
 def _plot(
     label: str,
-    beside: tuple[str, ...],
+    company: tuple[str, ...],
     ground: LinearRows,
     root: Array,
     channels: tuple[str, ...],
@@ -144,7 +144,7 @@ def _plot(
     added, residual = (size_from_si(v[shown] / root[channel], unit) for v in (x, y))
     return AddedVariable(
         effect=label,
-        beside=beside,
+        beside=company,
         channel=channels[channel],
         slope=slope,
         low=slope - error,

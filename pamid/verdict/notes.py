@@ -221,12 +221,12 @@ def _between(d: Diagnosis) -> list[str]:
         if not b.owner or b.unit != "s" or round(abs(late) / period_s, 1) != 0.5:
             continue
         way = HELD if late < 0.0 else LINEAR
-        taken = [name for name in rig.inputs if between_of(rig, name) == way]
-        if taken:
+        names = [name for name in rig.inputs if between_of(rig, name) == way]
+        if names:
             notes.append(
                 f"{b.owner} comes to half a sampling period. This is what you see if an input is "
-                f"treated as {way} between samples but is {other(way)}. If {taken[0]} is, state it "
-                f'in the rig (between = {{"{taken[0]}": "{other(way)}"}}) and diagnose again.'
+                f"treated as {way} between samples but is {other(way)}. If {names[0]} is, state it "
+                f'in the rig (between = {{"{names[0]}": "{other(way)}"}}) and diagnose again.'
             )
     return notes
 

@@ -203,7 +203,7 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
-    *_, lacking, beside = missing_value(
+    *_, lacking, reestimated = missing_value(
         smoother, smoother.smoothed(rough, rough.size, rough.time_s, SMOOTHER_STEPS, moving=False)
     )
     return Missing(
@@ -218,7 +218,7 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
         inclusion,
         float(1.0 - rest.var() / values.var()),
         rms(from_si(lacking, units["value"])),
-        rms(from_si(beside[PASSING], units["value"])),
+        rms(from_si(reestimated[PASSING], units["value"])),
     )
 
 

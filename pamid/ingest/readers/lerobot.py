@@ -113,17 +113,17 @@ def _stamps(
     begins = [0, *(np.flatnonzero(np.diff(episode) != 0) + 1).tolist(), len(stamps)]
     step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     pause, end = max(PAUSE_S, PAUSE_FRAMES * step), 0.0
-    made, said = np.empty_like(stamps), []
+    shifted, notes = np.empty_like(stamps), []
     for first, last in zip(begins[:-1], begins[1:], strict=True):
         own = stamps[first:last]
         if not own.size:
             continue
-        made[first:last] = own - own.min() + end
-        said.append(f"{float(episode[first]):g} from {end:g} s")
-        end = float(np.ceil(made[first:last].max() + pause))
-    shown = said if len(said) <= 8 else [*said[:6], "...", said[-1]]
-    gathering.note(f"{len(said)} episodes, each a recording: {', '.join(shown)}")
-    return made
+        shifted[first:last] = own - own.min() + end
+        notes.append(f"{float(episode[first]):g} from {end:g} s")
+        end = float(np.ceil(shifted[first:last].max() + pause))
+    shown = notes if len(notes) <= 8 else [*notes[:6], "...", notes[-1]]
+    gathering.note(f"{len(notes)} episodes, each a recording: {', '.join(shown)}")
+    return shifted
 
 
 def _exact(gathering: Gathering, stamps: FloatArray, frames: Any, fps: Any) -> FloatArray:

@@ -194,21 +194,21 @@ def _signal_per_column(
     words, stamp, values = long
     signals, instants = frame[words].unique(), frame[stamp].nunique()
     gathering.budget.charge("its signals", instants * len(signals) * len(values))
-    made = frame.pivot(index=stamp, columns=words, values=values)[
+    table = frame.pivot(index=stamp, columns=words, values=values)[
         [(value, signal) for signal in signals for value in values]
     ]
     order = frame[stamp].drop_duplicates()
-    made = made.loc[order if frame[stamp].dtype.kind not in "biuf" else order.sort_values()]
+    table = table.loc[order if frame[stamp].dtype.kind not in "biuf" else order.sort_values()]
     ends = [f"/{dialect.names[value]}" if len(values) > 1 else "" for value in values]
     names = (dialect.names[stamp], *(str(name) + end for name in signals for end in ends))
     units = (dialect.units[stamp], *("" for _ in names[1:]))
-    made = made.reset_index()
-    made.columns = range(len(names))
+    table = table.reset_index()
+    table.columns = range(len(names))
     gathering.note(
         f"every row holds the value of the signal in the column {dialect.names[words]!r}: each has "
         f"a column now: {listed(map(str, signals))}"
     )
-    return made, replace(dialect, names=names, units=units)
+    return table, replace(dialect, names=names, units=units)
 
 
 def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:

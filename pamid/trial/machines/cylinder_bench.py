@@ -41,11 +41,11 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
     """Force of the drive; the speed is that of the way just made."""
     piston, barrel = f
     z = np.zeros(FORCE_MEMORY)
-    before, told = u[0, 0], u[0, 1]
+    before, reading = u[0, 0], u[0, 1]
     lost = 0.0
     for k in range(u.shape[0]):
-        way, pressure = u[k, 0], u[k, 1] + barrel.late_s * (u[k, 1] - told) / h
-        told = u[k, 1]
+        way, pressure = u[k, 0], u[k, 1] + barrel.late_s * (u[k, 1] - reading) / h
+        reading = u[k, 1]
         speed = (way - before) / h
         before = way
         area = m.area * (1.0 + rough(maps[0], way)) * (1.0 + rough(maps[1], pressure - 4e5))

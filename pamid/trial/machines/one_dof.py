@@ -63,8 +63,8 @@ class OneDofMachine:
         return Excitation(command=columns["command"])
 
     def excitation(self, c: Any, record: Record, seed: int, noise: int) -> Excitation:
-        asked = self.reference(c, seed)
-        return self.commands(record({}, asked, noise)) if c.loop == "open" else asked
+        reference = self.reference(c, seed)
+        return self.commands(record({}, reference, noise)) if c.loop == "open" else reference
 
     def build(self, random: np.random.Generator, c: Conditions) -> Record:
         assert isinstance(c, JointConditions)

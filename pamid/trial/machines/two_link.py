@@ -74,8 +74,8 @@ class TwoLinkMachine:
         return Excitation(command=np.stack([columns[f"command_{j}"] for j in JOINTS], axis=1))
 
     def excitation(self, c: Any, record: Record, seed: int, noise: int) -> Excitation:
-        asked = self.reference(c, seed)
-        return self.commands(record({}, asked, noise)) if c.loop == "open" else asked
+        reference = self.reference(c, seed)
+        return self.commands(record({}, reference, noise)) if c.loop == "open" else reference
 
     def build(self, random: np.random.Generator, c: Conditions) -> Record:
         assert isinstance(c, ArmConditions)
