@@ -22,23 +22,12 @@ from pamid.effects.first_order_lag import FirstOrderLag
 from pamid.model.parameter import Parameter
 
 
-class AngleSensorLag(FirstOrderLag):
+class AngleSensorLag(FirstOrderLag, sensor="rad"):
     """A lag of the angle reading."""
 
-    kinds = ("reading",)
-    general_kinds = ()
-    unit = "rad"
     parameters = (
-        Parameter(
-            "time_constant",
-            0.005,
-            low=0.0,
-            high=0.06,
-            unit="s",
-            spread=0.01,
-            null=0.0,
-            tries=(0.02,),
-            source="estimate: 1-20 ms",
+        Parameter.time(0.005, 0.0, 0.06, spread=0.01, tries=(0.02,)).with_source(
+            "estimate: 1-20 ms"
         ),
     )
     look_alikes = ("dead-time", "tube-lag", "clock-skew")

@@ -24,26 +24,13 @@ from pamid.effects.offset import Offset
 from pamid.model.parameter import Parameter
 
 
-class AngleSensorOffset(Offset):
+class AngleSensorOffset(Offset, sensor="rad"):
     """A zero error of the angle reading."""
 
     family = "asymmetry"
-    families = {}
-    kinds = ("reading",)
-    general_kinds = ()
-    unit = "rad"
     parameters = (
         Parameter(
-            "level",
-            1.0,
-            low=-6.0,
-            high=6.0,
-            unit="deg",
-            spread=1.0,
-            null=0.0,
-            tries=(-1.0,),
-            label="offset",
-            source="estimate: an arm squared by eye, 0.1-2 deg",
-        ),
+            "level", 1.0, -6.0, 6.0, "deg", spread=1.0, null=0.0, label="offset", tries=(-1.0,)
+        ).with_source("estimate: an arm squared by eye, 0.1-2 deg"),
     )
     look_alikes = ("length-asymmetry", "force-asymmetry", "gravity")

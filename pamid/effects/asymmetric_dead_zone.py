@@ -27,16 +27,8 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip
 
 ABOVE = Parameter(
-    "above",
-    0.05,
-    low=0.0,
-    high=0.9,
-    spread=0.15,
-    size="value",
-    null=0.0,
-    tries=(0.2,),
-    source="estimate: overlapped spools 2-10 % of the command, single-acting valves 30 %",
-)
+    "above", 0.05, 0.0, 0.9, spread=0.15, size="value", null=0.0, tries=(0.2,)
+).with_source("estimate: overlapped spools 2-10 % of the command, single-acting valves 30 %")
 
 
 class AsymmetricDeadZone(Effect):

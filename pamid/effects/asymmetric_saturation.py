@@ -32,27 +32,13 @@ class AsymmetricSaturation(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "upper",
-            0.8,
-            low=-1.5,
-            high=1.5,
-            spread=0.5,
-            size="value",
-            tries=(0.4,),
-            source="estimate: seen only if it lies below the largest value",
+        Parameter("upper", 0.8, -1.5, 1.5, spread=0.5, size="value", tries=(0.4,)).with_source(
+            "estimate: seen only if it lies below the largest value"
         ),
         Parameter(
-            "lower",
-            -0.6,
-            low=-1.5,
-            high=1.5,
-            spread=0.5,
-            size="value",
-            tries=(-0.4, 0.2),
-            source="estimate: seen only if it lies above the smallest value",
-        ),
-        Parameter("share", 1.0, low=0.0, high=1.0, spread=0.1, null=0.0, source="1: hard limits"),
+            "lower", -0.6, -1.5, 1.5, spread=0.5, size="value", tries=(-0.4, 0.2)
+        ).with_source("estimate: seen only if it lies above the smallest value"),
+        Parameter.share("share", 1.0, 0.0, 1.0, spread=0.1).with_source("1: hard limits"),
     )
     look_alikes = ("saturation", "rectification", "gain-error", "asymmetric-dead-zone")
 

@@ -41,29 +41,12 @@ class Backlash(OutboardEffect):
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         LOAD_SHARE,
-        Parameter(
-            "half_gap",
-            0.006,
-            low=0.0005,
-            high=0.05,
-            spread=3.0,
-            log=True,
-            size="position",
-            tries=(0.02,),
-            source="gaps of 0.1-2 deg, typically 0.5 deg",
+        Parameter.width("half_gap", 0.006, 0.0005, 0.05, factor=3.0, tries=(0.02,)).with_source(
+            "gaps of 0.1-2 deg, typically 0.5 deg"
         ),
-        Parameter(
-            "frequency",
-            7.2,
-            low=1.2,
-            high=15.0,
-            spread=2.0,
-            log=True,
-            size="1/timescale",
-            softens=True,
-            tries=(3.0,),
-            source="in contact: 300 N m/rad with 0.01-0.08 kg m2",
-        ),
+        Parameter.positive(
+            "frequency", 7.2, 1.2, 15.0, factor=2.0, size="1/timescale", softens=True, tries=(3.0,)
+        ).with_source("in contact: 300 N m/rad with 0.01-0.08 kg m2"),
         DAMPING,
     )
     look_alikes = ("two-mass", "coulomb-friction")

@@ -39,35 +39,14 @@ class BladderElasticity(Effect):
     general_kinds = ("actuator-force",)
     signals = ("position", "pressure")
     parameters = (
-        Parameter(
-            "level",
-            0.2,
-            low=0.0,
-            high=1.0,
-            spread=0.2,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="measured maps of 10 and 20 mm muscles: 130-220 N of 400-1800 N",
+        Parameter.level(0.2, 0.0, 1.0, spread=0.2).with_source(
+            "measured maps of 10 and 20 mm muscles: 130-220 N of 400-1800 N"
         ),
-        Parameter(
-            "reach",
-            0.2,
-            low=0.03,
-            high=2.0,
-            spread=2.0,
-            log=True,
-            size="position",
-            tries=(0.5,),
-            source="the same maps: 1-6 % of contraction",
+        Parameter.width("reach", 0.2, 0.03, 2.0, factor=2.0, tries=(0.5,)).with_source(
+            "the same maps: 1-6 % of contraction"
         ),
-        Parameter(
-            "at_rest",
-            0.2,
-            low=0.0,
-            high=1.0,
-            spread=0.3,
-            source="the same maps: first force at 35-65 kPa, a tenth to a half of the level",
+        Parameter("at_rest", 0.2, 0.0, 1.0, spread=0.3).with_source(
+            "the same maps: first force at 35-65 kPa, a tenth to a half of the level"
         ),
     )
     look_alikes = ("threshold-pressure", "offset")

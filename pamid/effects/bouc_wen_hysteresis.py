@@ -38,35 +38,14 @@ class BoucWenHysteresis(Effect):
     signals = ("velocity",)
     states = (State("z"),)
     parameters = (
-        Parameter(
-            "level",
-            0.05,
-            low=0.0,
-            high=0.25,
-            spread=0.05,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N",
+        Parameter.level(0.05, 0.0, 0.25, spread=0.05).with_source(
+            "20-80 N at 6 bar; data sheet: at most 3 % of 1500 N"
         ),
-        Parameter(
-            "reach",
-            0.06,
-            low=0.015,
-            high=0.5,
-            spread=2.5,
-            log=True,
-            size="position",
-            tries=(0.03, 0.2),
-            source="0.2-1 % of contraction",
+        Parameter.width("reach", 0.06, 0.015, 0.5, factor=2.5, tries=(0.03, 0.2)).with_source(
+            "0.2-1 % of contraction"
         ),
-        Parameter(
-            "shape",
-            0.7,
-            low=0.5,
-            high=1.0,
-            spread=0.2,
-            source="0.5: unloads with the full stiffness, 1: Dahl",
+        Parameter("shape", 0.7, 0.5, 1.0, spread=0.2).with_source(
+            "0.5: unloads with the full stiffness, 1: Dahl"
         ),
     )
     general_parameters = (*anywhere(parameters[1]), parameters[2])

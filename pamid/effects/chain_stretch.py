@@ -36,15 +36,8 @@ class ChainStretch(Effect):
     kinds = ("transmission",)
     signals = ("position", "pressure", "law")
     parameters = (
-        Parameter(
-            "compliance",
-            2.0,
-            low=0.0,
-            high=12.0,
-            spread=2.0,
-            unit="percent/kN",
-            null=0.0,
-            source="chains and belts of 1e5-1e6 N/m on a 250 mm muscle: 0.4-4 %/kN",
+        Parameter("compliance", 2.0, 0.0, 12.0, "percent/kN", spread=2.0, null=0.0).with_source(
+            "chains and belts of 1e5-1e6 N/m on a 250 mm muscle: 0.4-4 %/kN"
         ),
     )
     look_alikes = ("two-mass", "force-asymmetry")

@@ -38,28 +38,13 @@ class ClockSkew(Effect):
     everywhere = True
     parameters = (
         # only early readings: all readings late by a constant are a dead time, to the last digit
+        # hard: what comes earlier by more than that is no matter of stamps: a reading that is led
+        # by its slope over longer is that of a machine which answers faster than its model
         Parameter(
-            "start",
-            -2.0,
-            low=-10.0,
-            high=0.0,
-            size="period",
-            spread=3.3,
-            null=0.0,
-            tries=(0.0,),
-            # what comes earlier by more than that is no matter of stamps: a reading that is led by
-            # its slope over longer is that of a machine which answers faster than its model
-            hard=True,
-            source="estimate: logs aligned by hand are off by 1-10 samples",
-        ),
-        Parameter(
-            "skew_ppm",
-            50.0,
-            low=-500.0,
-            high=500.0,
-            spread=100.0,
-            null=0.0,
-            source="estimate: quartz clocks differ by 10-200 parts per million",
+            "start", -2.0, -10.0, 0.0, spread=3.3, size="period", null=0.0, hard=True, tries=(0.0,)
+        ).with_source("estimate: logs aligned by hand are off by 1-10 samples"),
+        Parameter.share("skew_ppm", 50.0, -500.0, 500.0, spread=100.0).with_source(
+            "estimate: quartz clocks differ by 10-200 parts per million"
         ),
     )
     look_alikes = ("dead-time", "angle-sensor-lag", "first-order-lag")

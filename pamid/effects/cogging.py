@@ -39,41 +39,18 @@ class Cogging(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "sine",
-            0.05,
-            low=-1.0,
-            high=1.0,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="sine_{value}",
-            source="estimate: motors 1-10 % of their rated force, linear motors up to 30 %",
+        Parameter.level(0.05, -1.0, 1.0, name="sine", spread=0.1).with_source(
+            "estimate: motors 1-10 % of their rated force, linear motors up to 30 %"
         ),
-        Parameter(
-            "cosine",
-            0.0,
-            low=-1.0,
-            high=1.0,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="cosine_{value}",
-            source="estimate: motors 1-10 % of their rated force, linear motors up to 30 %",
+        Parameter.level(0.0, -1.0, 1.0, name="cosine", spread=0.1).with_source(
+            "estimate: motors 1-10 % of their rated force, linear motors up to 30 %"
         ),
-        Parameter(
-            "period",
-            0.3,
-            low=0.001,
-            # two periods within the travel: a longer one is a spring's curve, not a pattern
-            high=1.0,
-            spread=4.0,
-            log=True,
-            size="position",
-            hard=True,
-            scan=SCANNED_PERIODS,
-            source="estimate: pole pitches, screw leads and teeth, a thousandth of the stroke and "
-            "more; the lines of the gap's spectrum over the position are tried first",
+        # two periods within the travel: a longer one is a spring's curve, not a pattern
+        Parameter.width(
+            "period", 0.3, 0.001, 1.0, factor=4.0, hard=True, scan=SCANNED_PERIODS
+        ).with_source(
+            "estimate: pole pitches, screw leads and teeth, a thousandth of the stroke and more; "
+            "the lines of the gap's spectrum over the position are tried first"
         ),
     )
     look_alikes = ("external-vibration", "gravity", "cubic-stiffness")

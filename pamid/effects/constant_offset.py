@@ -31,17 +31,8 @@ class ConstantOffset(Effect):
     family = "offset"
     general_kinds = ("motion",)
     parameters = (
-        Parameter(
-            "level",
-            0.02,
-            low=-0.5,
-            high=0.5,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="{value}",
-            tries=(-0.02,),
-            source="estimate: tilt, preload and amplifier zero, 1-10 % of the force",
+        Parameter.level(0.02, -0.5, 0.5, spread=0.1, tries=(-0.02,)).with_source(
+            "estimate: tilt, preload and amplifier zero, 1-10 % of the force"
         ),
     )
     look_alikes = ("offset", "linear-stiffness", "gravity")

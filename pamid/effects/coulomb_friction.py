@@ -25,18 +25,10 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, stop
 
-PRESLIDING = Parameter(
-    "give",
-    0.001,
-    low=0.0001,
-    high=0.02,
-    spread=3.0,
-    log=True,
-    size="travel",
-    # what gives over more of the stroke than that, before it slips, is called hysteresis
-    hard=True,
-    source="presliding of a thousandth of the stroke; 0.5-2 mrad on a joint",
-)
+# what gives over more of the stroke than that, before it slips, is called hysteresis
+PRESLIDING = Parameter.width(
+    "give", 0.001, 0.0001, 0.02, factor=3.0, size="travel", hard=True
+).with_source("presliding of a thousandth of the stroke; 0.5-2 mrad on a joint")
 
 
 class CoulombFriction(Effect):
@@ -46,16 +38,8 @@ class CoulombFriction(Effect):
     kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "level",
-            0.03,
-            low=0.0,
-            high=0.5,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint",
+        Parameter.level(0.03, 0.0, 0.5, spread=0.1).with_source(
+            "shaft bearings and chain: 0.05-1 N m on a 10 N m joint"
         ),
         PRESLIDING,
     )

@@ -37,16 +37,8 @@ class CouplingPlay(Effect):
     signals = ("stretch",)
     parameters = (
         Parameter(
-            "half_gap",
-            0.5,
-            low=0.0,
-            high=30.0,
-            spread=3.0,
-            size="stretch",
-            null=0.0,
-            tries=(3.0,),
-            source="estimate: a stiff coupling stretches less than its gap is wide",
-        ),
+            "half_gap", 0.5, 0.0, 30.0, spread=3.0, size="stretch", null=0.0, tries=(3.0,)
+        ).with_source("estimate: a stiff coupling stretches less than its gap is wide"),
     )
     look_alikes = ("backlash", "play", "coulomb-friction", "cubic-stiffness")
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.effects.linear_stiffness import REST
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, minimum
@@ -31,35 +32,13 @@ class CubicStiffness(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "hardening",
-            0.1,
-            low=-0.25,
-            high=5.0,
-            spread=0.5,
-            size="value/position/position/position",
-            null=0.0,
-            tries=(-0.1,),
-            source="estimate: 1-50 % of the force at full stroke",
-        ),
-        Parameter(
-            "rest",
-            0.0,
-            low=-1.0,
-            high=1.0,
-            spread=0.3,
-            size="position",
-            source="estimate: near the origin of the coordinate",
-        ),
-        Parameter(
-            "reach",
-            2.0,
-            low=1.0,
-            high=2.0,
-            size="position",
-            fitted=False,
-            source="twice the stroke: farther out the spring goes on as a straight line, so that "
-            "one that softens does not run away faster than exponentially",
+        Parameter.slope(
+            "hardening", "position/position/position", 0.1, -0.25, 5.0, spread=0.5, tries=(-0.1,)
+        ).with_source("estimate: 1-50 % of the force at full stroke"),
+        REST,
+        Parameter.held("reach", 2.0, 1.0, 2.0, size="position").with_source(
+            "twice the stroke: farther out the spring goes on as a straight line, so that one that"
+            " softens does not run away faster than exponentially"
         ),
     )
     look_alikes = ("linear-stiffness", "end-stop", "backlash")

@@ -33,29 +33,13 @@ class DahlFriction(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "level",
-            0.03,
-            low=0.0,
-            high=0.5,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="estimate: guides and bearings, 1-15 % of the drive's force",
+        Parameter.level(0.03, 0.0, 0.5, spread=0.1).with_source(
+            "estimate: guides and bearings, 1-15 % of the drive's force"
         ),
-        Parameter(
-            "reach",
-            0.01,
-            low=0.0003,
-            high=0.05,
-            spread=4.0,
-            log=True,
-            size="travel",
-            # what bends over later is called hysteresis: Bouc-Wen of shape 1 is the same equation
-            hard=True,
-            source="estimate: ball bearings 10-100 um, seals up to a millimetre",
-        ),
+        # what bends over later is called hysteresis: Bouc-Wen of shape 1 is the same equation
+        Parameter.width(
+            "reach", 0.01, 0.0003, 0.05, factor=4.0, size="travel", hard=True
+        ).with_source("estimate: ball bearings 10-100 um, seals up to a millimetre"),
     )
     look_alikes = ("coulomb-friction", "stribeck-friction", "lugre-friction", "bouc-wen-hysteresis")
 

@@ -45,19 +45,19 @@ class DeadTime(Effect):
     kinds = ("command",)
     general_kinds = ("reading",)
     parameters = (
-        Parameter(
-            "delay",
+        Parameter.time(
             4.0,
-            low=0.0,
-            high=LONGEST_BUS_DELAY,
+            0.0,
+            LONGEST_BUS_DELAY,
+            name="delay",
             spread=6.7,
             size="period",
             at_least=("time", LONGEST_DELAY_SHARE),
-            null=0.0,
             tries=(1.0, 7.3, 11.7),
             scan=SCANNED_DELAYS,
-            source="estimate: one sample to the 15 of slow buses and drivers; transport through "
-            "pipes and blocks up to a tenth of a recording",
+        ).with_source(
+            "estimate: one sample to the 15 of slow buses and drivers; transport through pipes and"
+            " blocks up to a tenth of a recording"
         ),
     )
     look_alikes = ("tube-lag", "angle-sensor-lag")

@@ -32,15 +32,8 @@ class DeadZone(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "half_width",
-            0.05,
-            low=0.0,
-            high=0.5,
-            spread=0.15,
-            size="value",
-            null=0.0,
-            source="estimate: overlapped spools 2-10 % of the command",
+        Parameter("half_width", 0.05, 0.0, 0.5, spread=0.15, size="value", null=0.0).with_source(
+            "estimate: overlapped spools 2-10 % of the command"
         ),
     )
     look_alikes = (

@@ -32,25 +32,11 @@ class DirectionalDamping(Effect):
     general_kinds = ("motion",)
     signals = ("velocity",)
     parameters = (
-        Parameter(
-            "forward",
-            0.05,
-            low=0.0,
-            high=3.0,
-            spread=0.3,
-            size="value/velocity",
-            null=0.0,
-            source="estimate: shock absorbers take 20-100 % of the force at full speed",
+        Parameter.slope("forward", "velocity", 0.05, 0.0, 3.0, spread=0.3).with_source(
+            "estimate: shock absorbers take 20-100 % of the force at full speed"
         ),
-        Parameter(
-            "backward",
-            0.15,
-            low=0.0,
-            high=3.0,
-            spread=0.3,
-            size="value/velocity",
-            null=0.0,
-            source="estimate: shock absorbers resist rebound 2-4 times as much as compression",
+        Parameter.slope("backward", "velocity", 0.15, 0.0, 3.0, spread=0.3).with_source(
+            "estimate: shock absorbers resist rebound 2-4 times as much as compression"
         ),
     )
     look_alikes = (

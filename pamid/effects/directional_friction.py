@@ -28,17 +28,8 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum, stop
 
-FORWARD = Parameter(
-    "forward",
-    0.03,
-    low=0.0,
-    high=1.0,
-    spread=0.1,
-    size="value",
-    null=0.0,
-    label="forward_{value}",
-    tries=(0.1,),
-    source="estimate: guides, gears and seals, 1-20 % of the drive's force",
+FORWARD = Parameter.level(0.03, 0.0, 1.0, name="forward", spread=0.1, tries=(0.1,)).with_source(
+    "estimate: guides, gears and seals, 1-20 % of the drive's force"
 )
 
 

@@ -33,34 +33,14 @@ class EndStop(Effect):
     kinds = ("motion",)
     signals = ("position", "velocity")
     parameters = (
-        Parameter(
-            "stiffness",
-            50.0,
-            low=0.0,
-            high=150.0,
-            spread=50.0,
-            size="value/position",
-            null=0.0,
-            source="200-5000 N m/rad on a joint",
+        Parameter.slope("stiffness", "position", 50.0, 0.0, 150.0, spread=50.0).with_source(
+            "200-5000 N m/rad on a joint"
         ),
-        Parameter(
-            "limit",
-            0.85,
-            low=0.2,
-            high=2.0,
-            spread=0.3,
-            size="position",
-            source="35-60 deg on a joint that turns +-40 deg",
+        Parameter("limit", 0.85, 0.2, 2.0, spread=0.3, size="position").with_source(
+            "35-60 deg on a joint that turns +-40 deg"
         ),
-        Parameter(
-            "speed",
-            1.0,
-            low=0.5,
-            high=20.0,
-            spread=2.0,
-            log=True,
-            size="velocity",
-            source="estimate: buffers of 0.5-20 N m s/rad",
+        Parameter.width("speed", 1.0, 0.5, 20.0, factor=2.0, size="velocity").with_source(
+            "estimate: buffers of 0.5-20 N m s/rad"
         ),
     )
     look_alikes = ("force-compensator", "cubic-stiffness")

@@ -34,40 +34,16 @@ class ExternalVibration(Effect):
     family = "external-disturbance"
     kinds = ("motion",)
     parameters = (
-        Parameter(
-            "sine",
-            0.03,
-            low=-0.4,
-            high=0.4,
-            spread=0.05,
-            size="value",
-            null=0.0,
-            label="sine_{value}",
-            source="0.1-2 N m on a 10 N m joint",
+        Parameter.level(0.03, -0.4, 0.4, name="sine", spread=0.05).with_source(
+            "0.1-2 N m on a 10 N m joint"
         ),
-        Parameter(
-            "cosine",
-            0.0,
-            low=-0.4,
-            high=0.4,
-            spread=0.05,
-            size="value",
-            null=0.0,
-            label="cosine_{value}",
-            source="0.1-2 N m on a 10 N m joint",
+        Parameter.level(0.0, -0.4, 0.4, name="cosine", spread=0.05).with_source(
+            "0.1-2 N m on a 10 N m joint"
         ),
-        Parameter(
-            "frequency",
-            3.0,
-            low=0.6,
-            high=36.0,
-            spread=3.0,
-            log=True,
-            size="1/timescale",
-            tries=(0.9, 7.2, 15.0),
-            # slower ones follow the motion as friction does: on EMPS one of 0.48 Hz would rival it
-            source="1-50 Hz on a joint; the peaks of the residual's spectrum are tried first",
-        ),
+        # slower ones follow the motion as friction does: on EMPS one of 0.48 Hz would rival it
+        Parameter.positive(
+            "frequency", 3.0, 0.6, 36.0, factor=3.0, size="1/timescale", tries=(0.9, 7.2, 15.0)
+        ).with_source("1-50 Hz on a joint; the peaks of the residual's spectrum are tried first"),
     )
     look_alikes = ("two-mass", "pwm-quantisation")
 

@@ -31,18 +31,10 @@ class FirstOrderLag(Effect):
 
     family = "sensor-dynamics"
     families: ClassVar[dict[str, str]] = {"command": "command-timing"}
-    general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
+    general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "time_constant",
-            0.0167,
-            low=0.0,
-            high=0.5,
-            size="timescale",
-            spread=0.05,
-            null=0.0,
-            tries=(0.083,),
-            source="estimate: filters, amplifiers and thermal sensors, 2 % of what they follow",
+        Parameter.time(0.0167, 0.0, 0.5, spread=0.05, size="timescale", tries=(0.083,)).with_source(
+            "estimate: filters, amplifiers and thermal sensors, 2 % of what they follow"
         ),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("dead-time", "clock-skew")

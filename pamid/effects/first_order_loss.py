@@ -24,14 +24,8 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
-AMBIENT = Parameter(
-    "ambient",
-    0.0,
-    low=-1.0,
-    high=1.0,
-    spread=0.3,
-    size="stored",
-    source="estimate: where the loss ends; zero for a level above the outlet or a gauge pressure",
+AMBIENT = Parameter("ambient", 0.0, -1.0, 1.0, spread=0.3, size="stored").with_source(
+    "estimate: where the loss ends; zero for a level above the outlet or a gauge pressure"
 )
 
 
@@ -42,15 +36,8 @@ class FirstOrderLoss(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter(
-            "rate",
-            0.1,
-            low=0.0,
-            high=5.0,
-            spread=0.5,
-            size="value/stored",
-            null=0.0,
-            source="estimate: 1 / time constant, a tenth of the store's own rate",
+        Parameter.slope("rate", "stored", 0.1, 0.0, 5.0, spread=0.5).with_source(
+            "estimate: 1 / time constant, a tenth of the store's own rate"
         ),
         AMBIENT,
     )

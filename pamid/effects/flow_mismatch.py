@@ -31,14 +31,8 @@ class FlowMismatch(Effect):
     kinds = ("flow",)
     signals = ("side",)
     parameters = (
-        Parameter(
-            "mismatch",
-            0.12,
-            low=-0.6,
-            high=0.6,
-            spread=0.15,
-            null=0.0,
-            source="estimate: conductances of like valves within +-20 %",
+        Parameter.share("mismatch", 0.12, -0.6, 0.6, spread=0.15).with_source(
+            "estimate: conductances of like valves within +-20 %"
         ),
     )
     look_alikes = ("force-asymmetry", "length-asymmetry")

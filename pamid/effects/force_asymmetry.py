@@ -32,14 +32,8 @@ class ForceAsymmetry(Effect):
     kinds = ("actuator-force",)
     signals = ("side",)
     parameters = (
-        Parameter(
-            "asymmetry",
-            0.05,
-            low=-0.4,
-            high=0.4,
-            spread=0.07,
-            null=0.0,
-            source="specimens differ by 5-10 %, up to 19 % from the chart",
+        Parameter.share("asymmetry", 0.05, -0.4, 0.4, spread=0.07).with_source(
+            "specimens differ by 5-10 %, up to 19 % from the chart"
         ),
     )
     look_alikes = ("length-asymmetry", "angle-sensor-offset")

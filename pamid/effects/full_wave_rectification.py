@@ -33,15 +33,8 @@ class FullWaveRectification(Effect):
     family = "saturation"
     general_kinds = ("reading",)
     parameters = (
-        Parameter(
-            "fold",
-            1.0,
-            low=-1.0,
-            high=1.0,
-            spread=0.5,
-            null=0.0,
-            tries=(-1.0,),
-            source="1: an ideal full-wave rectifier",
+        Parameter.share("fold", 1.0, -1.0, 1.0, spread=0.5, tries=(-1.0,)).with_source(
+            "1: an ideal full-wave rectifier"
         ),
     )
     look_alikes = ("rectification", "asymmetric-saturation", "saturation", "offset", "gain-error")

@@ -33,26 +33,12 @@ class GainDrift(Effect):
     family = "gain-drift"
     general_kinds = ("command", "actuator-force", "reading")
     parameters = (
-        Parameter(
-            "change",
-            0.1,
-            low=-0.9,
-            high=3.0,
-            spread=0.2,
-            null=0.0,
-            source="estimate: magnets and windings 5-30 %, amplifiers and bridges below 1 %",
+        Parameter.share("change", 0.1, -0.9, 3.0, spread=0.2).with_source(
+            "estimate: magnets and windings 5-30 %, amplifiers and bridges below 1 %"
         ),
-        Parameter(
-            "time_constant",
-            0.3,
-            low=0.01,
-            high=3.0,
-            spread=3.0,
-            log=True,
-            size="time",
-            tries=(0.05,),
-            source="estimate, in durations of the longest recording: what is faster is dynamics, "
-            "what is slower a straight line",
+        Parameter.time(0.3, 0.01, 3.0, factor=3.0, size="time", tries=(0.05,)).with_source(
+            "estimate, in durations of the longest recording: what is faster is dynamics, what is "
+            "slower a straight line"
         ),
     )
     look_alikes = ("gain-error", "offset")

@@ -29,17 +29,10 @@ class GainError(Effect):
     """A wrong scale factor."""
 
     family = "sensor-gain"
-    general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
+    general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "gain",
-            0.03,
-            low=-0.3,
-            high=0.3,
-            spread=0.05,
-            null=0.0,
-            tries=(-0.03,),
-            source="estimate: uncalibrated sensors and amplifiers 1-5 %",
+        Parameter.share("gain", 0.03, -0.3, 0.3, spread=0.05, tries=(-0.03,)).with_source(
+            "estimate: uncalibrated sensors and amplifiers 1-5 %"
         ),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("offset", "saturation")

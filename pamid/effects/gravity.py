@@ -34,27 +34,11 @@ class Gravity(Effect):
     signals = ("position",)
     unit = "N m"
     parameters = (
-        Parameter(
-            "sine",
-            0.05,
-            low=-0.6,
-            high=0.6,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="sine_{value}",
-            source="m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging",
+        Parameter.level(0.05, -0.6, 0.6, name="sine", spread=0.1).with_source(
+            "m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging"
         ),
-        Parameter(
-            "cosine",
-            0.0,
-            low=-0.6,
-            high=0.6,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="cosine_{value}",
-            source="m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging",
+        Parameter.level(0.0, -0.6, 0.6, name="cosine", spread=0.1).with_source(
+            "m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging"
         ),
     )
     look_alikes = ("linear-stiffness", "constant-offset", "force-asymmetry", "length-asymmetry")

@@ -38,15 +38,8 @@ class GrowingLoss(Effect):
     signals = ("stored",)
     parameters = (
         LOSS,
-        Parameter(
-            "power",
-            2.0,
-            low=1.1,
-            high=5.0,
-            spread=1.5,
-            log=True,
-            tries=(1.25, 4.0),
-            source="natural convection 1.25, radiation 4, boiling 3",
+        Parameter.positive("power", 2.0, 1.1, 5.0, factor=1.5, tries=(1.25, 4.0)).with_source(
+            "natural convection 1.25, radiation 4, boiling 3"
         ),
         REFERENCE,
     )

@@ -38,26 +38,11 @@ class HardeningHysteresis(Effect):
     states = (State("z"),)
     parameters = (
         MaxwellSlipHysteresis.general_parameters[0],
-        Parameter(
-            "reach",
-            1.0,
-            low=0.05,
-            high=5.0,
-            spread=2.5,
-            log=True,
-            size="travel",
-            tries=(0.25,),
-            source="estimate: about the stroke, since it does not bend over on the way",
-        ),
-        Parameter(
-            "stiffens_over",
-            1.0,
-            low=0.3,
-            high=10.0,
-            spread=2.0,
-            log=True,
-            size="travel",
-            source="estimate: e times as stiff at the end of the stroke; longer: a straight line",
+        Parameter.width(
+            "reach", 1.0, 0.05, 5.0, factor=2.5, size="travel", tries=(0.25,)
+        ).with_source("estimate: about the stroke, since it does not bend over on the way"),
+        Parameter.width("stiffens_over", 1.0, 0.3, 10.0, factor=2.0, size="travel").with_source(
+            "estimate: e times as stiff at the end of the stroke; longer: a straight line"
         ),
     )
     limits: ClassVar[dict[str, str]] = {"reach": "friction"}  # slips at once

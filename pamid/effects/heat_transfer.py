@@ -34,25 +34,11 @@ class HeatTransfer(Effect):
     unit = "Pa/s"
     states = (State("excess", "Pa"),)
     parameters = (
-        Parameter(
-            "gain",
-            0.2,
-            low=0.0,
-            high=0.4,
-            spread=0.15,
-            null=0.0,
-            source="0: isothermal, 0.4: adiabatic at first",
+        Parameter.share("gain", 0.2, 0.0, 0.4, spread=0.15).with_source(
+            "0: isothermal, 0.4: adiabatic at first"
         ),
-        Parameter(
-            "time_constant",
-            0.6,
-            low=0.1,
-            high=3.0,
-            spread=2.5,
-            log=True,
-            unit="s",
-            tries=(0.2, 1.5),
-            source="derived: 30-100 W/(m2 K) on a 20 mm muscle give 0.35-1.2 s",
+        Parameter.time(0.6, 0.1, 3.0, factor=2.5, tries=(0.2, 1.5)).with_source(
+            "derived: 30-100 W/(m2 K) on a 20 mm muscle give 0.35-1.2 s"
         ),
     )
     look_alikes = ("leak", "muscle-creep")

@@ -36,15 +36,8 @@ class Leak(Effect):
     signals = ("stored",)
     home_signals = ("outflow",)
     parameters = (
-        Parameter(
-            "share",
-            0.01,
-            low=0.0,
-            high=0.2,
-            spread=0.02,
-            null=0.0,
-            tries=(0.05,),
-            source="1e-4 to 2e-2 of an open vent (1e-2 empties a muscle in 30 s)",
+        Parameter.share("share", 0.01, 0.0, 0.2, spread=0.02, tries=(0.05,)).with_source(
+            "1e-4 to 2e-2 of an open vent (1e-2 empties a muscle in 30 s)"
         ),
         REFERENCE,
     )

@@ -31,14 +31,8 @@ class LengthAsymmetry(Effect):
     kinds = ("actuator-force",)
     signals = ("position", "pressure", "side", "law")
     parameters = (
-        Parameter(
-            "difference",
-            0.01,
-            low=-0.05,
-            high=0.05,
-            spread=0.01,
-            null=0.0,
-            source="estimate: contractions differ by +-1 %",
+        Parameter.share("difference", 0.01, -0.05, 0.05, spread=0.01).with_source(
+            "estimate: contractions differ by +-1 %"
         ),
     )
     look_alikes = ("angle-sensor-offset", "force-asymmetry")

@@ -24,6 +24,10 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
+REST = Parameter("rest", 0.0, -1.0, 1.0, spread=0.3, size="position").with_source(
+    "estimate: near the origin of the coordinate"
+)
+
 
 class LinearStiffness(Effect):
     """A spring."""
@@ -32,26 +36,11 @@ class LinearStiffness(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "stiffness",
-            0.1,
-            low=-1.0,
-            high=5.0,
-            spread=0.5,
-            size="value/position",
-            null=0.0,
-            source="estimate: hoses and looms 1-20 % of the force over the stroke; negative: an "
-            "unstable rest",
+        Parameter.slope("stiffness", "position", 0.1, -1.0, 5.0, spread=0.5).with_source(
+            "estimate: hoses and looms 1-20 % of the force over the stroke; negative: an unstable "
+            "rest"
         ),
-        Parameter(
-            "rest",
-            0.0,
-            low=-1.0,
-            high=1.0,
-            spread=0.3,
-            size="position",
-            source="estimate: near the origin of the coordinate",
-        ),
+        REST,
     )
     look_alikes = ("cubic-stiffness", "constant-offset", "gravity")
     absorbed_by = ("stiffness",)

@@ -35,15 +35,8 @@ class LoadDependentFriction(Effect):
     general_kinds = ("motion",)
     signals = ("position", "load")
     parameters = (
-        Parameter(
-            "coefficient",
-            0.05,
-            low=0.0,
-            high=1.0,
-            spread=0.15,
-            size="value/load",
-            null=0.0,
-            source="estimate: sliding pairs 0.05-0.3, rolling pairs 0.001-0.01 of the normal force",
+        Parameter.slope("coefficient", "load", 0.05, 0.0, 1.0, spread=0.15).with_source(
+            "estimate: sliding pairs 0.05-0.3, rolling pairs 0.001-0.01 of the normal force"
         ),
         PRESLIDING,
     )

@@ -37,14 +37,8 @@ class LoadSideBacklash(OutboardEffect):
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         *Backlash.parameters,
-        Parameter(
-            "motor_feedback",
-            0.9,
-            low=0.0,
-            high=1.0,
-            spread=0.5,
-            tries=(0.1,),
-            source="of what the servo's loop sees: 1 its own encoder, 0 the one behind the gap",
+        Parameter("motor_feedback", 0.9, 0.0, 1.0, spread=0.5, tries=(0.1,)).with_source(
+            "of what the servo's loop sees: 1 its own encoder, 0 the one behind the gap"
         ),
     )
     look_alikes = ("backlash", "play", "dead-zone", "coulomb-friction")

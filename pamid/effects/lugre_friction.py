@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effects.stribeck_friction import falling_level
+from pamid.effects.stribeck_friction import FALLING, falling_level
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, bristle
@@ -35,56 +35,15 @@ class LugreFriction(Effect):
     kinds = ("motion",)
     signals = ("position", "velocity")
     parameters = (
-        Parameter(
-            "level",
-            0.03,
-            low=0.0,
-            high=0.2,
-            spread=0.08,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint",
+        Parameter.level(0.03, 0.0, 0.2, spread=0.08).with_source(
+            "shaft bearings and chain: 0.05-1 N m on a 10 N m joint"
         ),
-        Parameter(
-            "breakaway",
-            1.5,
-            low=1.0,
-            high=2.5,
-            spread=0.4,
-            source="1.1-2 times the sliding friction",
-        ),
-        Parameter(
-            "speed",
-            0.025,
-            low=0.005,
-            high=0.2,
-            spread=2.5,
-            log=True,
-            size="velocity",
-            tries=(0.1,),
-            source="0.01-0.2 rad/s on a joint that reaches 2 rad/s",
-        ),
-        Parameter(
-            "give",
-            0.0015,
-            low=0.0007,
-            high=0.02,
-            spread=3.0,
-            log=True,
-            size="travel",
-            hard=True,
-            source="bristle stiffness of 150-900 N m/rad: 0.5-2 mrad",
-        ),
-        Parameter(
-            "settling",
-            0.667,
-            low=0.0,
-            high=1.0,
-            spread=0.333,
-            size="period",
-            fitted=False,
-            source="bristle damping over stiffness; kept below a sample so that it is never stiff",
+        *FALLING,
+        Parameter.width(
+            "give", 0.0015, 0.0007, 0.02, factor=3.0, size="travel", hard=True
+        ).with_source("bristle stiffness of 150-900 N m/rad: 0.5-2 mrad"),
+        Parameter.held("settling", 0.667, 0.0, 1.0, spread=0.333, size="period").with_source(
+            "bristle damping over stiffness; kept below a sample so that it is never stiff"
         ),
     )
     look_alikes = ("coulomb-friction", "stribeck-friction", "maxwell-slip-hysteresis")

@@ -44,16 +44,8 @@ def pressed(at: Any) -> Expr:
 def anywhere(reach: Parameter) -> tuple[Parameter, Parameter]:
     """The level of a loop at a general port, which may well exceed half of the force, and its reach
     (bounds without a muscle's figures)."""
-    level = Parameter(
-        "level",
-        0.15,
-        low=0.0,
-        high=3.0,
-        spread=0.4,
-        size="value",
-        null=0.0,
-        label="{value}",
-        source="estimate: wire-rope and rubber mounts 10-50 % of their force, dampers all of it",
+    level = Parameter.level(0.15, 0.0, 3.0, spread=0.4).with_source(
+        "estimate: wire-rope and rubber mounts 10-50 % of their force, dampers all of it"
     )
     return level, replace(
         reach,
@@ -75,27 +67,11 @@ class MaxwellSlipHysteresis(Effect):
     general_kinds: ClassVar[tuple[str, ...]] = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "level",
-            0.05,
-            low=0.0,
-            high=0.25,
-            spread=0.05,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N",
+        Parameter.level(0.05, 0.0, 0.25, spread=0.05).with_source(
+            "20-80 N at 6 bar; data sheet: at most 3 % of 1500 N"
         ),
-        Parameter(
-            "reach",
-            0.05,
-            low=0.008,
-            high=0.4,
-            spread=2.5,
-            log=True,
-            size="position",
-            tries=(0.02, 0.15),
-            source="estimate: 0.4 % of contraction",
+        Parameter.width("reach", 0.05, 0.008, 0.4, factor=2.5, tries=(0.02, 0.15)).with_source(
+            "estimate: 0.4 % of contraction"
         ),
     )
     general_parameters = anywhere(parameters[1])

@@ -34,25 +34,11 @@ class MuscleCreep(Effect):
     family = "muscle-creep"
     kinds = ("actuator-force",)
     parameters = (
-        Parameter(
-            "share",
-            0.05,
-            low=-0.15,
-            high=0.2,
-            spread=0.05,
-            null=0.0,
-            source="2-8 % of the force; data sheet: at most 5 %",
+        Parameter.share("share", 0.05, -0.15, 0.2, spread=0.05).with_source(
+            "2-8 % of the force; data sheet: at most 5 %"
         ),
-        Parameter(
-            "time_constant",
-            5.0,
-            low=0.5,
-            high=100.0,
-            spread=5.0,
-            log=True,
-            unit="s",
-            tries=(1.0, 30.0),
-            source="estimate: 1-10 s and 100-1000 s; beyond 100 s a recording of minutes is blind",
+        Parameter.time(5.0, 0.5, 100.0, factor=5.0, tries=(1.0, 30.0)).with_source(
+            "estimate: 1-10 s and 100-1000 s; beyond 100 s a recording of minutes is blind"
         ),
     )
     look_alikes = ("leak", "heat-transfer", "maxwell-slip-hysteresis")

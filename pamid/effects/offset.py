@@ -29,19 +29,11 @@ class Offset(Effect):
 
     family = "sensor-offset"
     families: ClassVar[dict[str, str]] = {"command": "offset"}
-    general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
+    general_kinds = ("command", "reading")
     parameters = (
         Parameter(
-            "level",
-            0.02,
-            low=-0.5,
-            high=0.5,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            tries=(-0.02,),
-            source="estimate: zero errors of 0.5-5 % of the range",
-        ),
+            "level", 0.02, -0.5, 0.5, spread=0.1, size="value", null=0.0, tries=(-0.02,)
+        ).with_source("estimate: zero errors of 0.5-5 % of the range"),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("gain-error", "constant-offset")
 

@@ -37,25 +37,11 @@ class OneSidedEndStop(Effect):
     parameters = (
         next(q for q in EndStop.parameters if q.name == "stiffness"),
         Parameter(
-            "upper",
-            0.85,
-            low=-1.0,
-            high=OUT_OF_REACH,
-            spread=0.5,
-            size="position",
-            hard=True,
-            source="estimate: within the travel; twice the travel: none on this side",
-        ),
+            "upper", 0.85, -1.0, OUT_OF_REACH, spread=0.5, size="position", hard=True
+        ).with_source("estimate: within the travel; twice the travel: none on this side"),
         Parameter(
-            "lower",
-            -OUT_OF_REACH,
-            low=-OUT_OF_REACH,
-            high=1.0,
-            spread=0.5,
-            size="position",
-            hard=True,
-            source="estimate: within the travel; twice the travel: none on this side",
-        ),
+            "lower", -OUT_OF_REACH, -OUT_OF_REACH, 1.0, spread=0.5, size="position", hard=True
+        ).with_source("estimate: within the travel; twice the travel: none on this side"),
         next(q for q in EndStop.parameters if q.name == "speed"),
     )
     look_alikes = ("end-stop", "cubic-stiffness", "asymmetric-saturation")

@@ -27,24 +27,11 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, sqrt
 
-LOSS = Parameter(
-    "loss",
-    0.1,
-    low=0.0,
-    high=5.0,
-    spread=0.5,
-    size="value",
-    null=0.0,
-    source="estimate: a tenth of the store's own rate",
+LOSS = Parameter("loss", 0.1, 0.0, 5.0, spread=0.5, size="value", null=0.0).with_source(
+    "estimate: a tenth of the store's own rate"
 )
-REFERENCE = Parameter(
-    "reference",
-    1.0,
-    low=0.1,
-    high=10.0,
-    size="stored",
-    fitted=False,
-    source="typical stored quantity; only sets the scale of the orifice law",
+REFERENCE = Parameter.held("reference", 1.0, 0.1, 10.0, size="stored").with_source(
+    "typical stored quantity; only sets the scale of the orifice law"
 )
 
 
@@ -54,11 +41,7 @@ class OrificeLoss(Effect):
     family = "leak"
     general_kinds = ("rate",)
     signals = ("stored",)
-    parameters = (
-        LOSS,
-        AMBIENT,
-        REFERENCE,
-    )
+    parameters = (LOSS, AMBIENT, REFERENCE)
     look_alikes = ("first-order-loss", "leak", "overflow", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -40,26 +40,11 @@ class Overflow(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter(
-            "gain",
-            5.0,
-            low=0.0,
-            high=50.0,
-            spread=10.0,
-            size="value/stored",
-            null=0.0,
-            source="estimate: several times the store's own rate, or the rim would not hold the "
-            "level",
+        Parameter.slope("gain", "stored", 5.0, 0.0, 50.0, spread=10.0).with_source(
+            "estimate: several times the store's own rate, or the rim would not hold the level"
         ),
-        Parameter(
-            "level",
-            0.8,
-            low=0.1,
-            high=1.2,
-            spread=0.3,
-            size="stored",
-            tries=(0.6,),
-            source="estimate: seen only if it lies below the largest level",
+        Parameter("level", 0.8, 0.1, 1.2, spread=0.3, size="stored", tries=(0.6,)).with_source(
+            "estimate: seen only if it lies below the largest level"
         ),
     )
     look_alikes = ("first-order-loss", "leak", "saturation", "overflow-into-store")

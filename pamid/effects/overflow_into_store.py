@@ -37,13 +37,8 @@ class OverflowIntoStore(Effect):
     roles = (("stored", "downstream"), ("upstream",))
     parameters = (
         *Overflow.parameters,
-        Parameter(
-            "share",
-            0.7,
-            low=0.0,
-            high=3.0,
-            spread=0.5,
-            source="estimate: a part falls beside; times the ratio of the areas",
+        Parameter("share", 0.7, 0.0, 3.0, spread=0.5).with_source(
+            "estimate: a part falls beside; times the ratio of the areas"
         ),
     )
     look_alikes = ("overflow", "orifice-loss", "saturation")

@@ -36,16 +36,8 @@ class Play(Effect):
     excluded_units = ("K", "W", "m/s", "rad/s")  # heat has no gap, and a speed is not a place
     parameters = (
         Parameter(
-            "half_gap",
-            0.02,
-            low=0.0,
-            high=0.5,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            tries=(0.1,),
-            source="estimate: gears and linkages 0.1-2 deg, screws 5-100 um",
-        ),
+            "half_gap", 0.02, 0.0, 0.5, spread=0.1, size="value", null=0.0, tries=(0.1,)
+        ).with_source("estimate: gears and linkages 0.1-2 deg, screws 5-100 um"),
     )
     look_alikes = ("signal-hysteresis", "coulomb-friction", "dead-zone", "dead-time", "backlash")
 

@@ -37,35 +37,14 @@ class PrandtlIshlinskiiHysteresis(Effect):
     kinds = ("actuator-force",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "level",
-            0.05,
-            low=0.0,
-            high=0.25,
-            spread=0.05,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N",
+        Parameter.level(0.05, 0.0, 0.25, spread=0.05).with_source(
+            "20-80 N at 6 bar; data sheet: at most 3 % of 1500 N"
         ),
-        Parameter(
-            "reach",
-            0.2,
-            low=0.02,
-            high=1.0,
-            spread=2.5,
-            log=True,
-            size="position",
-            tries=(0.06, 0.5),
-            source="estimate: widths up to half of the stroke",
+        Parameter.width("reach", 0.2, 0.02, 1.0, factor=2.5, tries=(0.06, 0.5)).with_source(
+            "estimate: widths up to half of the stroke"
         ),
-        Parameter(
-            "asymmetry",
-            0.0,
-            low=-0.6,
-            high=0.6,
-            spread=0.3,
-            source="estimate; measured loops of muscles are asymmetric",
+        Parameter("asymmetry", 0.0, -0.6, 0.6, spread=0.3).with_source(
+            "estimate; measured loops of muscles are asymmetric"
         ),
     )
     look_alikes = (

@@ -20,22 +20,12 @@ from pamid.effects.gain_error import GainError
 from pamid.model.parameter import Parameter
 
 
-class PressureSensorGain(GainError):
+class PressureSensorGain(GainError, sensor="Pa"):
     """A scale error of the pressure readings."""
 
-    kinds = ("reading",)
-    general_kinds = ()
-    unit = "Pa"
     parameters = (
-        Parameter(
-            "gain",
-            0.03,
-            low=-0.15,
-            high=0.15,
-            spread=0.03,
-            null=0.0,
-            tries=(-0.03,),
-            source="estimate: 1-3 % uncalibrated",
+        Parameter.share("gain", 0.03, -0.15, 0.15, spread=0.03, tries=(-0.03,)).with_source(
+            "estimate: 1-3 % uncalibrated"
         ),
     )
     look_alikes = ("pressure-sensor-offset",)

@@ -22,23 +22,12 @@ from pamid.effects.first_order_lag import FirstOrderLag
 from pamid.model.parameter import Parameter
 
 
-class PressureSensorLag(FirstOrderLag):
+class PressureSensorLag(FirstOrderLag, sensor="Pa"):
     """A lag of the pressure readings."""
 
-    kinds = ("reading",)
-    general_kinds = ()
-    unit = "Pa"
     parameters = (
-        Parameter(
-            "time_constant",
-            0.008,
-            low=0.0,
-            high=0.08,
-            unit="s",
-            spread=0.015,
-            null=0.0,
-            tries=(0.03,),
-            source="estimate: 2-20 ms with a short sensing tube",
+        Parameter.time(0.008, 0.0, 0.08, spread=0.015, tries=(0.03,)).with_source(
+            "estimate: 2-20 ms with a short sensing tube"
         ),
     )
     look_alikes = ("tube-lag", "dead-time", "clock-skew")

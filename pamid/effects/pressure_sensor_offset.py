@@ -20,25 +20,12 @@ from pamid.effects.offset import Offset
 from pamid.model.parameter import Parameter
 
 
-class PressureSensorOffset(Offset):
+class PressureSensorOffset(Offset, sensor="Pa"):
     """A zero error of the pressure readings."""
 
-    families = {}
-    kinds = ("reading",)
-    general_kinds = ()
-    unit = "Pa"
     parameters = (
         Parameter(
-            "level",
-            5.0,
-            low=-40.0,
-            high=40.0,
-            unit="kPa",
-            spread=8.0,
-            null=0.0,
-            tries=(-5.0,),
-            label="offset",
-            source="estimate: 2-10 kPa for 10 bar sensors",
-        ),
+            "level", 5.0, -40.0, 40.0, "kPa", spread=8.0, null=0.0, label="offset", tries=(-5.0,)
+        ).with_source("estimate: 2-10 kPa for 10 bar sensors"),
     )
     look_alikes = ("pressure-sensor-gain",)

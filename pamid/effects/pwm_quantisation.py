@@ -79,63 +79,29 @@ class PwmQuantisation(Effect):
     family = "valve-dead-band"
     kinds = ("command",)
     parameters = (
-        Parameter(
-            "step",
-            0.1,
-            low=0.0,
-            high=0.34,
-            spread=0.08,
-            null=0.0,
-            tries=(0.033, 0.06, 0.2),
-            scan=SCANNED_TICKS,
-            source="one 3 ms tick in a pulse period of 9-90 ms",
+        Parameter.share(
+            "step", 0.1, 0.0, 0.34, spread=0.08, tries=(0.033, 0.06, 0.2), scan=SCANNED_TICKS
+        ).with_source("one 3 ms tick in a pulse period of 9-90 ms"),
+        Parameter.share("ripple", 0.0, 0.0, 1.0, spread=0.5, tries=(1.0,)).with_source(
+            "0: averaged valve, 1: true pulses"
         ),
-        Parameter(
-            "ripple",
-            0.0,
-            low=0.0,
-            high=1.0,
-            spread=0.5,
-            null=0.0,
-            tries=(1.0,),
-            source="0: averaged valve, 1: true pulses",
+        Parameter("waits", 1.0, 0.0, 1.0, spread=0.5).with_source(
+            "1: read once per period; 0: compared with a ramp all the time"
         ),
-        Parameter(
-            "waits",
-            1.0,
-            low=0.0,
-            high=1.0,
-            spread=0.5,
-            source="1: read once per period; 0: compared with a ramp all the time",
+        Parameter("phase", 0.0, -1.0, 2.0, spread=0.5).with_source(
+            "of the first pulse in the recording, in periods; unknown unless logged"
         ),
-        Parameter(
-            "phase",
-            0.0,
-            low=-1.0,
-            high=2.0,
-            spread=0.5,
-            source="of the first pulse in the recording, in periods; unknown unless logged",
+        Parameter.width("full", 1.0, 0.3, 10.0, factor=1.3, size="value").with_source(
+            "command that opens the valve all the time: the largest that was sent, or more"
         ),
-        Parameter(
-            "full",
-            1.0,
-            low=0.3,
-            high=10.0,
-            spread=1.3,
-            log=True,
-            size="value",
-            source="command that opens the valve all the time: the largest that was sent, or more",
-        ),
-        Parameter(
-            "pulse_period",
+        Parameter.time(
             USUAL_PULSE,
-            low=USUAL_PULSE / 3.0,
-            high=LONGEST_PULSE,
-            spread=USUAL_PULSE,
-            log=True,
+            USUAL_PULSE / 3.0,
+            LONGEST_PULSE,
+            name="pulse_period",
+            factor=USUAL_PULSE,
             size="period",
-            source="ten samples of 3 ms; lines of the residual's spectrum are tried first",
-        ),
+        ).with_source("ten samples of 3 ms; lines of the residual's spectrum are tried first"),
     )
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
 

@@ -33,15 +33,8 @@ class QuadraticDrag(Effect):
     general_kinds = ("motion",)
     signals = ("velocity",)
     parameters = (
-        Parameter(
-            "drag",
-            0.05,
-            low=0.0,
-            high=2.0,
-            spread=0.2,
-            size="value/velocity/velocity",
-            null=0.0,
-            source="estimate: 2-20 % of the force at full speed",
+        Parameter.slope("drag", "velocity/velocity", 0.05, 0.0, 2.0, spread=0.2).with_source(
+            "estimate: 2-20 % of the force at full speed"
         ),
     )
     look_alikes = ("viscous-friction", "coulomb-friction", "saturation")

@@ -45,23 +45,16 @@ class Quantisation(Effect):
         Parameter(
             "quantum",
             0.01,
-            low=0.0,
-            high=0.2,
+            0.0,
+            0.2,
             spread=0.05,
             size="value",
             null=0.0,
             tries=(0.05,),
             scan=SCANNED_STEPS,
-            source="estimate: 8 bits over the range are 0.8 % of its half",
-        ),
-        Parameter(
-            "level",
-            0.0,
-            low=-2.0,
-            high=2.0,
-            size="value",
-            fitted=False,
-            source="read off: a plateau on which the recorded values rest",
+        ).with_source("estimate: 8 bits over the range are 0.8 % of its half"),
+        Parameter.held("level", 0.0, -2.0, 2.0, size="value").with_source(
+            "read off: a plateau on which the recorded values rest"
         ),
     )
     look_alikes = ("dead-zone",)

@@ -32,15 +32,8 @@ class Rectification(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "share",
-            1.0,
-            low=0.0,
-            high=1.0,
-            spread=0.5,
-            null=0.0,
-            tries=(0.3,),
-            source="1: an ideal diode",
+        Parameter.share("share", 1.0, 0.0, 1.0, spread=0.5, tries=(0.3,)).with_source(
+            "1: an ideal diode"
         ),
     )
     look_alikes = ("full-wave-rectification", "saturation", "offset", "gain-error")

@@ -33,17 +33,10 @@ class Saturation(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "limit",
-            0.8,
-            low=0.05,
-            high=1.5,
-            spread=0.3,
-            size="value",
-            tries=(0.5,),
-            source="estimate: seen only if it lies below the largest value",
+        Parameter("limit", 0.8, 0.05, 1.5, spread=0.3, size="value", tries=(0.5,)).with_source(
+            "estimate: seen only if it lies below the largest value"
         ),
-        Parameter("share", 1.0, low=0.0, high=1.0, spread=0.5, null=0.0, source="1: a hard limit"),
+        Parameter.share("share", 1.0, 0.0, 1.0, spread=0.5).with_source("1: a hard limit"),
     )
     look_alikes = ("gain-error", "dead-zone", "quadratic-drag", "end-stop")
 

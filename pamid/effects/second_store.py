@@ -38,27 +38,11 @@ class SecondStore(Effect):
     signals = ("stored",)
     states = (State("ahead"),)
     parameters = (
-        Parameter(
-            "share",
-            0.2,
-            low=0.0,
-            high=0.8,
-            spread=0.2,
-            null=0.0,
-            hard=True,
-            source="estimate: the core of a block, the winding of a motor: 10-60 % of the capacity",
+        Parameter.share("share", 0.2, 0.0, 0.8, spread=0.2, hard=True).with_source(
+            "estimate: the core of a block, the winding of a motor: 10-60 % of the capacity"
         ),
-        Parameter(
-            "time_constant",
-            0.5,
-            low=0.03,
-            high=5.0,
-            spread=3.0,
-            log=True,
-            size="timescale",
-            tries=(0.15, 1.5),
-            source="estimate, in correlation times: what is faster is one store, what is slower a "
-            "loss",
+        Parameter.time(0.5, 0.03, 5.0, factor=3.0, size="timescale", tries=(0.15, 1.5)).with_source(
+            "estimate, in correlation times: what is faster is one store, what is slower a loss"
         ),
     )
     look_alikes = ("first-order-lag", "first-order-loss", "heat-transfer", "clock-skew")

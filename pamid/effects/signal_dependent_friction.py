@@ -40,39 +40,16 @@ class SignalDependentFriction(Effect):
         "level": ("current", "voltage", "pressure", "temperature", "load")
     }
     parameters = (
-        Parameter(
-            "base",
-            0.03,
-            low=0.0,
-            high=2.0,
-            spread=0.2,
-            size="value",
-            null=0.0,
-            label="base_{value}",
-            source="estimate: guides and seals, 1-15 % of the drive's force",
+        Parameter.level(0.03, 0.0, 2.0, name="base", spread=0.2).with_source(
+            "estimate: guides and seals, 1-15 % of the drive's force"
         ),
-        Parameter(
-            "slope",
-            0.1,
-            low=0.0,
-            high=3.0,
-            spread=0.4,
-            size="value/level",
-            null=0.0,
-            source="estimate: brakes, dampers with a magnetised fluid and pressed seals, 5-100 % "
-            "of the force at the largest signal",
+        Parameter.slope("slope", "level", 0.1, 0.0, 3.0, spread=0.4).with_source(
+            "estimate: brakes, dampers with a magnetised fluid and pressed seals, 5-100 % of the "
+            "force at the largest signal"
         ),
-        Parameter(
-            "give",
-            0.003,
-            low=0.0001,
-            high=0.3,
-            spread=4.0,
-            log=True,
-            size="travel",
-            tries=(0.05,),
-            source="estimate: presliding of a thousandth of the stroke, of fluids a tenth",
-        ),
+        Parameter.width(
+            "give", 0.003, 0.0001, 0.3, factor=4.0, size="travel", tries=(0.05,)
+        ).with_source("estimate: presliding of a thousandth of the stroke, of fluids a tenth"),
     )
     look_alikes = (
         "load-dependent-friction",

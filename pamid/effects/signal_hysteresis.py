@@ -34,27 +34,13 @@ class SignalHysteresis(Effect):
     family = "hysteresis"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "share",
-            0.05,
-            low=0.0,
-            high=0.15,
-            spread=0.05,
-            null=0.0,
-            source="estimate: piezo stages 10-15 %, cheap sensors 0.5-5 % of the travel; what "
-            "swallows more of a turn is play",
+        Parameter.share("share", 0.05, 0.0, 0.15, spread=0.05).with_source(
+            "estimate: piezo stages 10-15 %, cheap sensors 0.5-5 % of the travel; what swallows "
+            "more of a turn is play"
         ),
-        Parameter(
-            "reach",
-            0.2,
-            low=0.02,
-            high=2.0,
-            spread=3.0,
-            log=True,
-            size="value",
-            tries=(0.05,),
-            source="estimate: the travel after which the value follows fully again",
-        ),
+        Parameter.width(
+            "reach", 0.2, 0.02, 2.0, factor=3.0, size="value", tries=(0.05,)
+        ).with_source("estimate: the travel after which the value follows fully again"),
     )
     look_alikes = ("play", "first-order-lag", "dead-zone")
 

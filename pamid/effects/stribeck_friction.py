@@ -24,6 +24,16 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, exp, stop
 
+#: parameters of `falling_level`
+FALLING = (
+    Parameter("breakaway", 1.5, 1.0, 2.5, spread=0.4).with_source(
+        "1.1-2 times the sliding friction"
+    ),
+    Parameter.width(
+        "speed", 0.025, 0.005, 0.2, factor=2.5, size="velocity", tries=(0.1,)
+    ).with_source("0.01-0.2 rad/s on a joint that reaches 2 rad/s"),
+)
+
 
 def falling_level(at: Any, p: Any) -> Expr:
     """Friction at this speed, in sliding levels: `breakaway` at rest, 1 when fast."""
@@ -38,47 +48,13 @@ class StribeckFriction(Effect):
     kinds = ("motion",)
     signals = ("position", "velocity")
     parameters = (
-        Parameter(
-            "level",
-            0.03,
-            low=0.0,
-            high=0.4,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint",
+        Parameter.level(0.03, 0.0, 0.4, spread=0.1).with_source(
+            "shaft bearings and chain: 0.05-1 N m on a 10 N m joint"
         ),
-        Parameter(
-            "breakaway",
-            1.5,
-            low=1.0,
-            high=2.5,
-            spread=0.4,
-            source="1.1-2 times the sliding friction",
-        ),
-        Parameter(
-            "speed",
-            0.025,
-            low=0.005,
-            high=0.2,
-            spread=2.5,
-            log=True,
-            size="velocity",
-            tries=(0.1,),
-            source="0.01-0.2 rad/s on a joint that reaches 2 rad/s",
-        ),
-        Parameter(
-            "give",
-            0.0015,
-            low=0.0007,
-            high=0.02,
-            spread=3.0,
-            log=True,
-            size="travel",
-            hard=True,
-            source="presliding of 0.5-2 mrad",
-        ),
+        *FALLING,
+        Parameter.width(
+            "give", 0.0015, 0.0007, 0.02, factor=3.0, size="travel", hard=True
+        ).with_source("presliding of 0.5-2 mrad"),
     )
     look_alikes = ("coulomb-friction", "lugre-friction", "maxwell-slip-hysteresis")
 

@@ -37,15 +37,8 @@ class SupplySag(Effect):
     signals = ("supply", "drawn", "fill")
     everywhere = True  # all valves draw on one supply
     parameters = (
-        Parameter(
-            "sag",
-            45.0,
-            low=0.0,
-            high=150.0,
-            spread=40.0,
-            unit="kPa",
-            null=0.0,
-            source="estimate: 0.1-0.6 bar lost at the full flow of 3 l/s",
+        Parameter("sag", 45.0, 0.0, 150.0, "kPa", spread=40.0, null=0.0).with_source(
+            "estimate: 0.1-0.6 bar lost at the full flow of 3 l/s"
         ),
     )
     look_alikes = ("tube-lag", "flow-mismatch")

@@ -34,26 +34,11 @@ class ThreadFriction(Effect):
     kinds = ("actuator-force",)
     signals = ("position", "pressure")
     parameters = (
-        Parameter(
-            "level",
-            0.04,
-            low=0.0,
-            high=0.25,
-            spread=0.05,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="thread friction of 10-60 N at working pressure",
+        Parameter.level(0.04, 0.0, 0.25, spread=0.05).with_source(
+            "thread friction of 10-60 N at working pressure"
         ),
-        Parameter(
-            "give",
-            0.006,
-            low=0.002,
-            high=0.1,
-            spread=3.0,
-            log=True,
-            size="position",
-            source="estimate: presliding of 0.05 % of contraction",
+        Parameter.width("give", 0.006, 0.002, 0.1, factor=3.0).with_source(
+            "estimate: presliding of 0.05 % of contraction"
         ),
     )
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")

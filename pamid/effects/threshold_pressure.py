@@ -32,15 +32,8 @@ class ThresholdPressure(Effect):
     kinds = ("actuator-force",)
     signals = ("position", "pressure", "law")
     parameters = (
-        Parameter(
-            "threshold",
-            20.0,
-            low=0.0,
-            high=100.0,
-            spread=20.0,
-            unit="kPa",
-            null=0.0,
-            source="0.2-0.6 bar without load; specimens differ by 0.1-0.3 bar from the chart",
+        Parameter("threshold", 20.0, 0.0, 100.0, "kPa", spread=20.0, null=0.0).with_source(
+            "0.2-0.6 bar without load; specimens differ by 0.1-0.3 bar from the chart"
         ),
     )
     look_alikes = ("pressure-sensor-offset", "force-asymmetry")

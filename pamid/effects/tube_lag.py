@@ -34,16 +34,8 @@ class TubeLag(Effect):
     kinds = ("flow",)
     home_signals = ("supply",)
     parameters = (
-        Parameter(
-            "time_constant",
-            0.015,
-            low=0.0,
-            high=0.06,
-            spread=0.015,
-            unit="s",
-            null=0.0,
-            tries=(0.005, 0.035),
-            source="estimate: two volumes and a resistance, 5-30 ms",
+        Parameter.time(0.015, 0.0, 0.06, spread=0.015, tries=(0.005, 0.035)).with_source(
+            "estimate: two volumes and a resistance, 5-30 ms"
         ),
     )
     # a pipe between stores of another kind is as slow as these let it be seen

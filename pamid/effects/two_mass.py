@@ -31,15 +31,8 @@ from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
-DAMPING = Parameter(
-    "damping",
-    0.02,
-    low=0.003,
-    high=0.5,
-    spread=2.5,
-    log=True,
-    tries=(0.1,),
-    source="damping ratio of metal arms and couplings: 0.005-0.05",
+DAMPING = Parameter.positive("damping", 0.02, 0.003, 0.5, factor=2.5, tries=(0.1,)).with_source(
+    "damping ratio of metal arms and couplings: 0.005-0.05"
 )
 
 
@@ -52,18 +45,16 @@ class TwoMass(OutboardEffect):
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         LOAD_SHARE,
-        Parameter(
+        Parameter.positive(
             "frequency",
             4.8,
-            low=0.9,
-            high=15.0,
-            spread=2.0,
-            log=True,
+            0.9,
+            15.0,
+            factor=2.0,
             size="1/timescale",
             softens=True,
             tries=(2.1, 9.0),
-            source="30-1000 N m/rad with a load of 0.08 kg m2: 3-18 Hz",
-        ),
+        ).with_source("30-1000 N m/rad with a load of 0.08 kg m2: 3-18 Hz"),
         DAMPING,
     )
     look_alikes = ("backlash", "chain-stretch", "dead-time", "external-vibration")

@@ -32,14 +32,8 @@ class ValveDeadBand(DeadZone):
     kinds = ("command",)
     general_kinds = ()  # type: ignore[assignment]
     parameters = (
-        Parameter(
-            "dead_band",
-            0.05,
-            low=0.0,
-            high=0.3,
-            spread=0.05,
-            null=0.0,
-            source="estimate: 2-10 % of full command, up to 30 % for coarse spools",
+        Parameter.share("dead_band", 0.05, 0.0, 0.3, spread=0.05).with_source(
+            "estimate: 2-10 % of full command, up to 30 % for coarse spools"
         ),
     )
     look_alikes = ("valve-switching", "pwm-quantisation", "coulomb-friction")  # type: ignore[assignment]

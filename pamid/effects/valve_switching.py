@@ -38,48 +38,36 @@ class ValveSwitching(Effect):
     family = "valve-dead-band"
     kinds = ("command",)
     parameters = (
-        Parameter(
-            "t_on",
+        Parameter.time(
             2.0 / SAMPLE_MS,
-            low=0.0,
-            high=8.0 / SAMPLE_MS,
+            0.0,
+            8.0 / SAMPLE_MS,
+            name="t_on",
             spread=2.0 / SAMPLE_MS,
             size="period",
             hard=True,
-            null=0.0,
             tries=(0.5 / SAMPLE_MS, 4.0 / SAMPLE_MS),
-            source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
-        ),
-        Parameter(
-            "t_off",
+        ).with_source("fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without"),
+        Parameter.time(
             1.0 / SAMPLE_MS,
-            low=0.0,
-            high=8.0 / SAMPLE_MS,
+            0.0,
+            8.0 / SAMPLE_MS,
+            name="t_off",
             spread=2.0 / SAMPLE_MS,
             size="period",
             hard=True,
-            null=0.0,
-            source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
+        ).with_source("fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without"),
+        Parameter.held("full", 1.0, 0.1, 10.0, size="value").with_source(
+            "command that opens the valve all the time"
         ),
-        Parameter(
-            "full",
-            1.0,
-            low=0.1,
-            high=10.0,
-            size="value",
-            fitted=False,
-            source="command that opens the valve all the time",
-        ),
-        Parameter(
+        Parameter.held(
             "pulse_period",
             30.0 / SAMPLE_MS,
-            low=10.0 / SAMPLE_MS,
-            high=100.0 / SAMPLE_MS,
+            10.0 / SAMPLE_MS,
+            100.0 / SAMPLE_MS,
             size="period",
             hard=True,
-            fitted=False,
-            source="estimate: ten samples of 3 ms",
-        ),
+        ).with_source("estimate: ten samples of 3 ms"),
     )
     look_alikes = ("valve-dead-band", "pwm-quantisation", "coulomb-friction")
 

@@ -33,16 +33,8 @@ class ViscousFriction(Effect):
     general_kinds = ("motion",)
     signals = ("velocity",)
     parameters = (
-        Parameter(
-            "damping",
-            0.05,
-            low=0.0,
-            high=2.0,
-            spread=0.2,
-            size="value/velocity",
-            null=0.0,
-            source="estimate: greased guides and geared drives lose 2-20 % of their force at full "
-            "speed",
+        Parameter.slope("damping", "velocity", 0.05, 0.0, 2.0, spread=0.2).with_source(
+            "estimate: greased guides and geared drives lose 2-20 % of their force at full speed"
         ),
     )
     look_alikes = ("quadratic-drag", "coulomb-friction", "stribeck-friction")

@@ -27,16 +27,10 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, tanh
 
-SPEED = Parameter(
-    "speed",
-    0.1,
-    low=0.005,
-    high=1.0,
-    spread=3.0,
-    log=True,
-    size="velocity",
-    tries=(0.4,),
-    source="estimate: a hundredth of the top speed for grease, some tenths for fluids that yield",
+SPEED = Parameter.width(
+    "speed", 0.1, 0.005, 1.0, factor=3.0, size="velocity", tries=(0.4,)
+).with_source(
+    "estimate: a hundredth of the top speed for grease, some tenths for fluids that yield"
 )
 
 
@@ -47,16 +41,8 @@ class YieldingFriction(Effect):
     general_kinds = ("motion",)
     signals = ("velocity",)
     parameters = (
-        Parameter(
-            "level",
-            0.05,
-            low=0.0,
-            high=3.0,
-            spread=0.3,
-            size="value",
-            null=0.0,
-            label="{value}",
-            source="estimate: bearings 2-10 % of the drive's force, a yielding damper all of it",
+        Parameter.level(0.05, 0.0, 3.0, spread=0.3).with_source(
+            "estimate: bearings 2-10 % of the drive's force, a yielding damper all of it"
         ),
         SPEED,
     )

@@ -125,8 +125,15 @@ class Effect:
     look_alikes: ClassVar[tuple[str, ...]] = ()
     absorbed_by: ClassVar[tuple[str, ...]] = ()  # parameters of a rig that do the same
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
+    def __init_subclass__(cls, sensor: str = "", **kwargs: Any) -> None:
+        """Name the effect after its class.
+
+        sensor: SI unit of the readings to which the effect is confined, as a special case of one
+        that acts on any reading.
+        """
         super().__init_subclass__(**kwargs)
+        if sensor:
+            cls.kinds, cls.general_kinds, cls.families, cls.unit = ("reading",), (), {}, sensor
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()
 

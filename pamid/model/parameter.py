@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pamid.base.errors import FileError
@@ -15,6 +15,10 @@ from pamid.base.units import unit as unit_of
 @dataclass(frozen=True)
 class Parameter:
     """One number of a model.
+
+    The common kinds have constructors: `level`, `share`, `slope`, `width`, `time` for effects,
+    `positive` and `held` for rigs as well; `with_source` adds where the numbers come from. Further
+    fields are passed on by keyword.
 
     name       as the equations read it, `p.<name>`; one that ends in a unit, as columns do
                ("area_cm2"), has this unit
@@ -124,6 +128,93 @@ class Parameter:
                 "Give it in K.",
                 code="unit",
             )
+
+    @classmethod
+    def level(
+        cls, value: float, low: float, high: float, *, name: str = "level", **fields: Any
+    ) -> Parameter:
+        """Level in multiples of what passes the port; zero without the effect.
+
+        Outside it bears the port's own name: `torque_nm`, and `sine_torque_nm` for a level `sine`.
+        """
+        label = "{value}" if name == "level" else f"{name}_{{value}}"
+        return cls(name, value, low, high, size="value", null=0.0, label=label, **fields)
+
+    @classmethod
+    def share(cls, name: str, value: float, low: float, high: float, **fields: Any) -> Parameter:
+        """Dimensionless share or relative error; zero without the effect."""
+        return cls(name, value, low, high, null=0.0, **fields)
+
+    @classmethod
+    def slope(
+        cls, name: str, over: str, value: float, low: float, high: float, **fields: Any
+    ) -> Parameter:
+        """Slope of what passes the port over a signal ("velocity"), or over a product of signals
+        ("velocity/velocity"); zero without the effect."""
+        return cls(name, value, low, high, size=f"value/{over}", null=0.0, **fields)
+
+    @classmethod
+    def positive(
+        cls,
+        name: str,
+        value: float,
+        low: float,
+        high: float,
+        unit: str = "",
+        *,
+        factor: float,
+        **fields: Any,
+    ) -> Parameter:
+        """Positive number known within a factor: its logarithm has the prior."""
+        return cls(name, value, low, high, unit, spread=factor, log=True, **fields)
+
+    @classmethod
+    def width(
+        cls,
+        name: str,
+        value: float,
+        low: float,
+        high: float,
+        *,
+        factor: float,
+        size: str = "position",
+        **fields: Any,
+    ) -> Parameter:
+        """Distance, or with `size` the speed or the value, over which an effect sets in; known
+        within a factor."""
+        return cls.positive(name, value, low, high, factor=factor, size=size, **fields)
+
+    @classmethod
+    def time(
+        cls,
+        value: float,
+        low: float,
+        high: float,
+        *,
+        name: str = "time_constant",
+        size: str = "",
+        **fields: Any,
+    ) -> Parameter:
+        """Time in s, or in multiples of `size` ("timescale", "period", "time").
+
+        One that may be zero vanishes there (null); any other is known within a `factor`.
+        """
+        unit = "" if size else "s"
+        if low > 0.0:
+            return cls.positive(name, value, low, high, unit, size=size, **fields)
+        return cls(name, value, low, high, unit, size=size, null=0.0, **fields)
+
+    @classmethod
+    def held(
+        cls, name: str, value: float, low: float, high: float, unit: str = "", **fields: Any
+    ) -> Parameter:
+        """Number that is measured beforehand, and held unless a fit releases it."""
+        return cls(name, value, low, high, unit, fitted=False, **fields)
+
+    def with_source(self, source: str) -> Parameter:
+        """The same parameter, and where its numbers come from: a paper, a data sheet, an
+        estimate."""
+        return replace(self, source=source)
 
     @property
     def outside_name(self) -> str:

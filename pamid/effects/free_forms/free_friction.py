@@ -39,14 +39,8 @@ class FreeFriction(FreeFormEffect):
         coefficient("sticking_back", 0.3, 0.5),
         *rises(SPEEDS, 0.5, 0.5),
         half_width("velocity"),
-        Parameter(
-            "give",
-            0.001,
-            low=0.0001,
-            high=0.02,
-            size="position",
-            fitted=False,
-            source="presliding of a thousandth of the stroke",
+        Parameter.held("give", 0.001, 0.0001, 0.02, size="position").with_source(
+            "presliding of a thousandth of the stroke"
         ),
     )
     look_alikes = ("coulomb-friction", "viscous-friction", "quadratic-drag")

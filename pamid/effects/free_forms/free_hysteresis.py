@@ -63,10 +63,7 @@ class FreeHysteresis(FreeFormEffect):
     families: ClassVar[dict[str, str]] = {"actuator-force": "muscle-hysteresis"}
     kinds = ("motion", "actuator-force")
     signals = ("position",)
-    parameters = (
-        *(coefficient(name, 0.3, 0.5) for name in ELEMENT_NAMES),
-        half_width("position"),
-    )
+    parameters = (*(coefficient(name, 0.3, 0.5) for name in ELEMENT_NAMES), half_width("position"))
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")
     along = "position"
     shown = "force beyond the rig's own"

@@ -44,14 +44,8 @@ class FreeLag(FreeFormEffect):
             for order in ("single", "double")
             for pace in ("fast", "medium", "slow")
         ),
-        Parameter(
-            "span",
-            1.0,
-            low=0.1,
-            high=10.0,
-            size="timescale",
-            fitted=False,
-            source="what the recordings remember",
+        Parameter.held("span", 1.0, 0.1, 10.0, size="timescale").with_source(
+            "what the recordings remember"
         ),
     )
     look_alikes = ("first-order-lag", "dead-time")

@@ -31,11 +31,7 @@ class FreeLoss(FreeFormEffect):
     family = "leak"
     kinds = ("rate",)
     signals = ("stored",)
-    parameters = (
-        coefficient("offset", 0.3, 0.5),
-        *rises(QUARTERS, 0.5, 0.5),
-        *places("stored"),
-    )
+    parameters = (coefficient("offset", 0.3, 0.5), *rises(QUARTERS, 0.5, 0.5), *places("stored"))
     look_alikes = ("leak", "first-order-loss", "orifice-loss", "heat-transfer", "overflow")
     along = "stored"
     shown = "loss beyond the rig's own"

@@ -30,11 +30,7 @@ class FreeMap(FreeFormEffect):
 
     family = "static-map"
     kinds = ("command", "reading", "flow")
-    parameters = (
-        coefficient("offset", 0.1, 0.3),
-        *rises(QUARTERS, 0.3, 0.5),
-        *places("value"),
-    )
+    parameters = (coefficient("offset", 0.1, 0.3), *rises(QUARTERS, 0.3, 0.5), *places("value"))
     look_alikes = ("saturation", "dead-zone", "asymmetric-saturation", "gain-error")
     along = "value"
     shown = "change of the value"

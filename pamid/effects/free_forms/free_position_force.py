@@ -34,11 +34,7 @@ class FreePositionForce(FreeFormEffect):
     kinds = ("motion", "actuator-force", "transmission")
     signals = ("position",)
     stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {"position": ("stretch",)}
-    parameters = (
-        coefficient("offset", 0.3, 0.5),
-        *rises(QUARTERS, 0.5, 0.5),
-        *places("position"),
-    )
+    parameters = (coefficient("offset", 0.3, 0.5), *rises(QUARTERS, 0.5, 0.5), *places("position"))
     look_alikes = ("linear-stiffness", "cubic-stiffness", "gravity", "end-stop", "cogging")
     along = "position"
     shown = "force beyond the rig's own"

@@ -31,10 +31,7 @@ class FreeSignalHysteresis(FreeFormEffect):
 
     family = "hysteresis"
     kinds = ("command", "reading")
-    parameters = (
-        *(coefficient(name, 0.1, 0.3) for name in ELEMENT_NAMES),
-        half_width("value"),
-    )
+    parameters = (*(coefficient(name, 0.1, 0.3) for name in ELEMENT_NAMES), half_width("value"))
     look_alikes = ("signal-hysteresis", "play")
     along = "value"
     shown = "change of the value"
