@@ -280,8 +280,15 @@ def _port_of(node: ast.AST) -> str:
     return _first_word(node) if named and node.func.id == "port" else ""  # type: ignore[attr-defined]
 
 
-def _first_word(node: ast.AST) -> str:
+def declared(node: ast.AST) -> ast.Call:
+    """The call that declares a parameter, without what names its source."""
     assert isinstance(node, ast.Call)
+    inner = getattr(node.func, "value", None)
+    return inner if isinstance(inner, ast.Call) else node
+
+
+def _first_word(node: ast.AST) -> str:
+    node = declared(node)
     return str(getattr(node.args[0], "value", "")) if node.args else ""
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pamid.authoring.column_match import Match, Pair
-from pamid.authoring.pruned_source import pruned_source
+from pamid.authoring.pruned_source import declared, pruned_source
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray, motion
 from pamid.base.units import (
@@ -192,24 +192,27 @@ class RigSource:
     def _parameters(self, node: ast.Assign) -> Iterator[_Edit]:
         """Edits that turn the example's data-sheet values into guesses with priors as wide."""
         assert isinstance(node.value, ast.Tuple)
-        for call in node.value.elts:
-            assert isinstance(call, ast.Call)
-            words = {str(k.arg): k.value for k in call.keywords}
-            if "source" in words:
-                source = f"GUESS, from {self.rig.name}: {ast.literal_eval(words['source'])}"
-                yield _Edit(*self._span(words["source"]), _literal(source))
-            if "spread" in words:
-                spread = float(ast.literal_eval(words["spread"]))
-                wider = max(spread, GUESS) if "log" in words else GUESS * spread
-                yield _Edit(*self._span(words["spread"]), _literal(wider))
+        for sourced in node.value.elts:
+            call = declared(sourced)
+            assert isinstance(sourced, ast.Call)
+            if sourced is not call:
+                (source,) = sourced.args
+                told = f"GUESS, from {self.rig.name}: {ast.literal_eval(source)}"
+                yield _Edit(*self._span(source), _literal(told))
+            for word in call.keywords:
+                if word.arg in ("spread", "factor"):
+                    spread = float(ast.literal_eval(word.value))
+                    wider = max(spread, GUESS) if word.arg == "factor" else GUESS * spread
+                    yield _Edit(*self._span(word.value), _literal(wider))
         end = self._span(node.value)[1] - 1
         for gain in filter(None, map(self._gain, self.match.pairs)):
             low, high = _short(gain.value / SCALE), _short(gain.value * SCALE)
             yield _Edit(
                 end,
                 end,
-                f'    Parameter("{gain.name}", {gain.value!r}, {low!r}, {high!r}, "{gain.symbol}", '
-                f'spread={GUESS!r}, log=True, source="GUESS: read the scale of it"),\n    ',
+                f'    Parameter.positive("{gain.name}", {gain.value!r}, {low!r}, {high!r}, '
+                f'"{gain.symbol}", factor={GUESS!r}).with_source("GUESS: read the scale of it"),'
+                "\n    ",
             )
 
     def _function(self, function: ast.FunctionDef) -> Iterator[_Edit]:

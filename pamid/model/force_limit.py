@@ -9,32 +9,14 @@ from __future__ import annotations
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, smooth_step
 
-OPENING = Parameter(
-    "opening",
-    2.0,
-    low=0.0,
-    high=5.0,
-    spread=2.0,
-    null=0.0,
-    source="estimate: 1-5 times the conductance of the vent valve",
+OPENING = Parameter.share("opening", 2.0, 0.0, 5.0, spread=2.0).with_source(
+    "estimate: 1-5 times the conductance of the vent valve"
 )
-LIMIT = Parameter(
-    "limit",
-    1200.0,
-    low=300.0,
-    high=1500.0,
-    spread=300.0,
-    unit="N",
-    source="maker: 1200 N at 20 mm bore, 400 N at 10 mm",
+LIMIT = Parameter("limit", 1200.0, 300.0, 1500.0, "N", spread=300.0).with_source(
+    "maker: 1200 N at 20 mm bore, 400 N at 10 mm"
 )
-OPENING_SPAN = Parameter(
-    "blend",
-    80.0,
-    low=40.0,
-    high=200.0,
-    unit="N",
-    fitted=False,
-    source="estimate: 50-100 N from shut to open",
+OPENING_SPAN = Parameter.held("blend", 80.0, 40.0, 200.0, "N").with_source(
+    "estimate: 50-100 N from shut to open"
 )
 
 

@@ -25,15 +25,8 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import ZERO, Expr, expression
 
-LOAD_SHARE = Parameter(
-    "share",
-    0.6,
-    low=0.0,
-    high=0.95,
-    spread=0.35,
-    null=0.0,
-    tries=(0.85,),
-    source="load behind the joint: 0.5-0.92 of the inertia",
+LOAD_SHARE = Parameter.share("share", 0.6, 0.0, 0.95, spread=0.35, tries=(0.85,)).with_source(
+    "load behind the joint: 0.5-0.92 of the inertia"
 )
 CARRIED_SHARE = replace(
     LOAD_SHARE,

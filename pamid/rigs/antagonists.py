@@ -32,14 +32,7 @@ from pamid.rigs.pneumatics import (
     muscle_volume,
     muscle_volume_slope,
 )
-from pamid.symbolic.vocabulary import (
-    Expr,
-    Number,
-    absolute,
-    clip,
-    maximum,
-    where,
-)
+from pamid.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, where
 
 FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle reaches p0
 
@@ -56,64 +49,40 @@ MUSCLE_CALLED = {"position": "contraction", "velocity": "contraction_rate"}
 MUSCLE_SIZE = {"value": 700.0, "position": 0.08, "velocity": 0.2, "pressure": 4e5}
 CHAIN = {"position": "", "pressure": "Pa", "law": "", "drag": "N s"}
 
-LENGTH = Parameter(
-    "length", 0.250, 0.05, 2.0, "m", fitted=False, source="data sheet, nominal length"
-)
+LENGTH = Parameter.held("length", 0.250, 0.05, 2.0, "m").with_source("data sheet, nominal length")
 SUPPLY_PARAMETERS = (
-    Parameter(
-        "supply_pressure", 600.0, 200.0, 900.0, "kPa", fitted=False, source="estimate, gauge"
-    ),
-    Parameter(
-        "initial_pressure",
-        550.0,
-        0.0,
-        850.0,
-        "kPa",
-        fitted=False,
-        source="first paper's scheme, gauge",
+    Parameter.held("supply_pressure", 600.0, 200.0, 900.0, "kPa").with_source("estimate, gauge"),
+    Parameter.held("initial_pressure", 550.0, 0.0, 850.0, "kPa").with_source(
+        "first paper's scheme, gauge"
     ),
 )
 AIR = (
-    Parameter(
-        "damping", 6e-4, 6e-5, 4e-3, "m2 s", spread=2.0, log=True, source="estimate, R of eq. 2"
+    Parameter.positive("damping", 6e-4, 6e-5, 4e-3, "m2 s", factor=2.0).with_source(
+        "estimate, R of eq. 2"
     ),
-    Parameter(
-        "scale", 1.0, 0.5, 1.6, spread=0.15, source="specimens differ from the chart by 10-19 %"
+    Parameter("scale", 1.0, 0.5, 1.6, spread=0.15).with_source(
+        "specimens differ from the chart by 10-19 %"
     ),
-    Parameter(
-        "conductance_in",
-        3.777e-9,
-        1e-9,
-        1e-8,
-        "m3/(s Pa)",
-        spread=1.15,
-        log=True,
-        source="22.66 l/(min bar), fill valve",
+    Parameter.positive(
+        "conductance_in", 3.777e-9, 1e-9, 1e-8, "m3/(s Pa)", factor=1.15
+    ).with_source("22.66 l/(min bar), fill valve"),
+    Parameter.positive(
+        "conductance_out", 3.777e-9, 1e-9, 1e-8, "m3/(s Pa)", factor=1.15
+    ).with_source("22.66 l/(min bar), vent valve"),
+    Parameter("critical_ratio", 0.433, 0.1, 0.6, spread=0.08).with_source(
+        "literature on the same valves"
     ),
-    Parameter(
-        "conductance_out",
-        3.777e-9,
-        1e-9,
-        1e-8,
-        "m3/(s Pa)",
-        spread=1.15,
-        log=True,
-        source="22.66 l/(min bar), vent valve",
-    ),
-    Parameter(
-        "critical_ratio", 0.433, 0.1, 0.6, spread=0.08, source="literature on the same valves"
-    ),
-    Parameter(
-        "polytropic", 1.0, 1.0, 1.4, spread=0.2, source="1: isothermal, eq. 3 of the first paper"
+    Parameter("polytropic", 1.0, 1.0, 1.4, spread=0.2).with_source(
+        "1: isothermal, eq. 3 of the first paper"
     ),
     TEMPERATURE_RATIO,
 )
 ATTACHING = (
-    Parameter(
-        "contraction_0", 0.10, 0.05, 0.15, spread=0.005, source="estimate, both muscles at p0"
+    Parameter("contraction_0", 0.10, 0.05, 0.15, spread=0.005).with_source(
+        "estimate, both muscles at p0"
     ),
-    Parameter(
-        "dead_volume", 5.0, 0.0, 20.0, "cm3", spread=4.0, source="estimate, tube and fittings"
+    Parameter("dead_volume", 5.0, 0.0, 20.0, "cm3", spread=4.0).with_source(
+        "estimate, tube and fittings"
     ),
     *VOLUME,
 )

@@ -59,23 +59,20 @@ class CascadedTanks(Rig):
     }
     states = (State("upper", "m", 0.05), State("lower", "m", 0.05))
     parameters = (
-        Parameter(
-            "gain",
-            10.0,
-            0.1,
-            1e3,
-            "cm3/(s V)",
-            spread=1.3,
-            log=True,
-            source="bucket and clock: flow of the pump over its voltage",
+        Parameter.positive("gain", 10.0, 0.1, 1e3, "cm3/(s V)", factor=1.3).with_source(
+            "bucket and clock: flow of the pump over its voltage"
         ),
-        Parameter("upper_area", 50.0, 1.0, 1e4, "cm2", spread=1.1, log=True, source="ruler, A1"),
-        Parameter("lower_area", 50.0, 1.0, 1e4, "cm2", spread=1.1, log=True, source="ruler, A2"),
-        Parameter(
-            "upper_hole", 0.2, 0.001, 50.0, "cm2", spread=1.4, log=True, source="drill, hole1"
+        Parameter.positive("upper_area", 50.0, 1.0, 1e4, "cm2", factor=1.1).with_source(
+            "ruler, A1"
         ),
-        Parameter(
-            "lower_hole", 0.2, 0.001, 50.0, "cm2", spread=1.4, log=True, source="drill, hole2"
+        Parameter.positive("lower_area", 50.0, 1.0, 1e4, "cm2", factor=1.1).with_source(
+            "ruler, A2"
+        ),
+        Parameter.positive("upper_hole", 0.2, 0.001, 50.0, "cm2", factor=1.4).with_source(
+            "drill, hole1"
+        ),
+        Parameter.positive("lower_hole", 0.2, 0.001, 50.0, "cm2", factor=1.4).with_source(
+            "drill, hole2"
         ),
     )
     noise = {"level_cm": 0.05, "upper_level_cm": 0.05}
@@ -111,10 +108,7 @@ class CascadedTanks(Rig):
         )
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        return {
-            "upper": self.upper_change(x, u, p, port),
-            "lower": self.lower_change(x, p, port),
-        }
+        return {"upper": self.upper_change(x, u, p, port), "lower": self.lower_change(x, p, port)}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         return {

@@ -53,11 +53,11 @@ class CylinderBench(Rig):
         )
     }
     parameters = (
-        Parameter(
-            "area", 5.0, 0.1, 500.0, "cm2", spread=1.2, log=True, source="data sheet: bore of 25 mm"
+        Parameter.positive("area", 5.0, 0.1, 500.0, "cm2", factor=1.2).with_source(
+            "data sheet: bore of 25 mm"
         ),
-        Parameter(
-            "preload", 0.0, -200.0, 200.0, "N", spread=20.0, source="estimate: weight of the rod"
+        Parameter("preload", 0.0, -200.0, 200.0, "N", spread=20.0).with_source(
+            "estimate: weight of the rod"
         ),
     )
     noise = {"force_n": 0.5}

@@ -52,21 +52,14 @@ class DamperBench(Rig):
         )
     }
     parameters = (
-        Parameter(
-            "damping",
-            2000.0,
-            1.0,
-            1e6,
-            "N s/m",
-            spread=2.0,
-            log=True,
-            source="data sheet: force at one speed",
+        Parameter.positive("damping", 2000.0, 1.0, 1e6, "N s/m", factor=2.0).with_source(
+            "data sheet: force at one speed"
         ),
-        Parameter(
-            "stiffness", 1000.0, 0.0, 1e6, "N/m", spread=2000.0, source="estimate: gas and rubber"
+        Parameter("stiffness", 1000.0, 0.0, 1e6, "N/m", spread=2000.0).with_source(
+            "estimate: gas and rubber"
         ),
-        Parameter(
-            "preload", 0.0, -2000.0, 2000.0, "N", spread=100.0, source="read off: force at rest"
+        Parameter("preload", 0.0, -2000.0, 2000.0, "N", spread=100.0).with_source(
+            "read off: force at rest"
         ),
     )
     noise = {"force_n": 2.0}

@@ -43,9 +43,7 @@ class DcMotor(Rig):
     ports = {
         "amplifier": Port("command", "V", {"counter_voltage": "V", "position": "rad"}),
         "shaft": Port(
-            "motion",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "load": "N m", "current": "A"},
+            "motion", "N m", {"position": "rad", "velocity": "rad/s", "load": "N m", "current": "A"}
         ),
         "gear": Port(
             "transmission", "N m", {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"}
@@ -60,25 +58,18 @@ class DcMotor(Rig):
     }
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
-        Parameter(
-            "resistance", 1.0, 0.05, 50.0, "Ohm", spread=1.3, log=True, source="data sheet, cold"
+        Parameter.positive("resistance", 1.0, 0.05, 50.0, "Ohm", factor=1.3).with_source(
+            "data sheet, cold"
         ),
-        Parameter(
-            "constant", 0.05, 0.002, 1.0, "N m/A", spread=1.1, log=True, source="data sheet, k"
+        Parameter.positive("constant", 0.05, 0.002, 1.0, "N m/A", factor=1.1).with_source(
+            "data sheet, k"
         ),
-        Parameter("ratio", 20.0, 0.1, 1e4, fitted=False, source="counted teeth, N"),
-        Parameter(
-            "inertia",
-            0.03,
-            1e-5,
-            10.0,
-            "kg m2",
-            spread=1.5,
-            log=True,
-            source="drawing of the load, plus ratio squared times the rotor's",
+        Parameter.held("ratio", 20.0, 0.1, 1e4).with_source("counted teeth, N"),
+        Parameter.positive("inertia", 0.03, 1e-5, 10.0, "kg m2", factor=1.5).with_source(
+            "drawing of the load, plus ratio squared times the rotor's"
         ),
-        Parameter(
-            "viscous", 0.05, 0.0, 5.0, "N m s", spread=0.05, source="estimate: bearings and grease"
+        Parameter("viscous", 0.05, 0.0, 5.0, "N m s", spread=0.05).with_source(
+            "estimate: bearings and grease"
         ),
     )
     loops = (Loop("voltage_v", "reference_deg", "angle_deg"),)

@@ -43,29 +43,17 @@ class FreeDecay(Rig):
     # friction of a swing, whose direction follows its angle
     states = (State("angle", "rad", 1.0), State("velocity", "rad/s"))
     parameters = (
-        Parameter("mass", 0.5, 0.01, 1e3, "kg", fitted=False, source="kitchen scale"),
-        Parameter("lever", 0.25, 0.01, 10.0, "m", fitted=False, source="balanced on an edge, l"),
-        Parameter(
-            "length",
-            0.3,
-            0.05,
-            30.0,
-            "m",
-            spread=1.1,
-            log=True,
-            source="period by a watch: g (T/2 pi)^2, L",
+        Parameter.held("mass", 0.5, 0.01, 1e3, "kg").with_source("kitchen scale"),
+        Parameter.held("lever", 0.25, 0.01, 10.0, "m").with_source("balanced on an edge, l"),
+        Parameter.positive("length", 0.3, 0.05, 30.0, "m", factor=1.1).with_source(
+            "period by a watch: g (T/2 pi)^2, L"
         ),
-        Parameter(
-            "decay",
-            0.05,
-            1e-5,
-            20.0,
-            "1/s",
-            spread=3.0,
-            log=True,
-            source="swings counted until half the amplitude is left",
+        Parameter.positive("decay", 0.05, 1e-5, 20.0, "1/s", factor=3.0).with_source(
+            "swings counted until half the amplitude is left"
         ),
-        Parameter("hanging_deg", 0.0, -20.0, 20.0, spread=0.5, source="estimate: encoder's zero"),
+        Parameter("hanging_deg", 0.0, -20.0, 20.0, spread=0.5).with_source(
+            "estimate: encoder's zero"
+        ),
     )
     noise = {"angle_deg": 0.05}
     period_s = 0.01

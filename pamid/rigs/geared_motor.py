@@ -63,33 +63,28 @@ class GearedMotor(Rig):
         State("load_velocity", "rad/s"),
     )
     parameters = (
-        Parameter(
-            "resistance", 1.0, 0.05, 50.0, "Ohm", spread=1.3, log=True, source="data sheet, cold"
+        Parameter.positive("resistance", 1.0, 0.05, 50.0, "Ohm", factor=1.3).with_source(
+            "data sheet, cold"
         ),
-        Parameter(
-            "constant", 0.05, 0.002, 1.0, "N m/A", spread=1.1, log=True, source="data sheet, k"
+        Parameter.positive("constant", 0.05, 0.002, 1.0, "N m/A", factor=1.1).with_source(
+            "data sheet, k"
         ),
-        Parameter("ratio", 20.0, 0.1, 1e4, fitted=False, source="counted teeth, N"),
-        Parameter("rotor", 4e-5, 1e-8, 1.0, "kg m2", spread=1.3, log=True, source="data sheet, Jm"),
-        Parameter(
-            "inertia", 0.02, 1e-6, 100.0, "kg m2", spread=1.5, log=True, source="drawing, Jl"
+        Parameter.held("ratio", 20.0, 0.1, 1e4).with_source("counted teeth, N"),
+        Parameter.positive("rotor", 4e-5, 1e-8, 1.0, "kg m2", factor=1.3).with_source(
+            "data sheet, Jm"
         ),
-        Parameter(
-            "stiffness",
-            300.0,
-            0.1,
-            1e6,
-            "N m/rad",
-            spread=2.0,
-            log=True,
-            source="estimate: a weight on a lever, motor held",
+        Parameter.positive("inertia", 0.02, 1e-6, 100.0, "kg m2", factor=1.5).with_source(
+            "drawing, Jl"
         ),
-        Parameter("gear_damping", 0.5, 0.0, 50.0, "N m s/rad", spread=0.5, source="estimate"),
-        Parameter(
-            "motor_viscous", 5e-5, 0.0, 0.01, "N m s/rad", spread=5e-5, source="estimate: bearings"
+        Parameter.positive("stiffness", 300.0, 0.1, 1e6, "N m/rad", factor=2.0).with_source(
+            "estimate: a weight on a lever, motor held"
         ),
-        Parameter(
-            "load_viscous", 0.05, 0.0, 5.0, "N m s/rad", spread=0.05, source="estimate: grease"
+        Parameter("gear_damping", 0.5, 0.0, 50.0, "N m s/rad", spread=0.5).with_source("estimate"),
+        Parameter("motor_viscous", 5e-5, 0.0, 0.01, "N m s/rad", spread=5e-5).with_source(
+            "estimate: bearings"
+        ),
+        Parameter("load_viscous", 0.05, 0.0, 5.0, "N m s/rad", spread=0.05).with_source(
+            "estimate: grease"
         ),
     )
     loops = (Loop("voltage_v", "reference_deg", "load_angle_deg"),)

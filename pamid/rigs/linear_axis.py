@@ -50,21 +50,14 @@ class LinearAxis(Rig):
     background = {"guide": RoughMap("guide", "position", of="load", tolerance=0.02)}
     states = (State("position", "m"), State("velocity", "m/s"))
     parameters = (
-        Parameter(
-            "mass",
-            10.0,
-            0.01,
-            1e4,
-            "kg",
-            spread=1.3,
-            log=True,
-            source="weighed, plus what rotates, divided by the square of its lever",
+        Parameter.positive("mass", 10.0, 0.01, 1e4, "kg", factor=1.3).with_source(
+            "weighed, plus what rotates, divided by the square of its lever"
         ),
-        Parameter(
-            "viscous", 20.0, 0.0, 1e4, "N s/m", spread=20.0, source="estimate: guide and screw"
+        Parameter("viscous", 20.0, 0.0, 1e4, "N s/m", spread=20.0).with_source(
+            "estimate: guide and screw"
         ),
-        Parameter(
-            "offset", 0.0, -100.0, 100.0, "N", spread=2.0, source="estimate: slope, amplifier zero"
+        Parameter("offset", 0.0, -100.0, 100.0, "N", spread=2.0).with_source(
+            "estimate: slope, amplifier zero"
         ),
     )
     loops = (Loop("force_n", "reference_mm", "position_mm"),)

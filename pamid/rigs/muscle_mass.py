@@ -107,20 +107,14 @@ class MuscleMass(Rig):
     }
     states = (State("position", "m"), State("velocity", "m/s"), State("pressure", "Pa"))
     parameters = (
-        Parameter("mass", 40.0, 0.5, 200.0, "kg", fitted=False, source="weighed, m of eq. 1"),
-        Parameter(
-            "viscous", 20.0, 0.0, 500.0, "N s/m", spread=20.0, source="estimate, linear guide"
+        Parameter.held("mass", 40.0, 0.5, 200.0, "kg").with_source("weighed, m of eq. 1"),
+        Parameter("viscous", 20.0, 0.0, 500.0, "N s/m", spread=20.0).with_source(
+            "estimate, linear guide"
         ),
         pair.LENGTH,
         pair.SUPPLY_PARAMETERS[0],
-        Parameter(
-            "initial_pressure",
-            352.3,
-            0.0,
-            850.0,
-            "kPa",
-            fitted=False,
-            source="holds 40 kg at contraction 0.10 by the exponential law, gauge",
+        Parameter.held("initial_pressure", 352.3, 0.0, 850.0, "kPa").with_source(
+            "holds 40 kg at contraction 0.10 by the exponential law, gauge"
         ),
         *pair.AIR,
         *pair.ATTACHING,

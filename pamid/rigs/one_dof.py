@@ -128,21 +128,15 @@ class OneDof(Rig):
         State("pressure_2", "Pa"),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("inertia", 0.014, 0.001, 1.0, "kg m2", fitted=False, source="first paper, Jn"),
-        Parameter(
-            "radius",
-            0.030,
-            0.005,
-            0.2,
-            "m",
-            fitted=False,
-            source="estimate: +-40 deg at contraction 0.10",
+        Parameter.held("inertia", 0.014, 0.001, 1.0, "kg m2").with_source("first paper, Jn"),
+        Parameter.held("radius", 0.030, 0.005, 0.2, "m").with_source(
+            "estimate: +-40 deg at contraction 0.10"
         ),
         pair.LENGTH,
         *pair.SUPPLY_PARAMETERS,
         *pair.AIR,
-        Parameter(
-            "viscous", 0.02, 0.0, 0.5, "N m s", spread=0.1, source="estimate, bearing and chain"
+        Parameter("viscous", 0.02, 0.0, 0.5, "N m s", spread=0.1).with_source(
+            "estimate, bearing and chain"
         ),
         *pair.ATTACHING,
     )

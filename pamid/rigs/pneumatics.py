@@ -30,18 +30,13 @@ def iso_flow(upstream: Number, downstream: Number, critical_ratio: Number) -> Ex
 _BRAID = "eq. 4: exact braid V = (Lf^2 L - L^3)/(4 pi n^2), D0 20 mm, L0 250 mm, 28.6 deg"
 # eq. 4 of the first paper, V = a chi^3 + b chi^2 + c chi + d, d at rest
 VOLUME = (
-    Parameter("volume_cubic", 2.6421e-4, 0.0, 1e-3, "m3", fitted=False, source=_BRAID),
-    Parameter("volume_quadratic", -7.9263e-4, -1e-3, 1e-3, "m3", fitted=False, source=_BRAID),
-    Parameter("volume_linear", 4.4988e-4, 3e-4, 6e-4, "m3", fitted=False, source=_BRAID),
-    Parameter("volume_at_rest", 7.8540e-5, 4e-5, 2e-4, "m3", fitted=False, source=_BRAID),
+    Parameter.held("volume_cubic", 2.6421e-4, 0.0, 1e-3, "m3").with_source(_BRAID),
+    Parameter.held("volume_quadratic", -7.9263e-4, -1e-3, 1e-3, "m3").with_source(_BRAID),
+    Parameter.held("volume_linear", 4.4988e-4, 3e-4, 6e-4, "m3").with_source(_BRAID),
+    Parameter.held("volume_at_rest", 7.8540e-5, 4e-5, 2e-4, "m3").with_source(_BRAID),
 )
-TEMPERATURE_RATIO = Parameter(
-    "temperature_ratio",
-    1.0,
-    0.7,
-    1.4,
-    fitted=False,
-    source="eq. 5 of the first paper: T0 of the data sheet over T1 upstream; 1: air at 20 C",
+TEMPERATURE_RATIO = Parameter.held("temperature_ratio", 1.0, 0.7, 1.4).with_source(
+    "eq. 5 of the first paper: T0 of the data sheet over T1 upstream; 1: air at 20 C"
 )
 
 

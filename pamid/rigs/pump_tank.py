@@ -48,18 +48,11 @@ class PumpTank(Rig):
     }
     states = (State("level", "m", 0.05),)
     parameters = (
-        Parameter(
-            "gain",
-            10.0,
-            0.1,
-            1e3,
-            "cm3/(s V)",
-            spread=1.3,
-            log=True,
-            source="bucket and clock: flow of the pump over its voltage",
+        Parameter.positive("gain", 10.0, 0.1, 1e3, "cm3/(s V)", factor=1.3).with_source(
+            "bucket and clock: flow of the pump over its voltage"
         ),
-        Parameter("area", 50.0, 1.0, 1e6, "cm2", spread=1.1, log=True, source="ruler, A"),
-        Parameter("hole", 0.2, 0.001, 100.0, "cm2", spread=1.4, log=True, source="drill"),
+        Parameter.positive("area", 50.0, 1.0, 1e6, "cm2", factor=1.1).with_source("ruler, A"),
+        Parameter.positive("hole", 0.2, 0.001, 100.0, "cm2", factor=1.4).with_source("drill"),
     )
     noise = {"level_cm": 0.05}
     period_s = 2.0

@@ -47,11 +47,13 @@ class Servo(Rig):
     background = {"speed": RoughMap("speed_map", tolerance=0.02)}
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
-        Parameter(
-            "gain", 12.0, 0.1, 50.0, "1/s", spread=1.5, log=True, source="estimate: 1/settling time"
+        Parameter.positive("gain", 12.0, 0.1, 50.0, "1/s", factor=1.5).with_source(
+            "estimate: 1/settling time"
         ),
-        Parameter("lag", 0.03, 0.005, 2.0, "s", spread=1.5, log=True, source="estimate: rotor"),
-        Parameter("offset_deg", 0.0, -20.0, 20.0, spread=1.0, source="estimate: the horn's tooth"),
+        Parameter.positive("lag", 0.03, 0.005, 2.0, "s", factor=1.5).with_source("estimate: rotor"),
+        Parameter("offset_deg", 0.0, -20.0, 20.0, spread=1.0).with_source(
+            "estimate: the horn's tooth"
+        ),
     )
     noise = {"angle_deg": 0.1}
     period_s = 0.01

@@ -46,21 +46,14 @@ class ServoAxis(Rig):
     background = {"shaft": RoughMap("torque_constant", "position", of="load", tolerance=0.02)}
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
-        Parameter(
-            "inertia",
-            0.02,
-            1e-6,
-            100.0,
-            "kg m2",
-            spread=1.3,
-            log=True,
-            source="drawing of the load, plus the drive's",
+        Parameter.positive("inertia", 0.02, 1e-6, 100.0, "kg m2", factor=1.3).with_source(
+            "drawing of the load, plus the drive's"
         ),
-        Parameter(
-            "viscous", 0.1, 0.0, 50.0, "N m s", spread=0.1, source="estimate: bearings, belt"
+        Parameter("viscous", 0.1, 0.0, 50.0, "N m s", spread=0.1).with_source(
+            "estimate: bearings, belt"
         ),
-        Parameter(
-            "offset", 0.0, -5.0, 5.0, "N m", spread=0.02, source="estimate: zero of the drive"
+        Parameter("offset", 0.0, -5.0, 5.0, "N m", spread=0.02).with_source(
+            "estimate: zero of the drive"
         ),
     )
     loops = (Loop("torque_nm", "reference_deg", "angle_deg"),)

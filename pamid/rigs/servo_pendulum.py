@@ -48,39 +48,16 @@ class ServoPendulum(Rig):
     background = {"driver": RoughMap("torque_constant", "position", tolerance=0.02)}
     states = (State("angle", "rad"), State("velocity", "rad/s"))
     parameters = (
-        Parameter("mass", 0.3, 0.0, 50.0, "kg", fitted=False, source="kitchen scale"),
-        Parameter(
-            "length", 0.15, 0.01, 2.0, "m", fitted=False, source="tape measure, axis to mass"
+        Parameter.held("mass", 0.3, 0.0, 50.0, "kg").with_source("kitchen scale"),
+        Parameter.held("length", 0.15, 0.01, 2.0, "m").with_source("tape measure, axis to mass"),
+        Parameter.positive("gain", 0.117, 0.005, 5.0, "N m/V", factor=1.3).with_source(
+            "data sheet: stall torque over voltage"
         ),
-        Parameter(
-            "gain",
-            0.117,
-            0.005,
-            5.0,
-            "N m/V",
-            spread=1.3,
-            log=True,
-            source="data sheet: stall torque over voltage",
+        Parameter.positive("damping", 0.22, 0.001, 10.0, "N m s", factor=1.5).with_source(
+            "data sheet: stall torque over speed without load"
         ),
-        Parameter(
-            "damping",
-            0.22,
-            0.001,
-            10.0,
-            "N m s",
-            spread=1.5,
-            log=True,
-            source="data sheet: stall torque over speed without load",
-        ),
-        Parameter(
-            "rotor",
-            0.005,
-            1e-5,
-            1.0,
-            "kg m2",
-            spread=2.0,
-            log=True,
-            source="estimate: ratio squared times the rotor's inertia",
+        Parameter.positive("rotor", 0.005, 1e-5, 1.0, "kg m2", factor=2.0).with_source(
+            "estimate: ratio squared times the rotor's inertia"
         ),
     )
     loops = (Loop("voltage_v", "reference_deg", "angle_deg"),)
@@ -100,11 +77,7 @@ class ServoPendulum(Rig):
         inertia = p.mass * p.length * p.length + p.rotor
         torque = drive + weight - p.damping * x.velocity
         torque = port(
-            "gear",
-            torque,
-            position=x.angle,
-            velocity=x.velocity,
-            load=0.5 * (drive - weight),
+            "gear", torque, position=x.angle, velocity=x.velocity, load=0.5 * (drive - weight)
         )
         torque = port("horn", torque, position=x.angle, velocity=x.velocity, inertia=inertia)
         return {"angle": x.velocity, "velocity": torque / inertia}

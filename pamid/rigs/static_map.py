@@ -37,10 +37,10 @@ class StaticMap(Rig):
     ports = {"actuator": Port("command", "V"), "sensor": Port("reading", "N")}
     background = {"actuator": RoughMap("actuator_map", tolerance=0.02)}
     parameters = (
-        Parameter(
-            "gain", 5.0, 0.001, 1e5, "N/V", spread=1.5, log=True, source="data sheet: rated values"
+        Parameter.positive("gain", 5.0, 0.001, 1e5, "N/V", factor=1.5).with_source(
+            "data sheet: rated values"
         ),
-        Parameter("offset", 0.0, -100.0, 100.0, "N", spread=1.0, source="estimate: zero"),
+        Parameter("offset", 0.0, -100.0, 100.0, "N", spread=1.0).with_source("estimate: zero"),
     )
     noise = {"force_n": 0.2}
     period_s = 0.02

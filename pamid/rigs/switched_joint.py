@@ -49,26 +49,14 @@ class SwitchedJoint(OneDof, Rig):
     usual = False
     parameters = (
         *OneDof.parameters,
-        Parameter(
-            "pulse_period", 30.0, 10.0, 100.0, "ms", fitted=False, source="estimate: ten samples"
+        Parameter.held("pulse_period", 30.0, 10.0, 100.0, "ms").with_source(
+            "estimate: ten samples"
         ),
-        Parameter(
-            "opening_delay",
-            2.0,
-            0.0,
-            8.0,
-            "ms",
-            spread=1.0,
-            source="on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
+        Parameter("opening_delay", 2.0, 0.0, 8.0, "ms", spread=1.0).with_source(
+            "on-off valves: about 1 ms with speed-up driver, 2-4 ms without"
         ),
-        Parameter(
-            "closing_delay",
-            1.0,
-            0.0,
-            8.0,
-            "ms",
-            spread=1.0,
-            source="on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
+        Parameter("closing_delay", 1.0, 0.0, 8.0, "ms", spread=1.0).with_source(
+            "on-off valves: about 1 ms with speed-up driver, 2-4 ms without"
         ),
     )
 

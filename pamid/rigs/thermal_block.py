@@ -48,25 +48,11 @@ class ThermalBlock(Rig):
     }
     states = (State("temperature", "K", ROOM_K),)
     parameters = (
-        Parameter(
-            "capacity",
-            400.0,
-            1.0,
-            1e6,
-            "J/K",
-            spread=1.3,
-            log=True,
-            source="weighed: 0.45 kg of aluminium",
+        Parameter.positive("capacity", 400.0, 1.0, 1e6, "J/K", factor=1.3).with_source(
+            "weighed: 0.45 kg of aluminium"
         ),
-        Parameter(
-            "loss",
-            0.8,
-            0.001,
-            1e3,
-            "W/K",
-            spread=1.5,
-            log=True,
-            source="estimate: 10 W/(m2 K) over the surface",
+        Parameter.positive("loss", 0.8, 0.001, 1e3, "W/K", factor=1.5).with_source(
+            "estimate: 10 W/(m2 K) over the surface"
         ),
     )
     noise = {"temperature_degc": 0.05}
@@ -81,11 +67,7 @@ class ThermalBlock(Rig):
         excess = x.temperature - u.ambient_degc
         loss = p.loss * excess / p.capacity
         return port(  # type: ignore[no-any-return]
-            "block",
-            power / p.capacity - loss,
-            stored=excess,
-            temperature=x.temperature,
-            loss=loss,
+            "block", power / p.capacity - loss, stored=excess, temperature=x.temperature, loss=loss
         )
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:

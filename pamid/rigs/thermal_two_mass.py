@@ -53,24 +53,17 @@ class ThermalTwoMass(Rig):
     }
     states = (State("element", "K", ROOM_K), State("body", "K", ROOM_K))
     parameters = (
-        Parameter(
-            "element_capacity", 40.0, 0.01, 1e5, "J/K", spread=1.5, log=True, source="weighed, C1"
+        Parameter.positive("element_capacity", 40.0, 0.01, 1e5, "J/K", factor=1.5).with_source(
+            "weighed, C1"
         ),
-        Parameter(
-            "body_capacity", 400.0, 1.0, 1e6, "J/K", spread=1.3, log=True, source="weighed, C2"
+        Parameter.positive("body_capacity", 400.0, 1.0, 1e6, "J/K", factor=1.3).with_source(
+            "weighed, C2"
         ),
-        Parameter(
-            "conductance", 2.0, 0.001, 1e4, "W/K", spread=2.0, log=True, source="estimate: contact"
+        Parameter.positive("conductance", 2.0, 0.001, 1e4, "W/K", factor=2.0).with_source(
+            "estimate: contact"
         ),
-        Parameter(
-            "loss",
-            0.8,
-            0.001,
-            1e3,
-            "W/K",
-            spread=1.5,
-            log=True,
-            source="estimate: 10 W/(m2 K) over the surface",
+        Parameter.positive("loss", 0.8, 0.001, 1e3, "W/K", factor=1.5).with_source(
+            "estimate: 10 W/(m2 K) over the surface"
         ),
     )
     noise = {"element_temperature_degc": 0.1, "body_temperature_degc": 0.05}

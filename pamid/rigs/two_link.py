@@ -135,30 +135,17 @@ def _link(
 ) -> tuple[Parameter, ...]:
     source = "estimate: weighing and CAD, off by 15-25 % for want of muscles, chains and screws"
     return (
-        Parameter(
-            f"link_{number}_mass", mass, 0.1, 20.0, "kg", spread=1.25, log=True, source=source
+        Parameter.positive(f"link_{number}_mass", mass, 0.1, 20.0, "kg", factor=1.25).with_source(
+            source
         ),
-        Parameter(
-            f"link_{number}_centre", centre, 0.01, 1.0, "m", spread=1.2, log=True, source=source
+        Parameter.positive(f"link_{number}_centre", centre, 0.01, 1.0, "m", factor=1.2).with_source(
+            source
         ),
-        Parameter(
-            f"link_{number}_inertia",
-            inertia,
-            1e-5,
-            2.0,
-            "kg m2",
-            spread=1.35,
-            log=True,
-            source=source,
-        ),
-        Parameter(
-            f"link_{number}_length",
-            length,
-            0.05,
-            2.0,
-            "m",
-            fitted=False,
-            source="estimate, tape measure",
+        Parameter.positive(
+            f"link_{number}_inertia", inertia, 1e-5, 2.0, "kg m2", factor=1.35
+        ).with_source(source),
+        Parameter.held(f"link_{number}_length", length, 0.05, 2.0, "m").with_source(
+            "estimate, tape measure"
         ),
     )
 
@@ -208,11 +195,11 @@ class TwoLink(Rig):
         *_link("2", 0.70, 0.13, 0.0075, 0.30),
         _given("payload", 0.0, 0.0, 20.0, "kg", "weighed; at the tip of link 2"),
         _given("plane", 90.0, -90.0, 90.0, "deg", "90: vertical, 0: horizontal"),
-        Parameter(
-            "radius_1", 0.035, 0.005, 0.2, "m", fitted=False, source="estimate, wheel of joint 1"
+        Parameter.held("radius_1", 0.035, 0.005, 0.2, "m").with_source(
+            "estimate, wheel of joint 1"
         ),
-        Parameter(
-            "radius_2", 0.025, 0.005, 0.2, "m", fitted=False, source="estimate, wheel of joint 2"
+        Parameter.held("radius_2", 0.025, 0.005, 0.2, "m").with_source(
+            "estimate, wheel of joint 2"
         ),
         _given(
             "wrap_radius",
@@ -224,11 +211,11 @@ class TwoLink(Rig):
         ),
         pair.LENGTH,
         *pair.SUPPLY_PARAMETERS,
-        Parameter(
-            "viscous_1", 0.10, 0.0, 2.0, "N m s", spread=0.15, source="estimate, bearing and chain"
+        Parameter("viscous_1", 0.10, 0.0, 2.0, "N m s", spread=0.15).with_source(
+            "estimate, bearing and chain"
         ),
-        Parameter(
-            "viscous_2", 0.05, 0.0, 1.0, "N m s", spread=0.10, source="estimate, bearing and chain"
+        Parameter("viscous_2", 0.05, 0.0, 1.0, "N m s", spread=0.10).with_source(
+            "estimate, bearing and chain"
         ),
         *pair.AIR,
         *pair.ATTACHING,
@@ -329,13 +316,7 @@ class TwoLink(Rig):
         )
         return {
             i: pressure_rate(
-                muscles[i],
-                valves[i],
-                drawn,
-                pulls[i],
-                p,
-                _each(port),
-                compensator=self.compensator,
+                muscles[i], valves[i], drawn, pulls[i], p, _each(port), compensator=self.compensator
             )
             for i in MUSCLES
         }

@@ -58,15 +58,19 @@ class TwoMasses(Rig):
         State("velocity_2", "m/s"),
     )
     parameters = (
-        Parameter("mass_1", 2.0, 0.01, 1e3, "kg", spread=1.2, log=True, source="kitchen scale"),
-        Parameter("mass_2", 1.5, 0.01, 1e3, "kg", spread=1.2, log=True, source="kitchen scale"),
-        Parameter(
-            "stiffness", 800.0, 1.0, 1e6, "N/m", spread=1.3, log=True, source="data sheet, k"
+        Parameter.positive("mass_1", 2.0, 0.01, 1e3, "kg", factor=1.2).with_source("kitchen scale"),
+        Parameter.positive("mass_2", 1.5, 0.01, 1e3, "kg", factor=1.2).with_source("kitchen scale"),
+        Parameter.positive("stiffness", 800.0, 1.0, 1e6, "N/m", factor=1.3).with_source(
+            "data sheet, k"
         ),
-        Parameter("frame_stiffness", 200.0, 0.0, 1e5, "N/m", spread=100.0, source="data sheet, k0"),
-        Parameter("coupling_damping", 2.0, 0.0, 500.0, "N s/m", spread=2.0, source="estimate, c"),
-        Parameter("viscous_1", 5.0, 0.0, 500.0, "N s/m", spread=5.0, source="estimate, b1"),
-        Parameter("viscous_2", 3.0, 0.0, 500.0, "N s/m", spread=3.0, source="estimate, b2"),
+        Parameter("frame_stiffness", 200.0, 0.0, 1e5, "N/m", spread=100.0).with_source(
+            "data sheet, k0"
+        ),
+        Parameter("coupling_damping", 2.0, 0.0, 500.0, "N s/m", spread=2.0).with_source(
+            "estimate, c"
+        ),
+        Parameter("viscous_1", 5.0, 0.0, 500.0, "N s/m", spread=5.0).with_source("estimate, b1"),
+        Parameter("viscous_2", 3.0, 0.0, 500.0, "N s/m", spread=3.0).with_source("estimate, b2"),
     )
     noise = {"position_1_mm": 0.05, "position_2_mm": 0.05}
     period_s = 0.005
