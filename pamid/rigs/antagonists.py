@@ -22,6 +22,7 @@ from typing import Any
 from pamid.model.background import SmoothGain, SplitGain
 from pamid.model.force_limit import LIMIT, OPENING, OPENING_SPAN, blown_off
 from pamid.model.parameter import Parameter
+from pamid.model.rig import Port
 from pamid.rigs.muscle import Law, law_with
 from pamid.rigs.pneumatics import (
     ATMOSPHERE_PA,
@@ -36,18 +37,61 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, whe
 
 FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle reaches p0
 
-# what the ports of a muscle offer, and how large it usually is
-VALVE = {"pressure": "Pa", "ratio": "", "drawn": "m3/s", "fill": "", "supply": "Pa", "side": ""}
-VALVE_CALLED = {"drawn": "flow_drawn"}
-VALVE_SIZE = {"value": 2e-3, "pressure": 6e5, "ratio": 1.0, "supply": 7e5}
-PRESSURE = {"stored": "Pa", "outflow": "Pa/s"}
-PRESSURE_SIZE = {"value": 1e6, "stored": 5e5}
-RELIEF = {"force": "N", "outflow": "Pa/s"}
-RELIEF_SIZE = {"value": 1e6, "force": 700.0}
-MUSCLE = {"position": "", "velocity": "1/s", "pressure": "Pa", "side": "", "law": ""}
-MUSCLE_CALLED = {"position": "contraction", "velocity": "contraction_rate"}
-MUSCLE_SIZE = {"value": 700.0, "position": 0.08, "velocity": 0.2, "pressure": 4e5}
-CHAIN = {"position": "", "pressure": "Pa", "law": "", "drag": "N s"}
+#: ports of a muscle, from its valve to the joint; those of several muscles have `places` or are kin
+MUSCLE_PORTS = {
+    "valve": Port(
+        "flow",
+        "m3/s",
+        {"pressure": "Pa", "ratio": "", "drawn": "m3/s", "fill": "", "supply": "Pa", "side": ""},
+        size={"value": 2e-3, "pressure": 6e5, "ratio": 1.0, "supply": 7e5},
+        general=False,
+        called={"drawn": "flow_drawn"},
+    ),
+    "pressure": Port(
+        "rate",
+        "Pa/s",
+        {"stored": "Pa", "outflow": "Pa/s"},
+        size={"value": 1e6, "stored": 5e5},
+        general=False,
+    ),
+    "relief": Port(
+        "rate",
+        "Pa/s",
+        {"force": "N", "outflow": "Pa/s"},
+        group="muscle",
+        size={"value": 1e6, "force": 700.0},
+        general=False,
+    ),
+    "muscle": Port(
+        "actuator-force",
+        "N",
+        {"position": "", "velocity": "1/s", "pressure": "Pa", "side": "", "law": ""},
+        size={"value": 700.0, "position": 0.08, "velocity": 0.2, "pressure": 4e5},
+        general=False,
+        called={"position": "contraction", "velocity": "contraction_rate"},
+    ),
+    "chain": Port(
+        "transmission",
+        "N",
+        {"position": "", "pressure": "Pa", "law": "", "drag": "N s"},
+        group="structure",
+        size={"value": 700.0},
+        general=False,
+    ),
+}
+MUSCLE_SENSORS = {
+    "pressure_sensor": Port(
+        "reading",
+        "Pa",
+        {"rate": "Pa/s"},
+        group="sensor",
+        size={"value": 4e5, "rate": 1e6},
+        general=False,
+    ),
+    "force_sensor": Port(
+        "reading", "N", {"rate": "N/s"}, group="sensor", size={"value": 700.0}, general=False
+    ),
+}
 
 LENGTH = Parameter.held("length", 0.250, 0.05, 2.0, "m").with_source("data sheet, nominal length")
 SUPPLY_PARAMETERS = (

@@ -27,6 +27,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,12 +47,17 @@ Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
 ONE_SIDE = 1.0  # the side of the one muscle there is
-_OWN: dict[str, Any] = {"general": False}  # the effects of muscles and their air, as on the joints
 
 
 def _without_side(signals: dict[str, Any]) -> dict[str, Any]:
     """What a port offers here: which of a pair a muscle is says nothing of one."""
     return {name: symbol for name, symbol in signals.items() if name != "side"}
+
+
+def _alone(port: Port) -> Port:
+    """A port of a muscle without an antagonist."""
+    assert isinstance(port.signals, dict)
+    return replace(port, signals=_without_side(port.signals))
 
 
 class MuscleMass(Rig):
@@ -62,28 +68,8 @@ class MuscleMass(Rig):
     optional = {"external_force_n": 0.0}
     outputs = {"position_mm": "m", "pressure_kpa": "Pa", "force_n": "N"}
     ports = {
-        "command": Port("command", "", size={"value": 1.0}, **_OWN),
-        "valve": Port(
-            "flow",
-            "m3/s",
-            _without_side(pair.VALVE),
-            size=pair.VALVE_SIZE,
-            called=pair.VALVE_CALLED,
-            **_OWN,
-        ),
-        "pressure": Port("rate", "Pa/s", pair.PRESSURE, size=pair.PRESSURE_SIZE, **_OWN),
-        "relief": Port("rate", "Pa/s", pair.RELIEF, group="muscle", size=pair.RELIEF_SIZE, **_OWN),
-        "muscle": Port(
-            "actuator-force",
-            "N",
-            _without_side(pair.MUSCLE),
-            size=pair.MUSCLE_SIZE,
-            called=pair.MUSCLE_CALLED,
-            **_OWN,
-        ),
-        "chain": Port(
-            "transmission", "N", pair.CHAIN, group="structure", size={"value": 700.0}, **_OWN
-        ),
+        "command": Port("command", "", size={"value": 1.0}, general=False),
+        **{name: _alone(port) for name, port in pair.MUSCLE_PORTS.items()},
         "guide": Port(
             "motion",
             "N",
@@ -93,17 +79,8 @@ class MuscleMass(Rig):
         "position_sensor": Port(
             "reading", "m", {"rate": "m/s"}, group="sensor", size={"value": 0.02, "rate": 0.1}
         ),
-        "pressure_sensor": Port(
-            "reading",
-            "Pa",
-            {"rate": "Pa/s"},
-            group="sensor",
-            size={"value": 4e5, "rate": 1e6},
-            **_OWN,
-        ),
-        "force_sensor": Port(
-            "reading", "N", {"rate": "N/s"}, group="sensor", size={"value": 400.0}, **_OWN
-        ),
+        "pressure_sensor": pair.MUSCLE_SENSORS["pressure_sensor"],
+        "force_sensor": replace(pair.MUSCLE_SENSORS["force_sensor"], size={"value": 400.0}),
     }
     states = (State("position", "m"), State("velocity", "m/s"), State("pressure", "Pa"))
     parameters = (

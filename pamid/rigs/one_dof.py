@@ -9,6 +9,7 @@ Equations
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,6 +32,11 @@ BOTH = ("1", "2")
 ARM_M = 0.30
 
 
+def _both(ports: Mapping[str, Port]) -> dict[str, Port]:
+    """Ports of a muscle, with a place for each of the two."""
+    return {name: replace(port, places=BOTH) for name, port in ports.items()}
+
+
 class OneDof(Rig):
     """One joint driven by two antagonistic muscles."""
 
@@ -46,39 +52,7 @@ class OneDof(Rig):
     }
     ports = {
         "command": Port("command", "", size={"value": 1.0}, general=False),
-        "valve": Port(
-            "flow",
-            "m3/s",
-            pair.VALVE,
-            BOTH,
-            size=pair.VALVE_SIZE,
-            general=False,
-            called=pair.VALVE_CALLED,
-        ),
-        "pressure": Port(
-            "rate", "Pa/s", pair.PRESSURE, BOTH, size=pair.PRESSURE_SIZE, general=False
-        ),
-        "relief": Port(
-            "rate", "Pa/s", pair.RELIEF, BOTH, group="muscle", size=pair.RELIEF_SIZE, general=False
-        ),
-        "muscle": Port(
-            "actuator-force",
-            "N",
-            pair.MUSCLE,
-            BOTH,
-            size=pair.MUSCLE_SIZE,
-            general=False,
-            called=pair.MUSCLE_CALLED,
-        ),
-        "chain": Port(
-            "transmission",
-            "N",
-            pair.CHAIN,
-            BOTH,
-            group="structure",
-            size={"value": 700.0},
-            general=False,
-        ),
+        **_both(pair.MUSCLE_PORTS),
         "joint": Port(
             "motion",
             "N m",
@@ -102,24 +76,7 @@ class OneDof(Rig):
             size={"value": 0.7, "rate": 2.0},
             general=False,
         ),
-        "pressure_sensor": Port(
-            "reading",
-            "Pa",
-            {"rate": "Pa/s"},
-            BOTH,
-            group="sensor",
-            size={"value": 4e5, "rate": 1e6},
-            general=False,
-        ),
-        "force_sensor": Port(
-            "reading",
-            "N",
-            {"rate": "N/s"},
-            BOTH,
-            group="sensor",
-            size={"value": 700.0},
-            general=False,
-        ),
+        **_both(pair.MUSCLE_SENSORS),
     }
     states = (
         State("angle", "rad"),

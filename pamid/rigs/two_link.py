@@ -51,31 +51,13 @@ MUSCLES = ("11", "12", "21", "22")
 COMPENSATED = "-compensated"  # ends the variants whose muscles have force compensators
 
 
-# What every muscle, and every joint, has a port for; these share an effect's parameters with their
-# like (kin). In a group {0} stands for the place, {0[0]} for its joint.
-_MUSCLE_PORTS = {
-    "valve": Port("flow", "m3/s", pair.VALVE, size=pair.VALVE_SIZE, called=pair.VALVE_CALLED),
-    "pressure": Port("rate", "Pa/s", pair.PRESSURE, size=pair.PRESSURE_SIZE),
-    "relief": Port("rate", "Pa/s", pair.RELIEF, group="muscle_{0}", size=pair.RELIEF_SIZE),
-    "muscle": Port(
-        "actuator-force", "N", pair.MUSCLE, size=pair.MUSCLE_SIZE, called=pair.MUSCLE_CALLED
-    ),
-    "chain": Port("transmission", "N", pair.CHAIN, group="structure_{0[0]}", size={"value": 700.0}),
-}
 _MUSCLE_SENSORS = {
-    "contraction_sensor": Port(
-        "reading", "", {"rate": "1/s"}, group="sensor_{0}", size={"value": 0.2}
-    ),
-    "pressure_sensor": Port(
-        "reading", "Pa", {"rate": "Pa/s"}, group="sensor_{0}", size={"value": 4e5, "rate": 1e6}
-    ),
-    "force_sensor": Port(
-        "reading", "N", {"rate": "N/s"}, group="sensor_{0}", size={"value": 700.0}
-    ),
+    "contraction_sensor": Port("reading", "", {"rate": "1/s"}, group="sensor", size={"value": 0.2}),
+    **pair.MUSCLE_SENSORS,
 }
 _JOINT_SENSORS = {
     "angle_sensor": Port(
-        "reading", "rad", {"rate": "rad/s"}, group="sensor_{0}", size={"value": 0.7, "rate": 2.0}
+        "reading", "rad", {"rate": "rad/s"}, group="sensor", size={"value": 0.7, "rate": 2.0}
     )
 }
 # N m, rad/s, rad, N
@@ -92,7 +74,7 @@ def _ports() -> dict[str, Port]:
     for j in JOINTS:
         found |= _ports_at(j, {"command": Port("command", "", size={"value": 1.0})})
     for i in MUSCLES:
-        found |= _ports_at(i, _MUSCLE_PORTS)
+        found |= _ports_at(i, pair.MUSCLE_PORTS)
     for j in JOINTS:
         found |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
     for i in MUSCLES:
@@ -101,9 +83,16 @@ def _ports() -> dict[str, Port]:
 
 
 def _ports_at(place: str, table: Mapping[str, Port]) -> dict[str, Port]:
-    """The ports of a table at one joint or muscle."""
+    """The ports of a table at one joint or muscle, which share an effect's parameters with their
+    like (kin). What a chain stretches belongs to the structure of its joint."""
+    groups = {"muscle": place, "sensor": place, "structure": place[0]}
     return {
-        f"{name}_{place}": replace(port, group=port.group.format(place), kin=name, general=False)
+        f"{name}_{place}": replace(
+            port,
+            group=port.group and f"{port.group}_{groups[port.group]}",
+            kin=name,
+            general=False,
+        )
         for name, port in table.items()
     }
 
@@ -150,11 +139,6 @@ def _link(
     )
 
 
-def _given(name: str, value: float, low: float, high: float, unit: str, source: str) -> Parameter:
-    """What a recording states about how it was made."""
-    return Parameter(name, value, low, high, unit, fitted=False, source=source)
-
-
 class _Inertia(NamedTuple):
     """Base parameters of the arm: inertias about the joints (kg m2) and first moments (kg m),
     payload included."""
@@ -193,21 +177,20 @@ class TwoLink(Rig):
     parameters = (
         *_link("1", 2.2, 0.20, 0.040, 0.40),
         *_link("2", 0.70, 0.13, 0.0075, 0.30),
-        _given("payload", 0.0, 0.0, 20.0, "kg", "weighed; at the tip of link 2"),
-        _given("plane", 90.0, -90.0, 90.0, "deg", "90: vertical, 0: horizontal"),
+        Parameter.held("payload", 0.0, 0.0, 20.0, "kg").with_source(
+            "weighed; at the tip of link 2"
+        ),
+        Parameter.held("plane", 90.0, -90.0, 90.0, "deg").with_source(
+            "90: vertical, 0: horizontal"
+        ),
         Parameter.held("radius_1", 0.035, 0.005, 0.2, "m").with_source(
             "estimate, wheel of joint 1"
         ),
         Parameter.held("radius_2", 0.025, 0.005, 0.2, "m").with_source(
             "estimate, wheel of joint 2"
         ),
-        _given(
-            "wrap_radius",
-            0.0,
-            -0.2,
-            0.2,
-            "m",
-            "idler at joint 1 over which the chain of joint 2 runs; 0: none",
+        Parameter.held("wrap_radius", 0.0, -0.2, 0.2, "m").with_source(
+            "idler at joint 1 over which the chain of joint 2 runs; 0: none"
         ),
         pair.LENGTH,
         *pair.SUPPLY_PARAMETERS,
@@ -220,14 +203,19 @@ class TwoLink(Rig):
         *pair.AIR,
         *pair.ATTACHING,
         *(
-            _given(
-                f"initial_angle_{j}", 0.0, -180.0, 180.0, "deg", "where a recording begins, at rest"
+            Parameter.held(f"initial_angle_{j}", 0.0, -180.0, 180.0, "deg").with_source(
+                "where a recording begins, at rest"
             )
             for j in JOINTS
         ),
-        *(_given(f"clamped_{j}", 0.0, 0.0, 1.0, "", "1: the joint is clamped") for j in JOINTS),
-        _given("vents_open", 0.0, 0.0, 1.0, "", "1: all vent valves stand open"),
-        _given("attached", 1.0, 0.0, 1.0, "", "0: the chains are taken off the joints"),
+        *(
+            Parameter.held(f"clamped_{j}", 0.0, 0.0, 1.0).with_source("1: the joint is clamped")
+            for j in JOINTS
+        ),
+        Parameter.held("vents_open", 0.0, 0.0, 1.0).with_source("1: all vent valves stand open"),
+        Parameter.held("attached", 1.0, 0.0, 1.0).with_source(
+            "0: the chains are taken off the joints"
+        ),
     )
     background = {
         **{f"muscle_{i}": pair.force_map(f"force_map_{i}") for i in MUSCLES},
