@@ -34,7 +34,7 @@ from pamid.schemas.diagnosis_file import (
     Remainder,
     Unknown,
 )
-from pamid.schemas.estimates import Interval
+from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import FitFile, RecordingUsed
 from pamid.verdict.refitted_parameters import refitted_parameters
 from pamid.verdict.verdict_words import size_of, weight_of
@@ -50,8 +50,7 @@ MOST_CARD_ROWS = 8  # rows of a card
 CAUSE_HEADS = ("which", "family", "port", "P", "removes of the gap (95 %)", "parameters (95 %)")
 
 
-@dataclass(frozen=True)
-class ParameterEstimate:
+class ParameterEstimate(Estimate):
     """A fitted parameter, in `unit` ("-": none).
 
     low, high: its 95 % interval, None where it was not free; prior: the data sheet's value, None
@@ -61,15 +60,6 @@ class ParameterEstimate:
     """
 
     name: str
-    value: float
-    low: float | None
-    high: float | None
-    prior: float | None
-    unit: str
-    word: str = ""
-    strain: float | None = None
-    at_bound: str = ""
-    source: str = ""
 
     def __repr__(self) -> str:
         unit = "" if self.unit in ("", "-") else f" {self.unit}"
@@ -109,7 +99,7 @@ class ParameterTable(Mapping[str, ParameterEstimate]):
                 number(p.value),
                 interval(p.low, p.high),
                 number(p.prior),
-                "" if p.unit == "-" else p.unit,
+                "" if p.unit == "-" else p.unit or "",
                 p.word + (f", at its {p.at_bound} bound" if p.at_bound else ""),
             )
             for p in self._by_name.values()
@@ -481,22 +471,11 @@ def result_of(
     )
 
 
-def _parameters(estimates: Mapping[str, Interval]) -> ParameterTable:
-    return ParameterTable(tuple(_estimate(name, estimate) for name, estimate in estimates.items()))
+def _parameters(estimates: Mapping[str, Estimate]) -> ParameterTable:
+    return ParameterTable(tuple(_estimate(name, one) for name, one in estimates.items()))
 
 
-def _estimate(name: str, interval: Interval) -> ParameterEstimate:
-    """Parameter estimate from an interval in a result file; a cause's has fewer fields."""
-    stated = {key: getattr(interval, key, None) for key in ("unit", "word", "at_bound", "source")}
-    return ParameterEstimate(
-        name,
-        interval.value,
-        interval.low,
-        interval.high,
-        getattr(interval, "prior", None),
-        stated["unit"] or ("-" if "/" in name else split_column(name)[1]),
-        stated["word"] or "",
-        getattr(interval, "strain", None),
-        stated["at_bound"] or "",
-        stated["source"] or "",
-    )
+def _estimate(name: str, one: Estimate) -> ParameterEstimate:
+    stated = {field: getattr(one, field) for field in Estimate.model_fields}
+    stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
+    return ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""})

@@ -150,7 +150,7 @@ def _own_parameters(
     own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
     if not own:
         return []
-    ended = {e.bound.key for e in estimates(base.fit) if e.at_bound}
+    ended = {b.key for b, e in estimates(base.fit).items() if e.at_bound}
     other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
     return [i for i in own if bounds[i].key not in other]
 

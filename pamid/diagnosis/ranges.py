@@ -19,7 +19,7 @@ import numpy as np
 
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.intervals import FittedParameter, estimates
+from pamid.estimation.intervals import estimates
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -31,11 +31,11 @@ WIDER = 4.0  # by which a range is widened
 def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     """The model with wider ranges of what its effects' parameters ended at; None where there is
     none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
-    ranges = {
-        e.bound.key: _wider(e.bound, e.at_bound)
+    found = {
+        b.key: _wider(b, end)
         for a in assembly.attachments
-        for e, _ in _at_guesses(assembly, fitted, a.label)
-        if not _is_limit(e)
+        for b, end, _ in _at_guesses(assembly, fitted, a.label)
+        if not _is_limit(b, end)
     }
     return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else None
 
@@ -61,7 +61,7 @@ def at_bounds(
     before it slips) is as the limit of its form."""
     ended = _at_guesses(model.assembly, model.fit, label)
     return tuple(
-        e.bound.name for e, pressed in ended if pressed > settings.pressed and not _is_limit(e)
+        b.name for b, end, pressed in found if pressed > settings.pressed and not _is_limit(b, end)
     )
 
 
@@ -70,29 +70,27 @@ def at_limits(model: CandidateModel, a: Attachment) -> dict[str, str]:
     their names outside, with that family."""
     limits = {f"{a.label}:{name}": family for name, family in a.effect.limits.items()}
     return {
-        e.bound.name: limits[e.bound.key]
-        for e in estimates(model.fit)
-        if e.bound.key in limits and e.at_bound == "low"
+        b.name: limits[b.key]
+        for b, e in estimates(model.fit).items()
+        if b.key in limits and e.at_bound == "low"
     }
 
 
-def _is_limit(e: FittedParameter) -> bool:
-    return e.at_bound == "low" and e.bound.log and not e.bound.softens
+def _is_limit(bound: Bound, end: str) -> bool:
+    return end == "low" and bound.log and not bound.softens
 
 
-def _at_guesses(
-    assembly: Assembly, fitted: Fit, label: str = ""
-) -> list[tuple[FittedParameter, float]]:
-    """Parameters at the end of a range that is a guess, and their slope there (nats per prior
-    spread)."""
+def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[Bound, str, float]]:
+    """What ended at the end of a range that is a guess, at which end, and how hard it presses (nats
+    per prior spread)."""
     if not fitted.residuals or not assembly.attachments:
         return []
     own = label or assembly.attachments[-1].label
     held = fitted.held if fitted.held.size else [0.0] * len(fitted.problem.free)
     return [
-        (e, abs(float(g)))
-        for e, g in zip(estimates(fitted), held, strict=True)
-        if e.bound.owner == own and e.at_bound and _guessed(e.bound, e.at_bound)
+        (b, e.at_bound, abs(float(g)))
+        for (b, e), g in zip(estimates(fitted).items(), held, strict=True)
+        if b.owner == own and e.at_bound and _guessed(b, e.at_bound)
     ]
 
 
@@ -144,10 +142,10 @@ def mirrored(model: CandidateModel) -> dict[str, Range]:
     they may have either, or where the fit has not ended at nothing."""
     own = model.additions[-1].labels
     amounts = [
-        e
-        for e in estimates(model.fit)
-        if e.bound.owner in own and e.bound.sized and e.bound.null == e.bound.low == 0.0
+        (b, e)
+        for b, e in estimates(model.fit).items()
+        if b.owner in own and b.sized and b.null == b.low == 0.0
     ]
-    if not amounts or any(e.at_bound != "low" for e in amounts):
+    if not amounts or any(e.at_bound != "low" for _, e in amounts):
         return {}
-    return {e.bound.key: (-e.bound.high, 0.0) for e in amounts}
+    return {b.key: (-b.high, 0.0) for b, _ in amounts}

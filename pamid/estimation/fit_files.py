@@ -11,7 +11,7 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.units import column_size, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
+from pamid.estimation.identifiable_combinations import combinations_of
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
@@ -66,22 +66,7 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
             recheck=g.recheck,
         ),
         noise={c: column_size(c, e.noise[i]) for i, c in enumerate(e.channels)},
-        parameters={
-            x.name: result.FitParameter(
-                value=x.value,
-                low=x.low,
-                high=x.high,
-                prior=x.prior,
-                unit=x.bound.unit,
-                word=x.word,
-                at_bound=x.at_bound,
-                strain=x.strain,
-                source=x.bound.source,
-                null=None if x.bound.null is None else x.bound.null / x.bound.factor,
-            )
-            for x in estimates(g.fit, g.draws)
-            if not x.bound.nuisance
-        },
+        parameters={b.full_name: e for b, e in estimates(g.fit, g.draws).items() if not b.nuisance},
         intervals="block bootstrap" if g.draws is not None else "Jacobian",
         background={k: result.BackgroundPull(pull=v) for k, v in background_pull(g.fit).items()},
         mae={
@@ -89,11 +74,8 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
             for i, c in enumerate(e.channels)
         },
         closed_loop=closed_loop_figures(g),
-        combinations={c.name: _combination(c) for c in combinations},
-        tied=tuple(
-            result.Tie(parameters=t.parameters, directions=t.directions, known=t.known)
-            for t in ties
-        ),
+        combinations=combinations,
+        tied=ties,
         posterior=posterior_of(g.fit),
         model=fitted_model(g.assembly, g.fit),
     )
@@ -103,19 +85,6 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
         began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
         found = found.model_copy(update={"from_": began})
     return found.as_json()
-
-
-def _combination(c: IdentifiableCombination) -> result.Combination:
-    return result.Combination(
-        value=c.value,
-        low=c.low,
-        high=c.high,
-        prior=c.prior,
-        unit=c.unit,
-        word=c.word,
-        members=c.members,
-        declared=c.declared,
-    )
 
 
 def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:

@@ -198,7 +198,7 @@ def require_predictable(
 
 def _values_text(fitted: Fit) -> str:
     """The fitted parameters in one line."""
-    return ", ".join(f"{one.name} {one.value:.4g}" for one in estimates(fitted))
+    return ", ".join(f"{b.full_name} {e.value:.4g}" for b, e in estimates(fitted).items())
 
 
 def _counting(progress: Progress) -> Callable[[int, float], None]:

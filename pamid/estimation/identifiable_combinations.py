@@ -13,7 +13,6 @@ Biol. 3(10), e189.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations as subsets
 from itertools import islice
 from typing import Any
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from pamid.estimation.intervals import NORMAL_95, SETTLED, word_for
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own_of
+from pamid.schemas.fit_file import Combination, Tie
 
 Array = NDArray[np.float64]
 
@@ -34,38 +34,12 @@ PLAINER = 3.0  # how much looser a combination may be to be named for its plainn
 MOST = 3000  # sets of parameters that are tried
 
 
-@dataclass(frozen=True)
-class IdentifiableCombination:
-    """A function of several parameters, in its own unit. members: the fitted parameters in it; word
-    as of them."""
-
-    name: str
-    value: float
-    low: float
-    high: float
-    prior: float
-    unit: str
-    word: str
-    members: tuple[str, ...]
-    declared: bool
-
-
-@dataclass(frozen=True)
-class TiedParameters:
-    """Parameters that are known only in combination: how many combinations of them are, and the
-    named ones."""
-
-    parameters: tuple[str, ...]
-    directions: int
-    known: tuple[str, ...]
-
-
 _Candidate = tuple[float, int, Array, Terms]  # score, rank, derivatives, terms
 
 
 def combinations_of(
     fitted: Fit, draws: Array | None = None
-) -> tuple[list[IdentifiableCombination], list[TiedParameters]]:
+) -> tuple[dict[str, Combination], tuple[Tie, ...]]:
     """Declared combinations that hold a fitted parameter, and the groups of parameters known only
     in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
@@ -78,11 +52,13 @@ def combinations_of(
         for q in found:
             combinations.setdefault(q.name, _combination(space, q, draws, False))
         ties.append(
-            TiedParameters(
-                tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found)
+            Tie(
+                parameters=tuple(space.names[k] for k in group),
+                directions=known.shape[1],
+                known=tuple(q.name for q in found),
             )
         )
-    return list(combinations.values()), ties
+    return combinations, tuple(ties)
 
 
 def tied_text(found: dict[str, Any]) -> list[str]:
@@ -197,9 +173,7 @@ def _plainest(
             yield share * PLAINER**2, len(exact) + 2, slope, exact
 
 
-def _combination(
-    space: Space, q: Quantity, draws: Array | None, declared: bool
-) -> IdentifiableCombination:
+def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool) -> Combination:
     """The quantity with its interval: delta method (of the logarithm where there is one), or from
     draws."""
     reach = NORMAL_95 * space.spread(q.slope)
@@ -212,6 +186,13 @@ def _combination(
         low, high = (float(x) for x in np.percentile(drawn, [2.5, 97.5]))
         share = float(drawn.std() / np.linalg.norm(q.slope_prior))
     members = tuple(space.names[k] for k in np.flatnonzero(q.slope))
-    return IdentifiableCombination(
-        q.name, q.value, low, high, q.prior, q.unit, word_for(share), members, declared
+    return Combination(
+        value=q.value,
+        low=low,
+        high=high,
+        prior=q.prior,
+        unit=q.unit,
+        word=word_for(share),
+        members=members,
+        declared=declared,
     )

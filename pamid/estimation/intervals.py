@@ -15,29 +15,11 @@ from pamid.model.background import pull_of
 from pamid.model.bound_parameter import Bound
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
+from pamid.schemas.estimates import Estimate
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964
 SETTLED, SILENT = 0.3, 0.9  # posterior over prior standard deviation
-
-
-@dataclass(frozen=True)
-class FittedParameter:
-    """A fitted parameter in its outside unit. word: settled | weak | silent; strain: |value -
-    prior| in prior sd."""
-
-    bound: Bound
-    value: float
-    low: float
-    high: float
-    prior: float
-    word: str
-    at_bound: str | None
-    strain: float
-
-    @property
-    def name(self) -> str:
-        return self.bound.full_name
 
 
 def word_for(share: float) -> str:
@@ -45,10 +27,12 @@ def word_for(share: float) -> str:
     return "settled" if share < SETTLED else "weak" if share < SILENT else "silent"
 
 
-def estimates(fitted: Fit, draws: Array | None = None) -> list[FittedParameter]:
-    """One per free parameter. draws (bootstrap draws x free, scaled) replace the Jacobian's
-    intervals."""
-    a, free, scale = fitted.problem.assembly, list(fitted.problem.free), fitted.problem.scale
+def estimates(fitted: Fit, draws: Array | None = None) -> dict[Bound, Estimate]:
+    """The free parameters of a fit, in their order.
+
+    draws (bootstrap draws x free, scaled) replace the Jacobian's intervals.
+    """
+    assembly, free, scale = fitted.problem.assembly, list(fitted.problem.free), fitted.problem.scale
     s = scale.inside(fitted.p[free])
     deviation = np.sqrt(np.maximum(fitted.covariance.diagonal(), 0.0))
     low_s, high_s = s - NORMAL_95 * deviation, s + NORMAL_95 * deviation
@@ -57,31 +41,23 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[FittedParameter]:
         low_s, high_s = np.percentile(draws, [2.5, 97.5], axis=0)
     low = scale.outside(np.clip(low_s, scale.low, scale.high))
     high = scale.outside(np.clip(high_s, scale.low, scale.high))
-    out = []
+    out = {}
     for k, i in enumerate(free):
-        b = a.parameters[i]
-        word = word_for(float(deviation[k]))
-        edge = 1e-6 * max(
-            1.0, abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0
-        )
-        at = (
-            "low"
-            if s[k] <= scale.low[k] + edge
-            else "high"
-            if s[k] >= scale.high[k] - edge
-            else None
-        )
-        out.append(
-            FittedParameter(
-                b,
-                float(fitted.p[i] / b.factor),
-                float(low[k] / b.factor),
-                float(high[k] / b.factor),
-                b.value / b.factor,
-                word,
-                at,
-                float(abs(s[k])),
-            )
+        b = assembly.parameters[i]
+        width = abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0
+        edge = 1e-6 * max(1.0, width)
+        at_low, at_high = s[k] <= scale.low[k] + edge, s[k] >= scale.high[k] - edge
+        out[b] = Estimate(
+            value=float(fitted.p[i] / b.factor),
+            low=float(low[k] / b.factor),
+            high=float(high[k] / b.factor),
+            prior=b.value / b.factor,
+            strain=float(abs(s[k])),
+            unit=b.unit,
+            word=word_for(float(deviation[k])),
+            at_bound="low" if at_low else "high" if at_high else None,
+            source=b.source,
+            null=None if b.null is None else b.null / b.factor,
         )
     return out
 

@@ -28,7 +28,8 @@ from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
 from pamid.report.missing_term import missing_term
-from pamid.schemas.diagnosis_file import Cause, CauseParameter, Unknown
+from pamid.schemas.diagnosis_file import Cause, Unknown
+from pamid.schemas.estimates import Estimate
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
@@ -152,10 +153,8 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
     equations = []
     for label in run.fit.effects:
         own = {
-            name.removeprefix(f"{label}:"): CauseParameter(
-                value=parameter.value, low=parameter.low, high=parameter.high, unit="", word=""
-            )
-            for name, parameter in run.fit.parameters.items()
+            name.removeprefix(f"{label}:"): one
+            for name, one in run.fit.parameters.items()
             if name.startswith(f"{label}:")
         }
         equations.append(
@@ -225,7 +224,7 @@ def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
     return rows
 
 
-def _plain(act: Acting, values: Mapping[str, CauseParameter]) -> str:
+def _plain(found: Acting, values: Mapping[str, Estimate]) -> str:
     """The same in plain text."""
     shown = {
         key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
@@ -243,7 +242,7 @@ def _plain(act: Acting, values: Mapping[str, CauseParameter]) -> str:
     )
 
 
-def _shown(act: Acting, values: Mapping[str, CauseParameter]) -> Any:
+def _shown(found: Acting, values: Mapping[str, Estimate]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
     def shown(space: str, key: str) -> Markup:

@@ -9,7 +9,8 @@ from pamid.report.block_diagram import BlockText
 from pamid.report.captions import sensor_label
 from pamid.report.formatting import channel_label, channel_unit, effect_label, percent, sentence
 from pamid.report.formula import formula_text
-from pamid.schemas.diagnosis_file import Cause, CauseParameter, DiagnosisFile
+from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
+from pamid.schemas.estimates import Estimate
 from pamid.schemas.rig_map import RigMap
 from pamid.verdict.verdict_words import chance_figure
 
@@ -76,7 +77,7 @@ def _first_value(cause: Cause) -> str:
     return formatting.with_unit_text(one.value, channel_unit(name))
 
 
-def first_parameter(cause: Cause) -> tuple[str, CauseParameter] | None:
+def first_parameter(cause: Cause) -> tuple[str, Estimate] | None:
     """The parameter that says most of an effect: the first that is not 0."""
     every = list(cause.parameters.items())
     return next((item for item in every if item[1].value), every[0] if every else None)

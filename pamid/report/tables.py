@@ -20,7 +20,8 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.schemas.diagnosis_file import Transfer, Where
-from pamid.schemas.fit_file import Combination, FitFile, FitParameter, LoopError
+from pamid.schemas.estimates import Estimate
+from pamid.schemas.fit_file import Combination, FitFile, LoopError
 from pamid.schemas.run_file import Step
 
 STRAINED = 3.0
@@ -93,7 +94,7 @@ def loop_table(errors: Mapping[str, LoopError]) -> Table:
 
 
 def parameter_table(
-    parameters: Mapping[str, FitParameter], without_cause: Mapping[str, FitParameter]
+    parameters: Mapping[str, Estimate], without_cause: Mapping[str, Estimate]
 ) -> Table:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it;
     without_cause: the refitted model's, where the answer has causes."""
@@ -109,16 +110,17 @@ def parameter_table(
         "known",
     ]
     body: list[list[str | TableCell]] = []
-    for name, parameter in parameters.items():
+    for name, one in parameters.items():
+        other = without_cause.get(name)
+        source = one.source or ("" if other is None else other.source)  # an older diagnosis
         row: list[str | TableCell] = [
-            TableCell(formatting.clean(name), "code", formatting.clean(parameter.source)),
-            formatting.unit_label(_unit(name, parameter)) or "-",
-            number(parameter.value),
-            formatting.span(parameter.low, parameter.high),
-            number(parameter.prior),
+            TableCell(formatting.clean(name), "code", formatting.clean(source)),
+            formatting.unit_label(_unit(name, one)) or "-",
+            number(one.value),
+            formatting.span(one.low, one.high),
+            number(one.prior),
         ]
         if compared:
-            other = without_cause.get(name)
             row.append(number(other.value) if other is not None else formatting.DASH)
         strained = parameter.strain is not None and abs(parameter.strain) > STRAINED
         shown = (
@@ -131,8 +133,8 @@ def parameter_table(
     return table(heads, body, range(2, 6 + compared))
 
 
-def _unit(name: str, fit_parameter: FitParameter | Combination) -> str:
-    return split_column(name)[1] if fit_parameter.unit is None else fit_parameter.unit
+def _unit(name: str, one: Estimate | Combination) -> str:
+    return split_column(name)[1] if one.unit is None else one.unit
 
 
 def combinations_table(fit: FitFile) -> Table:
@@ -159,38 +161,19 @@ def combinations_table(fit: FitFile) -> Table:
     )
 
 
-def parameters_of(run: RunData) -> tuple[Mapping[str, FitParameter], Mapping[str, FitParameter]]:
+def parameters_of(run: RunData) -> tuple[Mapping[str, Estimate], Mapping[str, Estimate]]:
     """The parameters of the answer's model; where it has causes, also those of the refitted model
     without them."""
     fitted = run.fit.parameters if run.fit is not None else {}
     diagnosis = run.diagnosis
     if diagnosis is None or not diagnosis.parameters or (fitted and not diagnosis.causes):
         return fitted, {}
-    answer = {
-        name: FitParameter(
-            value=parameter.value,
-            low=parameter.low,
-            high=parameter.high,
-            prior=parameter.prior,
-            unit=formatting.channel_unit(name) if parameter.unit is None else parameter.unit,
-            word=parameter.word,
-            at_bound=parameter.at_bound,
-            strain=parameter.strain,
-            source=fitted[name].source if name in fitted else "",
-            null=None,
-        )
-        for name, parameter in diagnosis.parameters.items()
-    }
-    return answer, fitted
+    return diagnosis.parameters, fitted
 
 
-def _remark(fit_parameter: FitParameter, strained: bool) -> str:
-    end = (
-        f"at its {'lower' if fit_parameter.at_bound == 'low' else 'upper'} bound"
-        if fit_parameter.at_bound
-        else ""
-    )
-    word = "" if end and fit_parameter.word == "settled" else formatting.clean(fit_parameter.word)
+def _remark(one: Estimate, strained: bool) -> str:
+    end = f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound" if one.at_bound else ""
+    word = "" if end and one.word == "settled" else formatting.clean(one.word)
     strain = "may be absorbing structure" if strained else ""
     remarks = [text for text in (word, strain, end) if text]
     return ", ".join(remarks) or formatting.DASH

@@ -14,10 +14,8 @@ from pamid.schemas.estimates import (
     SHRINKAGE,
     UNIT,
     WHY_ENDED,
-    WORD,
     Estimate,
     FailedJob,
-    Interval,
 )
 from pamid.schemas.model import (
     Count,
@@ -49,13 +47,6 @@ CAUSED = ("explained", "partly-explained", "ambiguous")  # verdicts that name a 
 ERROR = "mean absolute error, in the unit of the channel"
 
 
-class CauseParameter(Interval):
-    """A parameter of an effect that the verdict adds."""
-
-    unit: Text = Field("", description=UNIT)
-    word: Text = Field("", description=WORD)
-
-
 class GapShare(Model):
     """A share of the gap between the refitted model and the noise floor, on held-out windows."""
 
@@ -77,7 +68,7 @@ class Cause(Model):
     instead: ListOf[Text] = Field(
         (), description="families that do as well in its place, next to the other causes"
     )
-    parameters: MapOf[CauseParameter] = Field({}, description="by name with unit")
+    parameters: MapOf[Estimate] = Field({}, description="by name with unit")
     probability: Number | None = Field(
         None, description="calibrated frequency with which such a cause is there, 0 to 1"
     )
@@ -144,7 +135,7 @@ class Candidate(Model):
     high: Written[Number] = Field(None, description=HIGH)
     converged: Flag = Field(True, description=CONVERGED)
     why: Text = Field("", description=WHY_ENDED)
-    parameters: MapOf[CauseParameter] = Field({}, description="of the effect, by name with unit")
+    parameters: MapOf[Estimate] = Field({}, description="of the effect, by name with unit")
     at_bound: ListOf[Text] = Field(
         (), description="of these, those at a bound that physics did not set"
     )

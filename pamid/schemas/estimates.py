@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
-from pamid.schemas.model import Model, Number, Text, Written
+from pamid.schemas.model import MAY_LACK, Model, Number, Sometimes, Text, Written
 
 UNIT = "as people write it; empty for none"
 SHA256 = "of the bytes of the file, hexadecimal"
@@ -19,6 +21,7 @@ WHY_ENDED = "why the optimiser stopped, in words"
 CONVERGED = "whether the optimiser came to its end"
 EFFECTS = "labels, effect@port where the place is not unique"
 WORD = "how well the data know it: settled, weak, silent (all from the prior), or read off them"
+PRIOR = "from the data sheet, or an earlier fit"
 STRAIN = "distance from the prior in its standard deviations"
 AT_BOUND = "low or high: the bound that it lies at; null between them"
 
@@ -32,13 +35,20 @@ class Interval(Model):
 
 
 class Estimate(Interval):
-    """A parameter of the rig with its prior."""
+    """A fitted parameter; of a verdict's effects the value, interval, unit and word alone."""
 
-    prior: Written[Number] = Field(None, description="from the data sheet, or an earlier fit")
-    strain: Written[Number] = Field(None, description=STRAIN)
+    prior: Sometimes[Number] = Field(default=None, description=PRIOR)
+    strain: Sometimes[Number] = Field(default=None, description=STRAIN)
     unit: Written[Text] = Field(None, description=UNIT)
     word: Text = Field("", description=WORD)
-    at_bound: Text | None = Field(None, description=AT_BOUND)
+    at_bound: Annotated[Text | None, MAY_LACK] = Field(default=None, description=AT_BOUND)
+    source: Annotated[Text, MAY_LACK] = Field(
+        default="", description="where the data-sheet value comes from"
+    )
+    null: Annotated[Number | None, MAY_LACK] = Field(
+        default=None,
+        description="of an effect: the value at which it vanishes; null where it never does",
+    )
 
 
 class FailedJob(Model):

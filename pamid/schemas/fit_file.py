@@ -7,17 +7,13 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import ConfigDict, Field
 
 from pamid.schemas.estimates import (
-    AT_BOUND,
     CONVERGED,
     EFFECTS,
     SEED,
     SHA256,
-    STRAIN,
-    UNIT,
     WHY_ENDED,
-    WORD,
+    Estimate,
     FailedJob,
-    Interval,
 )
 from pamid.schemas.model import (
     MAY_LACK,
@@ -33,8 +29,6 @@ from pamid.schemas.model import (
     Written,
 )
 from pamid.schemas.score_file import RecordingError
-
-PRIOR = "from the data sheet, or an earlier fit"
 
 
 class RecordingUsed(Model):
@@ -76,20 +70,6 @@ class CheckedSteps(Steps):
     )
 
 
-class FitParameter(Interval):
-    """A fitted parameter."""
-
-    prior: Written[Number] = Field(None, description=PRIOR)
-    unit: Written[Text] = Field(None, description=UNIT)
-    word: Text = Field("", description=WORD)
-    at_bound: Text | None = Field(None, description=AT_BOUND)
-    strain: Written[Number] = Field(None, description=STRAIN)
-    source: Text = Field("", description="where the data-sheet value comes from")
-    null: Number | None = Field(
-        None, description="of an effect: the value at which it vanishes; null where it never does"
-    )
-
-
 class BackgroundPull(Model):
     """A tolerance-sized correction that stands in every model."""
 
@@ -106,12 +86,9 @@ class LoopError(Model):
     )
 
 
-class Combination(Interval):
+class Combination(Estimate):
     """A function of several parameters that the data settle."""
 
-    prior: Written[Number] = Field(None, description=PRIOR)
-    unit: Written[Text] = Field(None, description=UNIT)
-    word: Text = Field("", description=WORD)
     members: ListOf[Text] = Field((), description="the fitted parameters in it")
     declared: Flag = Field(False, description="whether the rig declares it")
 
@@ -204,7 +181,7 @@ class FitFile(Model):
     noise: dict[Text, Number] = Field(
         {}, description="standard deviation of the sensors, in the unit of the channel"
     )
-    parameters: MapOf[FitParameter] = Field({}, description="by name with unit")
+    parameters: MapOf[Estimate] = Field({}, description="by name with unit")
     intervals: Text = Field("", description="block bootstrap or Jacobian: where they come from")
     background: MapOf[BackgroundPull] = Field({}, description="by name")
     mae: MapOf[Figures] = Field(

@@ -341,7 +341,7 @@ def _strained(d: Diagnosis) -> list[str]:
 
 
 def _strains(fitted: Fit) -> dict[str, float]:
-    return {e.name: e.strain for e in estimates(fitted) if not e.bound.owner}
+    return {b.name: e.strain or 0.0 for b, e in estimates(fitted).items() if not b.owner}
 
 
 def _far_off(

@@ -412,9 +412,9 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
     sheet, refitted = np.nansum(d.budget.data_sheet), np.nansum(d.budget.baseline.absolutes)
     gained = max(0.0, 1.0 - refitted / sheet) if sheet > 0 else 0.0
     # strains and pulls are in prior deviations, and their squares what the priors cost
-    everything = sum(e.strain**2 for e in estimates(final.fit) if not e.bound.owner) + sum(
-        v**2 for v in pulls.values()
-    )
+    everything = sum(
+        (e.strain or 0.0) ** 2 for b, e in estimates(final.fit).items() if not b.owner
+    ) + sum(v**2 for v in pulls.values())
     return {
         k: result.Pull(pull=v, share_of_gap=gained * v**2 / everything if everything > 0 else 0.0)
         for k, v in pulls.items()
@@ -422,34 +422,19 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
 
 
 def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
-    return {
-        e.name: result.Estimate(
-            value=e.value,
-            low=e.low,
-            high=e.high,
-            prior=e.prior,
-            strain=e.strain,
-            unit=e.bound.unit,
-            word=e.word,
-            at_bound=e.at_bound,
-        )
-        for e in estimates(model.fit)
-        if not e.bound.owner
-    }
+    return {b.name: e for b, e in estimates(model.fit).items() if not b.owner}
 
 
-def _parameters(c: CandidateModel, label: str) -> dict[str, result.CauseParameter]:
+def _parameters(c: CandidateModel, label: str) -> dict[str, result.Estimate]:
     """Parameters of one of a model's effects, by name with unit: what was fitted, and amounts that
     were read off the recordings."""
     fitted = {
-        e.bound.name: result.CauseParameter(
-            value=e.value, low=e.low, high=e.high, unit=e.bound.unit, word=e.word
-        )
-        for e in estimates(c.fit)
-        if e.bound.owner == label
+        b.name: result.Estimate(value=e.value, low=e.low, high=e.high, unit=e.unit, word=e.word)
+        for b, e in estimates(c.fit).items()
+        if b.owner == label
     }
     read_off = {
-        b.name: result.CauseParameter(
+        b.name: result.Estimate(
             value=float(p / b.factor),
             low=float(p / b.factor),
             high=float(p / b.factor),

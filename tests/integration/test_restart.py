@@ -52,7 +52,7 @@ def model(sticking: DataSplit) -> GreyBox:
 def test_friction_that_sticks_is_fitted_to_the_end(model: GreyBox) -> None:
     """Before, the fit ended at 1.23 kg (1.200 .. 1.260) and 0.787 N, eighty times above the error
     it can reach."""
-    found = {e.name: e for e in estimates(model.fit)}
+    found = {b.full_name: e for b, e in estimates(model.fit).items()}
     for name, true in TRUE.items():
         assert found[name].value == pytest.approx(true, rel=2e-3)
         assert found[name].high - found[name].low < 0.01 * true

@@ -17,18 +17,20 @@ from virtual_joint import KNOWN, SPECIMEN, record
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import COARSE, GreyBox, fit_model
-from pamid.estimation.intervals import FittedParameter, bootstrap, estimates
+from pamid.estimation.intervals import bootstrap, estimates
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
+from pamid.model.bound_parameter import Bound
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.schemas.estimates import Estimate
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.tracks import track_of
@@ -56,8 +58,8 @@ def fitted_joint(seed: int = 1) -> Fit:
     return fit_robustly(problem_of(JOINT, recorded(seed)))
 
 
-def by_name(found: list[FittedParameter]) -> dict[str, FittedParameter]:
-    return {e.name: e for e in found}
+def by_name(found: dict[Bound, Estimate]) -> dict[str, Estimate]:
+    return {b.full_name: e for b, e in found.items()}
 
 
 # ---- one joint --------------------
@@ -66,28 +68,29 @@ def by_name(found: list[FittedParameter]) -> dict[str, FittedParameter]:
 def test_planted_parameters_lie_within_their_intervals() -> None:
     inside, count = 0, 0
     for seed in (1, 2, 3):
-        for e in estimates(fitted_joint(seed)):
-            inside += e.low <= SPECIMEN[e.name] <= e.high
+        for name, e in by_name(estimates(fitted_joint(seed))).items():
+            inside += e.low <= SPECIMEN[name] <= e.high
             count += 1
-            assert abs(e.value - SPECIMEN[e.name]) < 0.25 * abs(SPECIMEN[e.name]), e
+            assert abs(e.value - SPECIMEN[name]) < 0.25 * abs(SPECIMEN[name]), (name, e)
             assert e.low <= e.value <= e.high
     assert count == 3 * len(SPECIMEN)
     assert inside >= 0.8 * count, f"{inside} of {count}: intervals of 95 % promise more"
 
 
 def test_intervals_are_narrow_where_the_word_is_settled() -> None:
-    found = by_name(estimates(fitted_joint()))
+    fitted = estimates(fitted_joint())
+    found = by_name(fitted)
     assert found["damping_m2_s"].word == found["scale"].word == "settled"
-    for e in found.values():
-        assert e.strain == pytest.approx(abs(_prior_sd(e)), rel=1e-9)
-        if e.word == "settled" and not e.bound.log:
-            assert (e.high - e.low) / (2 * 1.96) <= 0.3 * e.bound.spread / e.bound.factor * 1.001
+    for b, e in fitted.items():
+        assert e.strain == pytest.approx(abs(_prior_sd(b, e)), rel=1e-9)
+        if e.word == "settled" and not b.log:
+            assert (e.high - e.low) / (2 * 1.96) <= 0.3 * b.spread / b.factor * 1.001
 
 
-def _prior_sd(e: FittedParameter) -> float:
-    if e.bound.log:
-        return float(np.log(e.value / e.prior) / e.bound.spread)
-    return (e.value - e.prior) * e.bound.factor / e.bound.spread
+def _prior_sd(b: Bound, e: Estimate) -> float:
+    if b.log:
+        return float(np.log(e.value / e.prior) / b.spread)
+    return (e.value - e.prior) * b.factor / b.spread
 
 
 def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
@@ -172,9 +175,7 @@ def test_bootstrap_is_reproducible_and_of_the_jacobians_order() -> None:
     ratio = draws.std(axis=0) / np.sqrt(done.covariance.diagonal())
     assert 0.4 < np.median(ratio) < 2.5 and ratio.max() < 6.0, ratio
     told = estimates(done, draws)
-    assert all(e.low <= e.high for e in told) and [e.name for e in told] == [
-        e.name for e in estimates(done)
-    ]
+    assert all(e.low <= e.high for e in told.values()) and list(told) == list(estimates(done))
 
 
 def test_the_angle_alone_is_enough_to_fit_and_says_less() -> None:
@@ -394,7 +395,7 @@ def test_priors_weigh_against_few_data(tmp_path: Path) -> None:
     sheet."""
     problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
     deaf = fit(problem, weights=Weights(np.array([1e3]), np.ones(1)))
-    assert {e.word for e in estimates(deaf)} == {"silent"}
+    assert {e.word for e in estimates(deaf).values()} == {"silent"}
     np.testing.assert_allclose(deaf.p, problem.assembly.values(), rtol=1e-4)
 
 

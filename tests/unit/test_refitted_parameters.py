@@ -11,7 +11,7 @@ from report_pages import flat, text_of
 from synthetic_run import diagnosis_json, make_run
 
 from pamid.report.load import load_run
-from pamid.report.tables import parameters_of
+from pamid.report.tables import parameter_table, parameters_of
 from pamid.schemas.estimates import Estimate
 from pamid.verdict.refitted_parameters import refitted_parameters
 
@@ -64,6 +64,7 @@ def test_page_and_table_show_the_model_of_the_answer(tmp_path: Path) -> None:
     assert "without cause" in page
     answer, refitted = parameters_of(load_run(folder))
     assert (answer["damping_m2_s"].value, refitted["damping_m2_s"].value) == (0.0016, 0.00213)
-    assert answer["damping_m2_s"].source == "Table 2 of the first paper"
+    shown = parameter_table(answer, refitted)
+    assert "Table 2 of the first paper" in str(shown), "of a diagnosis that does not state it"
     alone, compared = parameters_of(load_run(make_run(tmp_path / "NONE", "no-structural-gap")))
     assert alone["damping_m2_s"].value == 0.00213 and not compared
