@@ -20,6 +20,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from pamid.model.effect import Effect
@@ -27,9 +28,17 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, sign, smooth_step
 
 JUMP_WIDTH = 0.02  # of duty, over which the jumps are spread: keeps the fit's derivatives finite
-
-
 SAMPLE_MS = 3.0  # of the rigs whose valves the sources tell of; other rigs are sampled otherwise
+OPENING_DELAY = Parameter.time(
+    2.0 / SAMPLE_MS,
+    0.0,
+    8.0 / SAMPLE_MS,
+    name="t_on",
+    spread=2.0 / SAMPLE_MS,
+    size="period",
+    hard=True,
+    tries=(0.5 / SAMPLE_MS, 4.0 / SAMPLE_MS),
+).with_source("fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without")
 
 
 class ValveSwitching(Effect):
@@ -38,25 +47,8 @@ class ValveSwitching(Effect):
     family = "valve-dead-band"
     kinds = ("command",)
     parameters = (
-        Parameter.time(
-            2.0 / SAMPLE_MS,
-            0.0,
-            8.0 / SAMPLE_MS,
-            name="t_on",
-            spread=2.0 / SAMPLE_MS,
-            size="period",
-            hard=True,
-            tries=(0.5 / SAMPLE_MS, 4.0 / SAMPLE_MS),
-        ).with_source("fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without"),
-        Parameter.time(
-            1.0 / SAMPLE_MS,
-            0.0,
-            8.0 / SAMPLE_MS,
-            name="t_off",
-            spread=2.0 / SAMPLE_MS,
-            size="period",
-            hard=True,
-        ).with_source("fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without"),
+        OPENING_DELAY,
+        replace(OPENING_DELAY, name="t_off", value=1.0 / SAMPLE_MS, tries=()),
         Parameter.held("full", 1.0, 0.1, 10.0, size="value").with_source(
             "command that opens the valve all the time"
         ),

@@ -149,18 +149,15 @@ def addresses(ir_text: str, names: list[str]) -> list[int]:
                 _write(path, code)
             _target(2)
             empty = llvm.parse_assembly("")
-            engine = llvm.create_mcjit_compiler(empty, _new_machine())
+            machine = llvm.Target.from_default_triple().create_target_machine(
+                cpu=llvm.get_host_cpu_name(),
+                features=llvm.get_host_cpu_features().flatten(),
+                opt=2,
+                codemodel="jitdefault",
+                jit=True,
+            )
+            engine = llvm.create_mcjit_compiler(empty, machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
             _loaded[key] = engine
         return [int(engine.get_function_address(name)) for name in names]
-
-
-def _new_machine() -> llvm.TargetMachine:
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=2,
-        codemodel="jitdefault",
-        jit=True,
-    )

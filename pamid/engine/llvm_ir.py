@@ -100,18 +100,15 @@ def function_text(
     in all arrays but those that lanes share, which hold doubles.
     """
     order = walk(roots)
-    writer = _FunctionWriter(index, _parts(order, part), roots, kind)
+    # constants and symbols are at hand everywhere
+    computed = [node for node in order if node.op not in ("const", "symbol")]
+    parts = {node: 0 if part is None else k // part for k, node in enumerate(computed)}
+    writer = _FunctionWriter(index, parts, roots, kind)
     for node in order:
         writer.write(node)
     for i, root in enumerate(roots):
         writer.store(writer.value(root), f"%b{len(SPACES)}, i64 {i}")
     return writer.text(name)
-
-
-def _parts(order: list[Expr], part: int | None) -> dict[Expr, int]:
-    """Which part of a function computes a node; constants and symbols are at hand everywhere."""
-    computed = [node for node in order if node.op not in ("const", "symbol")]
-    return {node: 0 if part is None else k // part for k, node in enumerate(computed)}
 
 
 class _FunctionWriter:

@@ -132,10 +132,14 @@ def fit_model(
         held = evidence.tracks(assembly, held_out=True)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     progress("noise floor")
-    floor = _floor(assembly, fitted, replays, evidence.noise, seed)
+    floor = tuple(
+        noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
+        for i, r in enumerate(replays)
+    )
     require_predictable(evidence, floor, (*tracks, *held))
     if draws:
-        progress(Settled(f"fitted, intervals follow: {_values_text(fitted)}"))
+        values = (f"{b.full_name} {e.value:.4g}" for b, e in estimates(fitted).items())
+        progress(Settled(f"fitted, intervals follow: {', '.join(values)}"))
     return GreyBox(
         evidence,
         assembly,
@@ -149,15 +153,6 @@ def fit_model(
         else None,
         earlier,
         refit.remark,
-    )
-
-
-def _floor(
-    assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...], noise: Array, seed: int
-) -> tuple[Replay, ...]:
-    return tuple(
-        noise_floor(assembly, fitted.p, r, fitted.stepping, noise, seed + i)
-        for i, r in enumerate(replays)
     )
 
 
@@ -194,11 +189,6 @@ def require_predictable(
         "machine is that unstable, sample it faster.",
         code="unpredictable",
     )
-
-
-def _values_text(fitted: Fit) -> str:
-    """The fitted parameters in one line."""
-    return ", ".join(f"{b.full_name} {e.value:.4g}" for b, e in estimates(fitted).items())
 
 
 def _counting(progress: Progress) -> Callable[[int, float], None]:

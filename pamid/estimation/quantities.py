@@ -104,7 +104,8 @@ class Space:
         weighted sum."""
         if not all(q.log for q, _ in terms):
             name = " ".join(
-                f"{'-' if n < 0.0 else '+'} {_times(q.name, abs(n))}" for q, n in terms
+                f"{'-' if n < 0.0 else '+'} {'' if abs(n) == 1.0 else f'{abs(n):g} '}{q.name}"
+                for q, n in terms
             ).removeprefix("+ ")
             return self.quantity(
                 name, "", lambda p: math.fsum(n * q.of(p) for q, n in terms), False
@@ -137,10 +138,6 @@ class Space:
 
 def _power(name: str, n: float) -> str:
     return name if n == 1.0 else f"{name}^{n:g}"
-
-
-def _times(name: str, n: float) -> str:
-    return name if n == 1.0 else f"{n:g} {name}"
 
 
 def declared(assembly: Assembly) -> dict[str, Measure]:

@@ -74,7 +74,14 @@ def effect_story(
         absorbed_by=effect.absorbed_by,
         places=tuple(
             result.EffectPlace(
-                rig=rig.name, effect=a.label, ports=a.ports, parameters=_bound(rig, a)
+                rig=rig.name,
+                effect=a.label,
+                ports=a.ports,
+                parameters=tuple(
+                    result.NamedUnit(name=b.name, unit=b.unit)
+                    for b in Assembly(rig, (a,)).parameters
+                    if b.owner == a.label
+                ),
             )
             for rig in rigs
             for a in attachments(rig, known)
@@ -151,11 +158,6 @@ def _port(rig: Rig, name: str, fit: list[Attachment]) -> result.RigPort:
     )
 
 
-def _few(terms: Sequence[str]) -> str:
-    """The terms of a background, many of a kind by the first and the last."""
-    return ", ".join(terms) if len(terms) <= MANY_TERMS else f"{terms[0]} .. {terms[-1]}"
-
-
 def _background(rig: Rig) -> tuple[result.BackgroundRow, ...]:
     return tuple(
         result.BackgroundRow(
@@ -181,15 +183,6 @@ def _parameter(p: Parameter) -> result.ParameterRow:
         null=p.null,
         fitted=p.fitted,
         source=p.source,
-    )
-
-
-def _bound(rig: Rig, attachment: Attachment) -> tuple[result.NamedUnit, ...]:
-    """Parameters as they are called at this port."""
-    return tuple(
-        result.NamedUnit(name=b.name, unit=b.unit)
-        for b in Assembly(rig, (attachment,)).parameters
-        if b.owner == attachment.label
     )
 
 
@@ -284,7 +277,11 @@ def effect_text(said: result.EffectStory) -> str:
         + (f" in {said.unit}" if said.unit else "")
         + (f", offering {', '.join(said.signals)}" if said.signals else ""),
         *(f"{s} may be offered as {', '.join(names)}" for s, names in said.stand_ins.items()),
-        *_role_lines(said.roles),
+        *(
+            ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in said.roles)]
+            if said.roles
+            else []
+        ),
     ]
     for section in SECTIONS:
         if said.story.get(section):
@@ -305,12 +302,6 @@ def effect_text(said: result.EffectStory) -> str:
         for place in said.places
     ]
     return "\n".join(lines if said.places else [*lines, "    no port of the rigs looked at"])
-
-
-def _role_lines(roles: Sequence[Sequence[str]]) -> list[str]:
-    if not roles:
-        return []
-    return ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in roles)]
 
 
 def rig_text(said: result.RigStory) -> str:
@@ -356,10 +347,10 @@ def rig_text(said: result.RigStory) -> str:
     lines += ["", *_wrapped(f"Hold or release: {HOLD_OR_RELEASE}", 0)]
     if said.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
-        lines += [
-            f"    {b.name} at {b.port}: {_few(b.terms)}, sd {b.tolerance:g}"
-            for b in said.background
-        ]
+    for b in said.background:
+        few = len(b.terms) <= MANY_TERMS
+        terms = ", ".join(b.terms) if few else f"{b.terms[0]} .. {b.terms[-1]}"
+        lines.append(f"    {b.name} at {b.port}: {terms}, sd {b.tolerance:g}")
     for part, title in (
         ("rates", "Equations (SI)"),
         ("ports", "Through the ports"),

@@ -108,16 +108,7 @@ def rises(
     way to the last knot, of which every rise has its share (a random walk); most: of one of
     them; both in multiples of the size."""
     return tuple(
-        Parameter(
-            f"{side}_{place}",
-            0.0,
-            low=-most,
-            high=most,
-            spread=spread * math.sqrt((after - before) / knots[-1]),
-            size=size,
-            null=0.0,
-            source=SHRUNKEN,
-        )
+        coefficient(f"{side}_{place}", spread * math.sqrt((after - before) / knots[-1]), most, size)
         for side in ("above", "below")
         for place, before, after in zip(ORDINALS, (0.0, *knots), knots, strict=False)
     )
@@ -125,27 +116,18 @@ def rises(
 
 def coefficient(name: str, spread: float, most: float, size: str = "value") -> Parameter:
     """A coefficient by itself; spread and most in multiples of the size."""
-    return Parameter(
-        name,
-        0.0,
-        low=-most,
-        high=most,
-        spread=spread,
-        size=size,
-        null=0.0,
-        source=SHRUNKEN,
-    )
+    return Parameter(name, 0.0, -most, most, spread=spread, size=size, null=0.0, source=SHRUNKEN)
 
 
 def places(signal: str) -> tuple[Parameter, Parameter]:
     """Middle and half width of the range that the shapes cover, in multiples of the signal's
     size."""
     return (
-        Parameter("middle", 0.0, low=-10.0, high=10.0, size=signal, fitted=False, source=PLACED),
+        Parameter.held("middle", 0.0, -10.0, 10.0, size=signal, source=PLACED),
         half_width(signal),
     )
 
 
 def half_width(signal: str) -> Parameter:
     """Half width of the range that the shapes cover, in multiples of the signal's size."""
-    return Parameter("half", 1.0, low=0.001, high=10.0, size=signal, fitted=False, source=PLACED)
+    return Parameter.held("half", 1.0, 0.001, 10.0, size=signal, source=PLACED)

@@ -235,7 +235,13 @@ def reachable(
 def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
     """Every port of the rig: what passes, its sign, what acts there, and what each further signal
     would let act."""
-    known = [e for e in effects if _has_room(rig, e)]
+    kinds = [port.kind for port in rig.ports.values()]
+    # as many ports of its kinds as the effect takes together
+    known = [
+        e
+        for e in effects
+        if sum(kind in (*e.kinds, *e.general_kinds) for kind in kinds) >= max(1, len(e.roles))
+    ]
     fit = attachments(rig, known)
     driven = _imposed(rig)
     rows = []
@@ -258,12 +264,6 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _has_room(rig: Rig, effect: type[Effect]) -> bool:
-    """Has the rig as many ports of the effect's kinds as the effect takes together?"""
-    kinds = [*effect.kinds, *effect.general_kinds]
-    return sum(port.kind in kinds for port in rig.ports.values()) >= max(1, len(effect.roles))
 
 
 def _imposed(rig: Rig) -> set[str]:

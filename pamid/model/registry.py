@@ -13,11 +13,12 @@ import importlib.util
 import os
 import re
 import sys
+import traceback
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from pamid.base.errors import FileError, PamidError, UsageError, nearest, quoted
 from pamid.base.files import PathLike
@@ -112,9 +113,8 @@ def _run(path: Path, source: bytes) -> ModuleType:
             f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax"
         ) from error
     except Exception as error:
-        line = next(
-            (t.tb_lineno for t in _frames(error) if t.tb_frame.f_code.co_filename == str(path)), 0
-        )
+        frames = reversed([*traceback.walk_tb(error.__traceback__)])
+        line = next((n for frame, n in frames if frame.f_code.co_filename == str(path)), 0)
         inner = isinstance(error, ImportError) and (error.name or "").split(".")[0] == "pamid"
         hint = (
             "Take nouns from `pamid` and functions from `pamid.equations` "
@@ -124,14 +124,6 @@ def _run(path: Path, source: bytes) -> ModuleType:
         )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module
-
-
-def _frames(error: BaseException) -> list[Any]:
-    out, tb = [], error.__traceback__
-    while tb is not None:
-        out.append(tb)
-        tb = tb.tb_next
-    return out[::-1]
 
 
 def rig_given(rig: RigLike | None) -> str | Rig | None:
