@@ -15,7 +15,7 @@ from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
 from pamid.base.files import make_folder, write_atomically
 from pamid.base.units import NONE, split_column
-from pamid.model.no_place import no_places
+from pamid.model.no_place import no_place_words, no_places
 from pamid.model.registry import effects, rigs
 from pamid.recording.held_signal import held_by_jumps
 from pamid.schemas import new_rig_file as said
@@ -87,7 +87,9 @@ class NewRig:
             others = ", ".join(m.rig.name for m in self._others)
             lines.append(f"  The columns fit {others}, too: --like NAME.")
         rig = self._match.rig()
-        lines += [f"  It has {q.words}." for q in no_places(rig, effects().values(), rigs())]
+        lines += [
+            f"  It has {no_place_words(q)}." for q in no_places(rig, effects().values(), rigs())
+        ]
         lines.append("  Its figures are the example's: replace those marked GUESS.")
         return "\n".join(lines)
 

@@ -131,10 +131,7 @@ def rig_story(
         variants=_variants(type(rig)),
         states=tuple(result.NamedUnit(name=s.name, unit=s.unit) for s in rig.states),
         ports=tuple(_port(rig, name, fit) for name in rig.ports),
-        no_place=tuple(
-            result.NoPlaceRow(effects=dict(q.effects), needs=q.needs, rigs=q.rigs)
-            for q in no_places(rig, known, rigs)
-        ),
+        no_place=tuple(no_places(rig, known, rigs)),
         parameters=tuple(map(_parameter, rig.parameters)),
         background=_background(rig),
         loops=tuple(

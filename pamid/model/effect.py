@@ -3,8 +3,8 @@
     class CoulombFriction(Effect):
         family, kinds, signals = "friction", ("motion",), ("position",)
         parameters = (
-            Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}"),
-            ...,
+            Parameter.level(0.03, 0.0, 0.5, spread=0.1).with_source("..."),
+            Parameter.width("give", 0.001, 0.0001, 0.02, factor=3.0).with_source("..."),
         )
 
         def act(self, value, at, p, z):

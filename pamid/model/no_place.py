@@ -11,32 +11,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from pamid.model.attachment import attachments, needed_port
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
+from pamid.schemas.catalogue_files import NoPlaceRow
 
 
-@dataclass(frozen=True)
-class NoPlace:
-    """effects: by name, what each is; needs: the port that they want; rigs: those that have it."""
-
-    effects: tuple[tuple[str, str], ...]
-    needs: str
-    rigs: tuple[str, ...]
-
-    @property
-    def words(self) -> str:
-        """For people: what has no place, the port that it needs, and where that is."""
-        named = ", ".join(f"{name} ({title})" for name, title in self.effects)
-        have = f"{' and '.join(self.rigs)} {'have' if len(self.rigs) > 1 else 'has'}"
-        return f"no place for {named}: it takes {self.needs}, which {have}"
+def no_place_words(row: NoPlaceRow) -> str:
+    """For people: what has no place, the port that it needs, and where that is."""
+    named = ", ".join(f"{name} ({title})" for name, title in row.effects.items())
+    have = f"{' and '.join(row.rigs)} {'have' if len(row.rigs) > 1 else 'has'}"
+    return f"no place for {named}: it takes {row.needs}, which {have}"
 
 
 def no_places(
     rig: Rig, effects: Iterable[type[Effect]], others: Mapping[str, type[Rig]]
-) -> list[NoPlace]:
+) -> list[NoPlaceRow]:
     """Return the effects that fit a rig for the same quantities and not this one.
 
     Parameters
@@ -60,7 +51,7 @@ def no_places(
     for effect, names in elsewhere.items():
         groups.setdefault((needed_port(known[effect]), tuple(names)), []).append(effect)
     return [
-        NoPlace(tuple((name, _title(known[name])) for name in names), needs, rigs)
+        NoPlaceRow(effects={name: _title(known[name]) for name in names}, needs=needs, rigs=rigs)
         for (needs, rigs), names in groups.items()
     ]
 

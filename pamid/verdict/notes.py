@@ -18,7 +18,7 @@ from pamid.estimation.lagged_linear import lagged_share
 from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
-from pamid.model.no_place import no_places
+from pamid.model.no_place import no_place_words, no_places
 from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.model.registry import effects, rigs
 from pamid.recording.recording import match_column
@@ -257,7 +257,9 @@ def _no_place(d: Diagnosis) -> list[str]:
     if d.answer is None or d.verdict == "explained":
         return []
     rig = d.evidence.rig
-    return [f"{rig.name} has {q.words}." for q in no_places(rig, effects().values(), rigs())]
+    return [
+        f"{rig.name} has {no_place_words(q)}." for q in no_places(rig, effects().values(), rigs())
+    ]
 
 
 def _windows(d: Diagnosis) -> list[str]:

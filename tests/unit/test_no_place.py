@@ -27,7 +27,7 @@ def lacking(rig: Rig) -> dict[str, tuple[str, ...]]:
     return {
         name: none.rigs
         for none in no_places(rig, effects().values(), rigs())
-        for name, _ in none.effects
+        for name in none.effects
     }
 
 
