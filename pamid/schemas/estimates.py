@@ -38,10 +38,10 @@ class Estimate(Interval):
     """A fitted parameter; of a verdict's effects the value, interval, unit and word alone."""
 
     prior: Sometimes[Number] = Field(default=None, description=PRIOR)
-    strain: Sometimes[Number] = Field(default=None, description=STRAIN)
     unit: Written[Text] = Field(None, description=UNIT)
     word: Text = Field("", description=WORD)
     at_bound: Annotated[Text | None, MAY_LACK] = Field(default=None, description=AT_BOUND)
+    strain: Sometimes[Number] = Field(default=None, description=STRAIN)
     source: Annotated[Text, MAY_LACK] = Field(
         default="", description="where the data-sheet value comes from"
     )
