@@ -31,6 +31,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.schemas.estimates import Estimate
+from pamid.schemas.model import read
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.tracks import track_of
@@ -75,6 +76,19 @@ def test_planted_parameters_lie_within_their_intervals() -> None:
             assert e.low <= e.value <= e.high
     assert count == 3 * len(SPECIMEN)
     assert inside >= 0.8 * count, f"{inside} of {count}: intervals of 95 % promise more"
+
+
+def test_fit_json_holds_the_estimates_of_the_fit() -> None:
+    """One record from the fit to the file, and back to the same."""
+    model = fit_model(split_recordings(JOINT, [recorded(1)], []))
+    found = by_name(estimates(model.fit))
+    written = fit_json(model, 0)["parameters"]
+    assert set(SPECIMEN) <= set(written)
+    assert written == {name: found[name].as_json() for name in written}
+    assert {name: read(Estimate, one) for name, one in written.items()} == {
+        name: found[name] for name in written
+    }
+    assert all(one["source"] and one["prior"] is not None for one in written.values())
 
 
 def test_intervals_are_narrow_where_the_word_is_settled() -> None:
