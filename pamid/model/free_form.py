@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 PLACED = "placed over the range that the recordings reach"
 SHRUNKEN = "shrunken: nothing, unless the recordings say otherwise"
 CURVE_POINTS = 81  # of a curve
+QUARTERS = (0.25, 0.5, 0.75, 1.0)  # knots of a curve, shares of half the range
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 
 
@@ -86,6 +87,13 @@ class FreeFormEffect(Effect):
         x = np.linspace(low, high, CURVE_POINTS)
         columns = [[float(expression(s)) for s in self.shapes(expression(v), p)] for v in x]
         return FormShapes(x, np.zeros_like(x), np.array(columns))
+
+
+class FreeCurve(FreeFormEffect):
+    """Base of the forms whose curve is an offset and ramps between quarters of the range."""
+
+    def shapes(self, x: Expr, p: Any) -> list[Expr]:
+        return [expression(1.0), *ramps(x, p.middle, p.half, QUARTERS)]
 
 
 def ramps(x: Number, middle: Number, half: Number, knots: Sequence[float]) -> list[Expr]:

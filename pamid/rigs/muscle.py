@@ -72,9 +72,8 @@ class StaticForce:
 def _held(name: str, value: float, unit: str = "", source: str = CHART) -> Parameter:
     """A coefficient that is known, not fitted."""
     room = WITHIN * abs(value)
-    return Parameter(
-        name, value, value - room, value + room, unit, spread=room, fitted=False, source=source
-    )
+    held = Parameter.held(name, value, value - room, value + room, unit, spread=room)
+    return held.with_source(source)
 
 
 # ---- exponential --------------------------------------------------------------------------------

@@ -18,14 +18,10 @@ References
 
 from __future__ import annotations
 
-from typing import Any
-
-from pamid.effects.free_forms.free_position_force import QUARTERS
-from pamid.model.free_form import FreeFormEffect, coefficient, places, ramps, rises
-from pamid.symbolic.vocabulary import Expr, expression
+from pamid.model.free_form import QUARTERS, FreeCurve, coefficient, places, rises
 
 
-class FreeLoss(FreeFormEffect):
+class FreeLoss(FreeCurve):
     """A function of what is stored."""
 
     family = "leak"
@@ -36,6 +32,3 @@ class FreeLoss(FreeFormEffect):
     along = "stored"
     shown = "loss beyond the rig's own"
     known_by = "a function of what is stored"
-
-    def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        return [expression(1.0), *ramps(x, p.middle, p.half, QUARTERS)]

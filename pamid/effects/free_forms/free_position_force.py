@@ -18,15 +18,12 @@ References
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from pamid.model.free_form import FreeFormEffect, coefficient, places, ramps, rises
-from pamid.symbolic.vocabulary import Expr, expression
-
-QUARTERS = (0.25, 0.5, 0.75, 1.0)
+from pamid.model.free_form import QUARTERS, FreeCurve, coefficient, places, rises
 
 
-class FreePositionForce(FreeFormEffect):
+class FreePositionForce(FreeCurve):
     """A function of the position, or of the stretch of what transmits."""
 
     family = "stiffness"
@@ -39,6 +36,3 @@ class FreePositionForce(FreeFormEffect):
     along = "position"
     shown = "force beyond the rig's own"
     known_by = "a function of the position"
-
-    def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        return [expression(1.0), *ramps(x, p.middle, p.half, QUARTERS)]
