@@ -169,20 +169,10 @@ class Parameter:
         return cls(name, value, low, high, unit, spread=factor, log=True, **fields)
 
     @classmethod
-    def width(
-        cls,
-        name: str,
-        value: float,
-        low: float,
-        high: float,
-        *,
-        factor: float,
-        size: str = "position",
-        **fields: Any,
-    ) -> Parameter:
-        """Distance, or with `size` the speed or the value, over which an effect sets in; known
-        within a factor."""
-        return cls.positive(name, value, low, high, factor=factor, size=size, **fields)
+    def width(cls, name: str, value: float, low: float, high: float, **fields: Any) -> Parameter:
+        """Distance over which an effect sets in, known within a `factor`; with `size` a speed
+        ("velocity") or a value."""
+        return cls.positive(name, value, low, high, **{"size": "position", **fields})
 
     @classmethod
     def time(
