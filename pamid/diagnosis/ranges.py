@@ -31,7 +31,7 @@ WIDER = 4.0  # by which a range is widened
 def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     """The model with wider ranges of what its effects' parameters ended at; None where there is
     none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
-    found = {
+    ranges = {
         b.key: _wider(b, end)
         for a in assembly.attachments
         for b, end, _ in _at_guesses(assembly, fitted, a.label)
@@ -61,7 +61,7 @@ def at_bounds(
     before it slips) is as the limit of its form."""
     ended = _at_guesses(model.assembly, model.fit, label)
     return tuple(
-        b.name for b, end, pressed in found if pressed > settings.pressed and not _is_limit(b, end)
+        b.name for b, end, pressed in ended if pressed > settings.pressed and not _is_limit(b, end)
     )
 
 

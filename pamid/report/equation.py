@@ -224,7 +224,7 @@ def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
     return rows
 
 
-def _plain(found: Acting, values: Mapping[str, Estimate]) -> str:
+def _plain(act: Acting, values: Mapping[str, Estimate]) -> str:
     """The same in plain text."""
     shown = {
         key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
@@ -242,7 +242,7 @@ def _plain(found: Acting, values: Mapping[str, Estimate]) -> str:
     )
 
 
-def _shown(found: Acting, values: Mapping[str, Estimate]) -> Any:
+def _shown(act: Acting, values: Mapping[str, Estimate]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
     def shown(space: str, key: str) -> Markup:

@@ -110,15 +110,15 @@ def parameter_table(
         "known",
     ]
     body: list[list[str | TableCell]] = []
-    for name, one in parameters.items():
+    for name, parameter in parameters.items():
         other = without_cause.get(name)
-        source = one.source or ("" if other is None else other.source)  # an older diagnosis
+        source = parameter.source or ("" if other is None else other.source)  # an older diagnosis
         row: list[str | TableCell] = [
             TableCell(formatting.clean(name), "code", formatting.clean(source)),
-            formatting.unit_label(_unit(name, one)) or "-",
-            number(one.value),
-            formatting.span(one.low, one.high),
-            number(one.prior),
+            formatting.unit_label(_unit(name, parameter)) or "-",
+            number(parameter.value),
+            formatting.span(parameter.low, parameter.high),
+            number(parameter.prior),
         ]
         if compared:
             row.append(number(other.value) if other is not None else formatting.DASH)
