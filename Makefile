@@ -1,5 +1,5 @@
 # make demo     sets up .venv and runs the whole pipeline on a virtual rig
-# make test     sets up .venv, then lint, types and tests
+# make test     sets up .venv, then lint, imports, types and tests
 # make slow     the tests that take long
 # make fuzz     100 000 damaged and hostile inputs, on two cores (one to two hours)
 # make faults   kills and failing writes at every moment (long)
@@ -33,6 +33,7 @@ slow: $(STAMP)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports
 	$(BIN)/mypy pamid cli
 
 bench: $(STAMP)
