@@ -104,14 +104,6 @@ def test_examples_run_one_after_the_other(tmp_path: Path) -> None:
             assert done.returncode == 0, f"{line}\n{done.stderr}"
 
 
-def test_unknown_command_offers_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert frame.run(["diagnos"]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and "Did you mean 'diagnose'?" in captured.err
-    assert frame.run([]) == 2
-    assert "Usage: pamid" in capsys.readouterr().err
-
-
 USAGE = [
     ["diagnos"],
     [],
@@ -285,24 +277,6 @@ def test_generate_aprbs_open_loop_and_own_column(
     assert _generate(*own, "--output", str(tmp_path / "b.csv")) == 0
     assert list(read_recording(tmp_path / "b.csv").columns) == ["force_n"]
     capsys.readouterr()
-
-
-@pytest.mark.parametrize(
-    ("more", "code", "words"),
-    [
-        (["--rig", "one-dog"], 3, "'one-dof'"),
-        (["--loop", "open", "--amplitude", "2"], 2, "+-1"),
-        (["--hold", "2", "1"], 2, "shorter time first"),
-        (["--amplitude", "nan"], 2, "positive"),
-        (["--column", "force_n"], 2, "--amplitude"),
-    ],
-)
-def test_generate_aprbs_refuses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], code: int, words: str
-) -> None:
-    assert _generate(*more, "--output", str(tmp_path / "x.csv")) == code
-    assert words in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_click_still_has_the_names_the_frame_uses() -> None:

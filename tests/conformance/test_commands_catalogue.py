@@ -157,12 +157,6 @@ def test_story_names_parameters_as_the_rig_does(capsys: pytest.CaptureFixture[st
     assert said["effect"]["absorbed_by"] == ["viscous", "damping"]
 
 
-def test_unknown_effect_offers_the_nearest_name(capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = call(capsys, "effects", "colomb-friction")
-    assert (code, said["schema"], said["code"]) == (3, "pamid.error/1", "unknown-effect")
-    assert "'coulomb-friction'" in said["hint"]
-
-
 def test_an_effect_of_ones_own_is_explained_from_its_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -207,11 +201,6 @@ def test_rig_files_of_the_data_folder_are_sound(
     assert code == 0 and wrong(said) == []
     fit = next(f["detail"] for f in said["findings"] if f["check"] == "effects")
     assert "coulomb-friction" in fit and "quadratic-drag" in fit
-
-
-def test_unknown_rig_offers_the_nearest_name(capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = call(capsys, "rigs", "one-dfo")
-    assert code == 3 and "'one-dof'" in said["hint"]
 
 
 # ---- check: rigs and effects --------------------
@@ -372,14 +361,6 @@ def test_check_refuses_a_recording_without_excitation(
     resting = recording(tmp_path, force_n=np.ones(300), position_m=np.ones(300))
     code, said = call(capsys, "check", resting, "--rig", RIGS / "emps.py")
     assert code == 3 and wrong(said) == ["excitation"]
-
-
-def test_check_of_a_missing_file_offers_the_nearest(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording(tmp_path)
-    code, said = call(capsys, "check", tmp_path / "rek.csv")
-    assert (code, said["schema"]) == (3, "pamid.error/1") and "rec.csv" in said["hint"]
 
 
 # ---- the checks themselves --------------------

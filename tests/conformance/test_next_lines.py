@@ -216,31 +216,6 @@ def test_names_that_are_taken_are_not_suggested(
     assert again[-1] == "rec-3.csv"
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--column", "force_n", "--amplitude", "3"), "needs command"),
-        (
-            ("--rig", "two-link", "--column", "reference_1_deg", "--amplitude", "3"),
-            "but not reference_2_deg",
-        ),
-        (
-            ("--rig", "two-link", "--column", "force_n", "--amplitude", "3"),
-            "knows none of the columns",
-        ),
-        (
-            ("--rig", "./gone.py", "--column", "force_n", "--amplitude", "3"),
-            "no such file: gone.py",
-        ),
-    ],
-)
-def test_no_line_sends_a_rig_what_it_cannot_take(
-    options: tuple[str, ...], words: str, here: Path, run: Run
-) -> None:
-    text = run("generate-aprbs", *options, "--duration", "6", "--output", "sent.csv")
-    assert lines_of(text) == [] and words in text.splitlines()[-1]
-
-
 def test_too_short_for_a_fit_is_said_instead(here: Path, run: Run) -> None:
     write_recording("sent.csv", 0.01 * np.arange(120), {"force_n": np.sin(0.3 * np.arange(120))})
     (check,) = lines_of(

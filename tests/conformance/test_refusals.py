@@ -13,7 +13,6 @@ import pwd
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +20,9 @@ import numpy as np
 import pytest
 from pamid_cli.frame import run
 
-from pamid.base.errors import PamidError, nearest
+from pamid.base.errors import PamidError
 from pamid.base.json_file import read_json
 from pamid.base.toml_file import read_toml
-from pamid.checks.inspection import inspect
-from pamid.model.registry import rig_named
-from pamid.recording.recording import read_recording, require_excited
-from pamid.simulation.data_split import split_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = [
@@ -41,123 +36,14 @@ def table(*lines: str) -> Files:
     return {"rec.csv": "\n".join(lines) + "\n"}
 
 
-def cell(text: str) -> Files:
-    return table(HEAD, *ROWS[:60], f"{0.003 * 60:.6g},0.5,{text},1", *ROWS[61:])
-
-
 def toml(text: str) -> Files:
     return {**table(HEAD, *ROWS), "rec.toml": text}
-
-
-def clock(stamp: Callable[[int], float]) -> Files:
-    return table(HEAD, *(f"{stamp(k):.12g},{row.partition(',')[2]}" for k, row in enumerate(ROWS)))
-
-
-#: broken recordings: file -> content
-BROKEN: dict[str, Files] = {
-    "nothing there": {},
-    "a namesake": {"reg.csv": "x"},
-    "empty": {"rec.csv": b""},
-    "only a header": table(HEAD),
-    "no UTF-8": {"rec.csv": b"time_s,\xff\n1,2\n"},
-    "bad bytes below": {"rec.csv": f"{HEAD}\n".encode() + b"\xff,1,2,3\n"},
-    "a zero byte": {"rec.csv": f"{HEAD}\n0,\x001,2,3\n"},
-    "no time": table(HEAD[7:], *ROWS),
-    "no header": table(*ROWS),
-    "only time": table("time_s", *("0" for _ in ROWS)),
-    "semicolons": table(HEAD.replace(",", ";"), "0;1;2;3"),
-    "no name": table("time_s,command,,force_1_n", *ROWS),
-    "a comma too many": table(f"{HEAD},", *ROWS),
-    "the same name twice": table("time_s,command,command,angle_deg", *ROWS),
-    "a word": cell("off"),
-    "no cell": cell(""),
-    "nan": cell("nan"),
-    "1e999": cell("1e999"),
-    "x 1e300": cell("1e300"),
-    "400 digits": cell("9" * 400),
-    "5000 digits": cell("9" * 5000),
-    "a row too short": table(HEAD, *ROWS[:9], "0.027,1"),
-    "decimal commas": cell("1,5"),
-    "nothing but tiny": table(HEAD, *(f"{r.rpartition(',')[0]},1e-200" for r in ROWS)),
-    "stamps twice": table(HEAD, ROWS[0], *ROWS),
-    "stamps back": table(HEAD, *ROWS[::-1]),
-    "a gap": table(HEAD, *ROWS[:200], *ROWS[300:]),
-    "uneven": clock(lambda k: 0.003 * k + 0.0005 * (k % 2)),
-    "stamps x 1e300": clock(lambda k: 1e300 * k),
-    "too short": table(HEAD, *ROWS[:40]),
-    "too short to fit": table(HEAD, *ROWS[:199]),
-    "at rest": table(HEAD, *(f"{r.split(',')[0]},0,{r.split(',')[2]},1" for r in ROWS)),
-    "no outputs": table("time_s,command", *(",".join(r.split(",")[:2]) for r in ROWS)),
-    "no input": table("time_s,angle_deg", *(",".join(r.split(",")[::2]) for r in ROWS)),
-    "foreign unit": table(HEAD.replace("deg", "degrees"), *ROWS),
-    "other quantity": table(HEAD.replace("deg", "kpa"), *ROWS),
-    "misspelt": table(HEAD.replace("command", "comand"), *ROWS),
-    "TOML: no TOML": toml("x"),
-    "TOML: no UTF-8": {**table(HEAD, *ROWS), "rec.toml": b"\xff"},
-    "TOML: deep": toml(f"a = {'[' * 4000}{']' * 4000}"),
-    "TOML: deeper than a rig": toml(f"a = {'[' * 90}{']' * 90}"),
-    "TOML: 400 digits": toml(f"[known]\nm_kg = {'9' * 400}"),
-    "TOML: 5000 digits": toml(f"[known]\nm_kg = {'9' * 5000}"),
-    "TOML: inf": toml("[known]\ninertia_kg_m2 = inf"),
-    "TOML: text": toml('[known]\ninertia_kg_m2 = "1"'),
-    "TOML: no table": toml("known = 1"),
-    "TOML: a loop": toml('[recording]\nloop = "clsoed"'),
-    "TOML: a number": toml("[recording]\nrig = 1"),
-    "TOML: another period": toml("[recording]\nsampling_period_s = 0.004"),
-    "TOML: a rig file": toml('[recording]\nrig = "./mine.py"'),
-    "TOML: no such rig": toml('[recording]\nrig = "one-dov"'),
-    "TOML: no such parameter": toml("[known]\ninertia_kg = 1.0"),
-}
 
 
 def put(folder: Path, files: Files) -> Path:
     for name, content in files.items():
         (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
     return folder / "rec.csv"
-
-
-def refusals(path: Path) -> list[PamidError]:
-    """Everything that reading, checking against the rig and dividing it may raise."""
-    found = []
-    for rig in (None, "one-dof"):
-        try:
-            recording = read_recording(path)
-            from pamid.model.registry import rig_of
-
-            made = rig_named(rig or rig_of([recording]))
-            require_excited(recording, "angle_deg")
-            split_recordings(made, [recording], [])
-            from pamid.model.assembly import Assembly
-
-            Assembly(made).values(recording.known)
-        except PamidError as error:
-            found.append(error)
-    return found
-
-
-@pytest.mark.parametrize("kind", BROKEN)
-def test_every_refusal_of_a_recording_says_how_to_mend_it(kind: str, tmp_path: Path) -> None:
-    found = refusals(put(tmp_path, BROKEN[kind]))
-    assert found, "it was taken"
-    for error in found:
-        assert error.hint.strip(), error.message
-        assert error.exit_code in (3, 4)
-        assert str(error).count("Did you mean") <= 1, str(error)
-        assert "Did you mean 'rec.csv'" not in str(error)
-        assert len(str(error)) < 1000 + len(str(tmp_path)), "a message is read, not a file"
-
-
-@pytest.mark.parametrize("kind", BROKEN)
-def test_check_says_it_once(kind: str, tmp_path: Path) -> None:
-    path = put(tmp_path, BROKEN[kind])
-    if not path.exists():
-        with pytest.raises(PamidError) as caught:
-            inspect(path, "one-dof")
-        assert caught.value.hint
-        return
-    for rig in (None, "one-dof"):
-        for finding in inspect(path, rig).said["findings"]:
-            assert finding["detail"].count("Did you mean") <= 1, finding
 
 
 @pytest.mark.parametrize(
@@ -187,83 +73,7 @@ def test_no_refusal_in_the_code_lacks_its_hint(name: str) -> None:
         ), f"pamid/{name}.py, line {call.lineno}: no hint"
 
 
-def test_the_nearest_name_is_another_one() -> None:
-    assert (
-        nearest("ff.csv", ["ff.csv", "fg.csv"]) == ""
-        and nearest("ff.csv", ["fg.csv"]) == "Did you mean 'fg.csv'?"
-    )
-    assert nearest("Angle_deg", ["angle_deg"]) == "Did you mean 'angle_deg'?"
-
-
-@pytest.mark.parametrize("name", ["pipe", "folder.csv", "null"])
-def test_what_is_no_file_is_said_to_be_none(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = (
-        tmp_path / "pipe.csv"
-        if name == "pipe"
-        else Path("/dev/null")
-        if name == "null"
-        else tmp_path / name
-    )
-    if name == "pipe":
-        os.mkfifo(path)
-    elif name != "null":
-        path.mkdir()
-    for words in (["check", path], ["fit", path, "--output", tmp_path / "run"]):
-        assert run([*map(str, words), "--json"]) == 3
-        said = json.loads(capsys.readouterr().out)
-        assert "Did you mean" not in said["hint"] and said["hint"], said
-        assert ("folder" if name == "folder.csv" else "a pipe") in said["message"], said
-
-
 # ---- words, files and streams that used to be called a fault of pamid --------------------------
-
-
-@pytest.mark.parametrize("command", ["fit", "diagnose", "generate-aprbs", "simulate"])
-def test_a_negative_seed_is_a_usage_error(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = (
-        [] if command == "generate-aprbs" else ["--excitation"] if command == "simulate" else [""]
-    )
-    words = [
-        command,
-        *([*filter(None, given), "x.csv"] if given else []),
-        "--seed",
-        "-1",
-        "--output",
-        "out",
-    ]
-    assert run([*words, "--json"]) == 2
-    assert "--seed" in json.loads(capsys.readouterr().out)["message"]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["generate-aprbs", "--duration", "20", "--output", "file/x.csv"],
-        ["simulate", "--excitation", "rec.csv", "--rig", "one-dof", "--output", "file/x.csv"],
-        ["check", "rec.csv", "--figure", "file/x.png"],
-        ["check", "x" * 300 + ".csv"],
-        ["fit", "rec.csv", "--output", "x" * 300],
-        ["simulate", "--excitation", "rec.csv", "--output", "x" * 300 + ".csv"],
-        ["export", "x" * 300, "--to", "c"],
-        ["report", "file"],
-    ],
-    ids=lambda words: words[0],
-)
-def test_what_the_system_does_not_do_is_a_wrong_file(
-    words: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    put(tmp_path, {**table(HEAD, *ROWS), "file": "x"})
-    assert run([*words, "--json"]) == 3
-    said = json.loads(capsys.readouterr().out)
-    assert said["code"] != "unexpected" and said["hint"] and len(said["message"]) < 400, said
 
 
 @pytest.mark.parametrize(
