@@ -11,26 +11,20 @@ from typing import Any
 import pytest
 from browser import CHROMIUM, browser
 from report_pages import Outline, flat
-from synthetic_run import added_variables_json, cause, make_run
+from synthetic_run import added_variables_json, make_run
 
 import pamid
-from pamid.api.plots import added_variable_figure
-from pamid.base.errors import DataError, FileError, UsageError
+from pamid.base.errors import UsageError
 from pamid.report.added_variable_figure import (
-    added_drawing,
-    added_leaders,
     added_panels,
     card_svg,
     usable_plots,
 )
-from pamid.report.captions import added_title, slope_text
 from pamid.report.channel_errors import errors_of
 from pamid.report.glance import cards_of
 from pamid.report.load import load_run
-from pamid.report.style import render
 from pamid.report.writing import write_report
 
-FILE = "added-variables.json"
 MOST_BYTES = 60_000
 TITLE = (
     "Coulomb friction explains 95 % of the refitted model's angle residual, slope 0.97 ± 0.07; "
@@ -53,28 +47,6 @@ def plots_with(**changes: Any) -> dict[str, Any]:
     content = added_variables_json("explained")
     content["plots"][0] |= changes
     return content
-
-
-def test_the_best_of_three_families_is_shown_at_once(run: Path) -> None:
-    found = load_run(run)
-    leaders = added_leaders(found)
-    assert [one.effect for one in leaders] == [
-        "coulomb-friction",
-        "bouc-wen-hysteresis",
-        "dead-time",
-    ]
-    assert found.diagnosis is not None
-    assert flat(added_title(leaders, found.diagnosis)) == TITLE
-
-
-def test_pictures_are_small_and_follow_the_page(run: Path) -> None:
-    drawing = added_drawing(load_run(run))
-    assert drawing is not None
-    picture = render(drawing)
-    for form in (picture.wide, picture.narrow):
-        assert len(form) < MOST_BYTES and form.count("[deg]") == 6
-        assert "var(--refitted)" in form and "var(--with-cause)" in form and "#0072b2" not in form
-    assert len(picture.png) < MOST_BYTES and picture.png == render(drawing).png
 
 
 def test_the_page_has_a_plot_of_every_candidate(run: Path, page: Path) -> None:
@@ -134,38 +106,6 @@ def test_card_and_files_show_the_leading_candidate(run: Path, tmp_path: Path) ->
         found.plot_added_variable("leek")
 
 
-def test_a_run_of_an_earlier_version_still_makes_its_page(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "run", without=(FILE,))
-    text = write_report(run).page.read_text(encoding="utf-8")
-    assert "figure-ranking" in text and "added-variable" not in Outline(text).text
-    assert not {"added-variable", "added-leak"} & {v for _, v in Outline(text).attributes}
-    found = pamid.open_run(run)
-    assert isinstance(found, pamid.DiagnosisResult)
-    assert found.overview_png() == found.rig_png() and card_svg(found.data) == ""
-    with pytest.raises(DataError, match="no added-variable plots"):
-        found.plot_added_variable()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"residual": [0.1]},
-        {"added": [], "residual": []},
-        {"added": [0.0, 0.0], "residual": [0.1, 0.2]},
-    ],
-)
-def test_a_plot_without_points_is_left_out(changes: dict[str, Any], tmp_path: Path) -> None:
-    run = load_run(make_run(tmp_path / "run", **{"added-variables": plots_with(**changes)}))
-    assert "coulomb-friction" not in [one.effect for one in usable_plots(run)]
-    assert added_drawing(run) is not None
-
-
-def test_a_damaged_file_is_named(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "run", **{"added-variables": plots_with(slope="steep")})
-    with pytest.raises(FileError, match=r"added-variables.json: plots\[0\].slope"):
-        load_run(run)
-
-
 def test_hostile_names_stay_text(tmp_path: Path) -> None:
     hostile = "<img src=x onerror=alert(1)>"
     content = plots_with(effect=hostile, channel=f"{hostile}_deg", beside=[hostile])
@@ -174,42 +114,3 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
     diagnosis["ranking"][0]["effect"] = diagnosis["causes"][0]["effect"] = hostile
     (run / "diagnosis.json").write_text(json.dumps(diagnosis))
     assert "<img" not in write_report(run).page.read_text(encoding="utf-8")
-
-
-def test_causes_that_act_together_are_shown_next_to_each_other(tmp_path: Path) -> None:
-    content = added_variables_json("explained")
-    both = [
-        content["plots"][0] | {"beside": ["dead-time"], "share": 0.99},
-        content["plots"][3] | {"beside": ["coulomb-friction"], "share": 0.98},
-    ]
-    content["plots"] = [*both, *content["plots"]]
-    run = make_run(tmp_path / "run", **{"added-variables": content})
-    diagnosis = json.loads((run / "diagnosis.json").read_text())
-    late = cause("dead-time", "command-timing", "command", 0.4, 0.9, 0.3)
-    diagnosis["causes"].append(late)
-    (run / "diagnosis.json").write_text(json.dumps(diagnosis))
-    found = load_run(run)
-    leaders = added_leaders(found)
-    assert [(one.effect, one.beside) for one in leaders][:2] == [
-        ("coulomb-friction", ("dead-time",)),
-        ("dead-time", ("coulomb-friction",)),
-    ]
-    assert found.diagnosis is not None
-    assert "residual next to dead time, slope" in flat(added_title(leaders, found.diagnosis))
-
-
-def test_a_slope_that_may_be_zero_says_so(run: Path) -> None:
-    plots = {one.effect: one for one in usable_plots(load_run(run))}
-    assert slope_text(plots["coulomb-friction"]) == "slope 0.97 ± 0.07"
-    assert slope_text(plots["leak"]).endswith("± 0.3 (may be 0)")
-
-
-def test_an_effect_is_found_without_its_port(tmp_path: Path) -> None:
-    content = added_variables_json("explained")
-    content["plots"][0]["effect"] = "coulomb-friction@joint"
-    folder = make_run(tmp_path / "run")
-    (folder / FILE).write_text(json.dumps(content), encoding="utf-8")
-    run = load_run(folder)
-    assert added_variable_figure(run, "coulomb-friction") is not None
-    with pytest.raises(UsageError, match="no added-variable plot"):
-        added_variable_figure(run, "coulomb")

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from compiled import differences, program, run, sensitivities, state
 from scripts import load_script
 
-import pamid.networks.anfis as anfis_module
 from pamid.base.errors import DataError
 from pamid.correction.trained_force_law import (
     ForceLaw,
@@ -21,7 +19,6 @@ from pamid.correction.trained_force_law import (
     check_force_law,
     force_law_of,
 )
-from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
@@ -121,110 +118,6 @@ def test_jacobian_against_central_differences(network):
         np.testing.assert_allclose(found[:, i], (ahead - behind) / (2.0 * step), rtol=0, atol=5e-9)
 
 
-@KINDS
-def test_output_is_linear_in_the_consequents(network):
-    weights, u = record(network)
-    features = network.features(weights, u)
-    assert features.shape == (len(u), network.rules * (network.inputs + 1))
-    np.testing.assert_allclose(
-        features @ weights[network.linear], network.simulate(weights, u), atol=1e-13
-    )
-    other = weights.copy()
-    other[network.linear] = 0.0
-    np.testing.assert_array_equal(network.features(other, u), features)
-
-
-@KINDS
-def test_shares_of_the_rules_sum_to_one(network):
-    """Also far outside, where every membership underflows."""
-    weights, u = record(network)
-    biases = np.zeros(network.n_weights)
-    biases[: network.premises] = weights[: network.premises]
-    biases[network.linear][:: network.inputs + 1] = 1.0
-    np.testing.assert_allclose(network.simulate(biases, np.vstack([u, 1e6 * u])), 1.0, atol=1e-14)
-
-
-@KINDS
-def test_a_linear_function_is_reproduced_exactly(network):
-    weights, u = record(network)
-    slopes = np.arange(1.0, network.inputs + 1.0)
-    grid = np.array(
-        list(itertools.product(np.linspace(-1.0, 1.0, network.sets), repeat=network.inputs))
-    )
-    rows = np.column_stack(
-        [0.5 + grid @ slopes, np.tile(slopes * network.spacing, (network.rules, 1))]
-    )
-    weights[network.linear] = rows.ravel()
-    np.testing.assert_allclose(
-        network.simulate(weights, u), 0.5 + np.clip(u, -1.0, 1.0) @ slopes, atol=1e-12
-    )
-
-
-@KINDS
-def test_expression_is_the_network(network):
-    weights, u = record(network, 10)
-    inside = np.clip(u, -1.0, 1.0)
-    found = [float(network.expression(weights, [expression(float(v)) for v in x])) for x in inside]
-    np.testing.assert_allclose(found, network.simulate(weights, inside), atol=1e-12)
-
-
-@pytest.mark.parametrize("shape", ["gaussian", "bell"])
-def test_chunks_add_up_to_the_whole(shape, monkeypatch):
-    network = Anfis(2, 3, shape)
-    weights, u = record(network, 70)
-    target, whole, y = np.cos(u[:, 0]), network.jacobian(weights, u), network.simulate(weights, u)
-    monkeypatch.setattr(anfis_module, "CHUNK", 16)
-    np.testing.assert_array_equal(network.simulate(weights, u), y)
-    for washout in (0, 20):
-        sse, jtj, jte = network.normal_equations(weights, u, target, washout)
-        error, rows = (target - y)[washout:], whole[washout:]
-        assert sse == pytest.approx(error @ error, rel=1e-12)
-        np.testing.assert_allclose(jtj, rows.T @ rows, atol=1e-10)
-        np.testing.assert_allclose(jte, rows.T @ error, atol=1e-10)
-
-
-@pytest.mark.parametrize("shape", ["gaussian", "bell"])
-def test_wild_weights_neither_cross_sets_nor_collapse_them(shape):
-    network = Anfis(2, 5, shape)
-    weights, u = record(network)
-    sets = network.membership(1e8 * weights)
-    assert (np.diff(sets.centre, axis=1) > 0.09 * network.spacing).all()
-    assert (sets.width > 0.1 * network.spacing).all() and (sets.width < 3.2 * network.spacing).all()
-    assert np.isfinite(network.jacobian(1e8 * weights, u)).all()
-    assert not np.isfinite(network.normal_equations(1e300 * weights, u, u[:, 0])[0])
-
-
-def test_untouched_grid_gives_zero_and_starts_differ():
-    network = Anfis(2, 5)
-    u = record(network)[1]
-    assert not network.simulate(np.zeros(network.n_weights), u).any()
-    starts = [network.initial(seed) for seed in (0, 0, 1)]
-    np.testing.assert_array_equal(starts[0], starts[1])
-    assert (starts[0] != starts[2]).any() and not starts[2][network.linear].any()
-    assert network.n_weights == 20 + 75 and Anfis(2, 5, "bell").n_weights == 30 + 75
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: Anfis(2, 1), "sets must be a whole number of at least 2"),
-        (lambda: Anfis(0, 3), "inputs must be a whole number"),
-        (lambda: Anfis(2, 3, "triangular"), "unknown shape 'triangular'"),
-        (lambda: Anfis(5, 5), "more than 5000"),
-        (lambda: Anfis(10**6, 10**6), "more than 5000"),
-        (lambda: Anfis(2, 3).simulate(np.zeros(3), np.zeros((4, 2))), "39 weights"),
-        (lambda: Anfis(2, 3).simulate(np.zeros(39), np.zeros((4, 3))), r"takes inputs \(N, 2\)"),
-        (
-            lambda: Anfis(2, 3).normal_equations(np.zeros(39), np.zeros((4, 2)), np.zeros(3)),
-            "Target has shape",
-        ),
-    ],
-)
-def test_refusals(call, words):
-    with pytest.raises(DataError, match=words):
-        call()
-
-
 def test_training_recovers_a_smooth_function():
     """Noise of 2e-3 of the range; 95 weights from 4000 samples leave an error of about 3e-4."""
     draw = np.random.default_rng(0)
@@ -275,20 +168,6 @@ def test_force_law_is_the_networks_prediction_in_si(muscle, tmp_path):
         assert wanted == pytest.approx(chart(np.array([e]), np.array([p]))[0], abs=1.0)  # N
 
 
-def test_force_law_goes_on_in_straight_lines_without_a_kink(muscle):
-    law = force_law_of(muscle)
-    first, second, third = (evaluated(law, e, 300.0) for e in (0.26, 0.27, 0.28))
-    assert third - second == pytest.approx(second - first, rel=1e-9)
-    low, high = muscle.input_scaling.low[1], muscle.input_scaling.high[1]
-    for end, away in ((low, -1e-4), (high, 1e-4)):
-        inward, outward = (
-            (evaluated(law, end + d, 300.0) - evaluated(law, end, 300.0)) / d for d in (-away, away)
-        )
-        assert outward == pytest.approx(inward, rel=1e-2)
-    # N
-    assert abs(evaluated(law, 0.3, 700.0) - chart(np.array([0.3]), np.array([700.0]))[0]) < 40.0
-
-
 def test_the_guard_looks_at_the_law_itself(muscle):
     """Its grid, beyond the trained range too, holds the forces that the equations give."""
     grid, law = _on_grid(muscle), force_law_of(muscle)
@@ -328,19 +207,6 @@ def test_rig_file_with_the_trained_law_moves_as_the_rig_with_its_own(muscle, tmp
         angles.append(np.rad2deg(free_run(assembly, u, assembly.values({}), 0.003).outputs[:, 0]))
     assert np.ptp(angles[0]) > 30.0
     assert 0.0 < np.abs(angles[1] - angles[0]).max() < 0.01
-
-
-def test_compiled_derivative_of_the_law(muscle):
-    """A weight on a muscle, starting beyond the trained range and pulled into it."""
-    law, chi, rate, stepping = force_law_of(muscle), state("chi"), state("rate"), Stepping(2)
-    pull = law(chi, 3e5 + 0.0 * rate)
-    made = program(
-        {"chi": rate, "rate": 2e-2 * pull - 8.0 * rate - 2.0}, {"chi": chi, "force": pull}
-    )
-    u, x = np.zeros(60), [-0.04, 0.0]
-    assert run(made, u, x=x, stepping=stepping)[:, 0].max() > 0.05
-    exact, nudged = sensitivities(made, u, [], x, stepping), differences(made, u, [], x, stepping)
-    np.testing.assert_allclose(exact, nudged, rtol=1e-6, atol=1e-6 * np.abs(nudged).max())
 
 
 def wavy(along: int, size_n: float) -> TrainedNetwork:

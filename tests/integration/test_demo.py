@@ -107,20 +107,6 @@ def test_the_list_is_of_the_catalogue() -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("families", "word"),
-    [
-        (["leak"], "right"),
-        (["leak", "leak"], "right"),
-        (["leak", "friction"], "among"),
-        (["friction"], "missed"),
-        ([], "missed"),
-    ],
-)
-def test_hit(families: list[str], word: str) -> None:
-    assert demo.hit({"family": "leak"}, {"causes": [{"family": f} for f in families]}) == word
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", [split_spec(spec)[0] for spec in demo.WITHHELD_EFFECTS])
 def test_the_whole_demo_for_every_effect(

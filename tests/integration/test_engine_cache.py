@@ -56,24 +56,6 @@ def compiled_texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return seen
 
 
-def test_the_cache_is_used_and_may_be_deleted(
-    cache: Path, compiled_texts: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = _unseen(0.125)
-    (file,) = cache.iterdir()
-    assert len(compiled_texts) == 1 and len(file.stem) == 64
-    _forget(monkeypatch)
-    np.testing.assert_array_equal(_unseen(0.125), first)
-    assert len(compiled_texts) == 1  # from the file
-    file.unlink()
-    cache.rmdir()
-    np.testing.assert_array_equal(_unseen(0.125), first)  # code already loaded does not need it
-    _forget(monkeypatch)
-    np.testing.assert_array_equal(_unseen(0.125), first)
-    assert len(compiled_texts) == 2 and len(list(cache.iterdir())) == 1
-    np.testing.assert_array_equal(first, _unseen(0.125))
-
-
 @pytest.mark.parametrize(
     "damage",
     [
@@ -109,36 +91,6 @@ def test_a_cache_that_cannot_be_written_costs_time_only(
     monkeypatch.setenv("PAMID_CACHE", str(blocked))
     _forget(monkeypatch)
     assert np.isfinite(_unseen(0.5)).all() and len(compiled_texts) == 1
-
-
-def test_text_of_a_model_does_not_depend_on_the_process(
-    compiled_texts: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """The file's name is a digest of the text: were that to change, nothing would ever be found
-    again."""
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from pamid.engine import jit_cache\n"
-        "from pamid.model.assembly import Assembly\n"
-        "from pamid.model.attachment import attach\n"
-        "from pamid.model.registry import effects, rig_named\n"
-        "rig = rig_named('one-dof')\n"
-        "model = Assembly(rig, (attach(rig, 'lugre-friction', effects()), "
-        "attach(rig, 'dead-time', effects())))\n"
-        "text = model.program.code.text\n"
-        "print(*(jit_cache._key('\\n'.join(m.parts)) for m in (text.plain, text.partials)))\n"
-    )
-    keys = set()
-    for seed in ("1", "2"):
-        done = subprocess.run(
-            [sys.executable, "-c", code, str(Path(__file__).parents[1] / "support")],
-            capture_output=True,
-            text=True,
-            env={**os.environ, "PYTHONHASHSEED": seed, "PAMID_CACHE": str(tmp_path / seed)},
-            check=True,
-        )
-        keys.add(done.stdout.strip())
-    assert len(keys) == 1 and [len(key) for key in keys.pop().split()] == [64, 64]
 
 
 def test_two_processes_at_once(tmp_path: Path) -> None:

@@ -16,11 +16,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
-from pamid.base.errors import FileError, UsageError
+from pamid.base.errors import FileError
 from pamid.base.files import write_together
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.writers import FORMATS, change_points, format_of, write_excitation
-from pamid.recording.recording import read_recording
+from pamid.excitation.writers import FORMATS, change_points, write_excitation
 
 Array = NDArray[np.float64]
 
@@ -86,27 +85,6 @@ def test_octave_reads_every_mat_file_to_the_bit(tmp_path: Path) -> None:
     wanted = np.stack([PERIOD * np.arange(2000), *sent.values()], axis=1)
     for first in (0, 3, 6):
         assert np.array_equal(found[:, first : first + 3], wanted)
-
-
-def test_from_file_is_version_4_and_the_others_bear_no_date(tmp_path: Path) -> None:
-    write(tmp_path / "a.mat", "mat-file")
-    # little endian, full matrix of doubles
-    assert (tmp_path / "a.mat").read_bytes()[:4] == b"\0\0\0\0"
-    for form in ("mat", "mat-matrix"):
-        write(tmp_path / "b.mat", form)
-        head = (tmp_path / "b.mat").read_bytes()[:128]
-        assert (
-            head.startswith(b"MATLAB 5.0 MAT-file")
-            and head[124:] == b"\x00\x01IM"
-            and b":" not in head[:116]
-        )
-
-
-@pytest.mark.parametrize("form", FORMATS)
-def test_same_request_same_bytes(form: str, tmp_path: Path) -> None:
-    path = tmp_path / f"sent{FORMATS[form].suffix}"
-    first = write(path, form), path.read_bytes()
-    assert (write(path, form), path.read_bytes()) == first
 
 
 # ---- C --------------------
@@ -224,15 +202,6 @@ def test_the_change_points_of_the_plc_play_the_signal(period_s: float, tmp_path:
     assert found["sent_reference_1_deg_count"] < 15
 
 
-def test_reals_have_a_point_whatever_their_size(tmp_path: Path) -> None:
-    values = np.array([0.0, 1.0, -2.5e-7, 1e12, 123456789.0, -0.1] + [0.0] * 10)
-    write(tmp_path / "sent.st", "st", {"force_n": values})
-    np.testing.assert_array_equal(
-        parsed((tmp_path / "sent.st").read_text())["sent_force_n_value"],
-        values[:7].astype(np.float32),
-    )
-
-
 # ---- beside them --------------------
 
 
@@ -279,25 +248,6 @@ def test_the_note_holds_what_is_needed_to_play_it(form: str, tmp_path: Path) -> 
     assert ("Interpolate data" in note.get("interpolation", "")) == (form in ("mat", "mat-matrix"))
 
 
-def test_the_csv_has_nine_digits_and_mat_has_all(tmp_path: Path) -> None:
-    from scipy.io import loadmat
-
-    sent = columns()
-    write(tmp_path / "a.csv", "csv")
-    write(tmp_path / "a.mat", "mat-matrix")
-    read = read_recording(tmp_path / "a.csv").columns["command_2"]
-    assert not np.array_equal(read, sent["command_2"])
-    np.testing.assert_allclose(read, sent["command_2"], rtol=1e-8)
-    assert np.array_equal(loadmat(tmp_path / "a.mat")["excitation"][:, 2], sent["command_2"])
-
-
-def test_an_experiment_goes_into_every_format_with_its_settings(tmp_path: Path) -> None:
-    path = tmp_path / "pulses.mat"
-    assert frame.run(["generate-aprbs", "--experiment", "valve-pulses", "--output", str(path)]) == 0
-    assert 'loop = "open"' in path.with_suffix(".toml").read_text()
-    assert json.loads(path.with_suffix(".json").read_text())["experiment"] == "valve-pulses"
-
-
 @pytest.mark.parametrize("form", FORMATS)
 def test_what_is_not_finite_is_never_written(form: str, tmp_path: Path) -> None:
     for wrong in (np.nan, np.inf):
@@ -306,18 +256,6 @@ def test_what_is_not_finite_is_never_written(form: str, tmp_path: Path) -> None:
                 tmp_path / f"sent{FORMATS[form].suffix}",
                 form,
                 {"force_n": np.array([0.0, wrong, 1.0])},
-            )
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_names_that_a_language_cannot_tell_apart_are_refused(tmp_path: Path) -> None:
-    zeros = np.zeros(60)
-    for form in ("mat", "st", "h"):
-        with pytest.raises(FileError, match="same name"):
-            write(
-                tmp_path / f"sent{FORMATS[form].suffix}",
-                form,
-                {"force_n": zeros, "Force n": zeros},
             )
     assert list(tmp_path.iterdir()) == []
 
@@ -333,57 +271,3 @@ def test_all_or_none(tmp_path: Path) -> None:
         and not new.exists()
         and sorted(tmp_path.iterdir()) == [old, taken]
     )
-
-
-@pytest.mark.parametrize(
-    ("name", "chosen", "found"),
-    [
-        ("a.csv", None, "csv"),
-        ("a.MAT", None, "mat"),
-        ("a.mat", "mat-file", "mat-file"),
-        ("a.st", None, "st"),
-        ("a.h", None, "h"),
-        ("a.txt", None, "csv"),
-        ("a.txt", "st", "st"),
-    ],
-)
-def test_the_suffix_or_the_option_chooses(name: str, chosen: str | None, found: str) -> None:
-    assert format_of(Path(name), chosen) == found
-
-
-def test_an_option_against_the_suffix_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(UsageError, match=r"mat does not go into a \.csv"):
-        format_of(Path("a.csv"), "mat")
-    assert frame.run(["generate-aprbs", "--format", "h", "--output", str(tmp_path / "a.mat")]) == 2
-    assert "a.h" in capsys.readouterr().err and list(tmp_path.iterdir()) == []
-
-
-def test_the_command_offers_every_format() -> None:
-    from cli.generate_aprbs import FORMAT_NAMES
-
-    assert tuple(FORMATS) == FORMAT_NAMES
-
-
-def test_a_toml_that_is_left_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "sent.csv"
-    assert (
-        frame.run(
-            [
-                "generate-aprbs",
-                "--signal",
-                "torque-loops",
-                "--pressure",
-                "200",
-                "--output",
-                str(path),
-            ]
-        )
-        == 0
-    )
-    capsys.readouterr()
-    assert (
-        frame.run(["generate-aprbs", "--duration", "20", "--output", str(path), "--overwrite"]) == 0
-    )
-    assert "sent.toml was there before" in capsys.readouterr().out

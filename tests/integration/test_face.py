@@ -7,24 +7,22 @@ import json
 import re
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas
 import pytest
-from matplotlib.figure import Figure
 from pamid_cli import frame
 from small_cart import FEW, RIG, record_cart
 
 import pamid
 from pamid.base.card import escaped
-from pamid.base.errors import DataError, FileError, UsageError
+from pamid.base.errors import FileError
 from pamid.model.registry import effects
 
 LEFT_OUT = [name for name in effects() if name not in FEW]
-RESULTS = ("fit.json", "residual.csv", "diagnosis.json")
 BENCH_LOG = Path(__file__).parents[2] / "data" / "example" / "bench_log.csv"
 HOSTILE = "<script>alert(1)</script>"
 
@@ -49,19 +47,6 @@ class PushedCart(pamid.Rig):
         return {"position_m": port("sensor", x.position)}
 
 
-class ConstantPull(pamid.Effect):
-    """A force that always pulls the same way."""
-
-    family = "pull"
-    general_kinds = ("motion",)
-    parameters = (
-        pamid.Parameter("level", 0.1, low=-2.0, high=2.0, null=0.0, label="N", source="a guess"),
-    )
-
-    def act(self, value: Any, at: Any, p: Any, z: Any) -> Any:
-        return value + p.level
-
-
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
@@ -82,14 +67,6 @@ def in_a_fresh_python(code: str) -> str:
     return done.stdout
 
 
-def test_every_name_is_there_and_offered() -> None:
-    for name in pamid.__all__:
-        assert getattr(pamid, name) is not None
-    assert set(pamid.__all__) == set(dir(pamid))
-    with pytest.raises(AttributeError, match="no attribute 'diagnosis_of'"):
-        _ = pamid.diagnosis_of  # type: ignore[attr-defined]
-
-
 def test_type_checkers_see_every_name() -> None:
     text = Path(str(pamid.__file__)).read_text(encoding="utf-8")
     block = text[text.index("if TYPE_CHECKING:") : text.index("__version__ =")]
@@ -104,41 +81,6 @@ def test_report_is_a_verb_whether_its_package_is_loaded_or_not() -> None:
 
 
 # ---- recordings --------------------------------------------------------------------------------
-
-
-def test_a_recording_says_what_it_is(recorded: Path) -> None:
-    recording = pamid.read_recording(recorded)
-    assert repr(recording) == (
-        "<Recording rec: 900 samples over 9 s, one every 10 ms, open loop: force_n, position_m>"
-    )
-    assert "position_m" in recording._repr_html_() and "position_m" in recording.summary()
-
-
-def test_a_recording_is_drawn_with_its_units(recorded: Path) -> None:
-    figure = pamid.read_recording(recorded).plot()
-    assert isinstance(figure, Figure)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["[N]", "[m]"]
-    assert figure.axes[-1].get_xlabel() == "time [s]" and figure.get_suptitle().startswith("rec: ")
-    assert figure._repr_png_().startswith(b"\x89PNG")
-    one = pamid.read_recording(recorded).plot(["position_mm"])
-    assert [axes.get_ylabel() for axes in one.axes] == ["[mm]"]
-    with pytest.raises(FileError, match="there is no column 'speed_m_per_s'"):
-        pamid.read_recording(recorded).plot(["speed_m_per_s"])
-
-
-def test_a_table_and_back(recorded: Path) -> None:
-    recording = pamid.read_recording(recorded)
-    table = recording.to_pandas()
-    assert list(table.columns) == ["time_s", "force_n", "position_m"]
-    again = pamid.Recording.from_pandas(table, "bench/../1", loop="open", known={"mass_kg": 1.2})
-    assert (again.loop, again.known, again.path) == (
-        "open",
-        {"mass_kg": 1.2},
-        Path("bench-..-1.csv"),
-    )
-    np.testing.assert_allclose(
-        again.columns["position_m"], recording.columns["position_m"], rtol=1e-15
-    )
 
 
 @pytest.mark.parametrize(
@@ -193,31 +135,6 @@ def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path
     assert fitted.to_dict() == json.loads((folder / "fit.json").read_text())
 
 
-def test_an_opened_fit_shows_the_same(fitted: pamid.FitResult, tmp_path: Path) -> None:
-    opened = pamid.open_run(fitted.save(tmp_path / "run"))
-    assert opened.parameters == fitted.parameters and opened.errors == fitted.errors
-    assert repr(opened) == repr(fitted) and opened._repr_html_() == fitted._repr_html_()
-    assert opened.plot_worst_window()._repr_png_() == fitted.plot_worst_window()._repr_png_()
-
-
-def test_what_was_fitted_simulates(fitted: pamid.FitResult, recorded: Path, tmp_path: Path) -> None:
-    push = pamid.read_recording(recorded.with_name("push.csv"))
-    simulated = fitted.simulate(push)
-    assert simulated.has("position_m") and len(simulated) == len(push)
-    np.testing.assert_array_equal(
-        simulated.columns["position_m"], fitted.simulate(push.to_pandas()).columns["position_m"]
-    )
-    heavy = fitted.simulate(push, parameters={"mass_kg": 2.4})
-    assert np.ptp(heavy.columns["position_m"]) < np.ptp(simulated.columns["position_m"])
-    folder = fitted.save(tmp_path / "run")
-    with pytest.raises(FileError, match="rig file"):
-        pamid.open_run(folder).simulate(push)  # its rig is code, which nobody named
-    again = pamid.open_run(folder, rig=RIG).simulate(push)
-    np.testing.assert_array_equal(again.columns["position_m"], simulated.columns["position_m"])
-    by_verb = pamid.simulate(push, model=folder, rig=RIG, noise=0.0, output=tmp_path / "sim.csv")
-    np.testing.assert_array_equal(by_verb.columns["position_m"], simulated.columns["position_m"])
-
-
 # ---- rigs and effects of one's own -------------------------------------------------------------
 
 
@@ -236,34 +153,6 @@ def test_a_rig_of_ones_own(
     with pytest.raises(FileError, match="PushedCart is a rig of somebody's Python program"):
         opened.simulate(push)
     assert pamid.open_run(tmp_path / "run", rig=rig).simulate(push).has("position_m")
-
-
-def test_an_effect_of_ones_own(recorded: Path) -> None:
-    own = pamid.fit(recorded, RIG, effects=[ConstantPull, "viscous-friction"], progress=False)
-    assert own.effects == ("constant-pull", "viscous-friction")
-    assert any(name.startswith("constant-pull:") for name in own.parameters)
-    with pytest.raises(UsageError, match="is no effect"):
-        pamid.fit(recorded, RIG, effects=[3], progress=False)  # type: ignore[list-item]
-
-
-def test_what_is_simulated_can_be_diagnosed(recorded: Path) -> None:
-    made = pamid.simulate(
-        recorded.with_name("push.csv"), PushedCart, effects=["coulomb-friction:force_n=0.8"], seed=2
-    )
-    assert made.effects[0].startswith("coulomb-friction:force_n=0.8")
-    result = pamid.diagnose(made, PushedCart(), without=LEFT_OUT, jobs=1, progress=False)
-    assert [c.effect for c in result.causes] == ["coulomb-friction"]
-
-
-def test_a_part_of_a_recording_is_its_own_data(recorded: Path, tmp_path: Path) -> None:
-    whole = pamid.read_recording(recorded)
-    first, rest = whole.slice(0, 500), whole.slice(500, 900)
-    run = pamid.fit([first], RIG, held_out=rest, output=tmp_path / "run", progress=False)
-    assert [(one.role, one.samples) for one in run.recordings] == [("fit", 500), ("held-out", 400)]
-    kept = pamid.read_recording(tmp_path / "run" / run.recordings[0].path)
-    np.testing.assert_array_equal(kept.columns["position_m"], first.columns["position_m"])
-    known = pamid.fit(replace(whole, known={"mass_kg": 1.2}), RIG, progress=False)
-    assert "mass_kg" not in known.parameters
 
 
 # ---- a diagnosis -------------------------------------------------------------------------------
@@ -307,24 +196,6 @@ def test_a_diagnosis_is_the_commands(
     for path in folder.iterdir():
         if path.name != "run.json":
             assert path.read_bytes() == (saved / path.name).read_bytes(), path.name
-
-
-def test_an_opened_diagnosis_shows_the_same(found: pamid.DiagnosisResult, tmp_path: Path) -> None:
-    opened = pamid.open_run(found.save(tmp_path / "run"))
-    assert isinstance(opened, pamid.DiagnosisResult)
-    assert repr(opened.causes) == repr(found.causes)
-    assert opened._repr_html_() == found._repr_html_()
-    for figure in (
-        opened.plot_worst_window(),
-        opened.plot_rig(),
-        opened.plot_ports(),
-        opened.plot_ranking(),
-        opened.plot_errors(),
-    ):
-        assert figure.get_suptitle() and figure._repr_png_().startswith(b"\x89PNG")
-    assert "position [m]" in [axes.get_ylabel() for axes in opened.plot_worst_window().axes]
-    with pytest.raises(UsageError, match="no channel 'angle_deg'"):
-        opened.plot_worst_window("angle_deg")
 
 
 def test_a_card_is_text_whatever_a_file_says(found: pamid.DiagnosisResult, tmp_path: Path) -> None:
@@ -380,44 +251,7 @@ def test_a_log_becomes_recordings_as_by_the_command(bench_mapping: Path, tmp_pat
         pamid.ingest([BENCH_LOG], bench_mapping, output=output)
 
 
-def test_a_log_is_read_without_leaving_a_file(
-    bench_mapping: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    made = pamid.ingest([BENCH_LOG], bench_mapping, known={"inertia_kg_m2": 0.1}, progress=False)
-    assert not list(tmp_path.iterdir()) and "IngestResult 1 recording of 1 log" in repr(made)
-    (recording,) = made.recordings
-    written = pamid.ingest([BENCH_LOG], bench_mapping, output=tmp_path / "all", progress=False)
-    for name, values in written.recordings[0].columns.items():
-        np.testing.assert_array_equal(recording.columns[name], values)
-    assert recording.known == {"inertia_kg_m2": 0.1}
-    with pytest.raises(UsageError, match="repair='glue'"):
-        pamid.ingest(BENCH_LOG, bench_mapping, repair="glue")
-
-
 # ---- check, network, report, run folders -------------------------------------------------------
-
-
-def test_a_check_lists_what_is_wrong(recorded: Path) -> None:
-    sound = pamid.check(recorded, RIG)
-    assert sound.ok and sound.kind == "recording" and not sound.problems
-    assert "nothing is wrong" in repr(sound) and sound.plot().get_suptitle().startswith("rec: ")
-    recording = pamid.read_recording(recorded)
-    backwards = replace(
-        recording, columns={**recording.columns, "position_m": -recording.columns["position_m"]}
-    )
-    wrong = pamid.check(backwards, PushedCart)
-    assert not wrong.ok and "position_m" in wrong.problems[0].detail
-    assert wrong.problems[0].detail.split()[0] in wrong._repr_html_()
-    with pytest.raises(pamid.PamidError, match="position_m"):
-        pamid.fit(backwards, PushedCart, progress=False)
-    of_rig = pamid.check(PushedCart)
-    assert (of_rig.kind, of_rig.subject) == ("rig", "PushedCart") and of_rig.ok
-    assert of_rig.plot().get_suptitle().startswith("The rig pushed-cart, from what is sent")
-    of_effect = pamid.check(ConstantPull)
-    assert of_effect.kind == "effect" and not of_effect.drawable
-    with pytest.raises(UsageError, match="only recordings and sound rigs are drawn"):
-        of_effect.plot()
 
 
 def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) -> None:
@@ -432,42 +266,6 @@ def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) ->
     assert pamid.open_run(folder).errors["position_m"].with_network is not None
     page = pamid.report(network)
     assert page.page == folder / "report.html" and page.page.is_file()
-
-
-def test_folders_that_hold_no_result(tmp_path: Path, fitted: pamid.FitResult) -> None:
-    with pytest.raises(FileError, match="not a run folder"):
-        pamid.open_run(tmp_path)
-    folder = fitted.save(tmp_path / "run")
-    with pytest.raises(FileError, match="already holds a run"):
-        fitted.save(folder)
-    assert fitted.save(folder, overwrite=True) == folder
-    record = json.loads((folder / "run.json").read_text())
-    (tmp_path / "secret.txt").write_text("mine")
-    (folder / "run.json").write_text(json.dumps({**record, "files": ["../secret.txt"]}))
-    with pytest.raises(FileError, match="not a file of that folder"):
-        pamid.open_run(folder).save(tmp_path / "copy")
-    (folder / "fit.json").write_text('{"schema": "pamid.fit/1", "rig": 3}')
-    with pytest.raises(FileError, match="rig should be a text"):
-        pamid.open_run(folder)
-
-
-def test_a_temporary_run_goes_with_its_result(recorded: Path) -> None:
-    result = pamid.fit(recorded, RIG, progress=False)
-    folder = result.folder
-    assert folder.is_dir()
-    del result
-    assert not folder.exists()
-
-
-def test_progress_is_one_line_where_a_person_looks(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lines: list[str] = []
-    pamid.fit(recorded, RIG, progress=lines.append)
-    assert "fitting" in lines
-    pamid.fit(recorded, RIG)
-    said = capsys.readouterr()
-    assert not said.out and not said.err, "nothing in a pipe"
 
 
 @pytest.mark.parametrize(
@@ -485,40 +283,3 @@ def test_progress_is_one_line_where_a_person_looks(
 def test_what_is_wrong_is_said(call: Any, words: str) -> None:
     with pytest.raises(pamid.PamidError, match=words):
         call()
-
-
-def test_nothing_to_draw_is_said(fitted: pamid.FitResult) -> None:
-    from pamid.api.plots import training_figure
-
-    with pytest.raises(DataError, match="holds no course of a training"):
-        training_figure(fitted.data)
-
-
-def test_what_counts_steps_is_told_how_many_are_done(recorded: Path, tmp_path: Path) -> None:
-    """So that a command can say how long the rest of a training will take."""
-
-    class Counting:
-        def __init__(self) -> None:
-            self.seen: list[tuple[int, str]] = []
-
-        def update(self, done: int, text: str) -> None:
-            self.seen.append((done, text))
-
-    counting = Counting()
-    run = pamid.fit(recorded, RIG, output=tmp_path / "run", progress=counting)
-    assert counting.seen and {done for done, _ in counting.seen} == {0}
-    counting.seen.clear()
-    pamid.train_residual(run, hidden=2, iterations=3, progress=counting)
-    assert max(done for done, _ in counting.seen) == 3 and "MSE" in counting.seen[-1][1]
-
-
-def test_a_fit_takes_no_values_for_an_effect(tmp_path: Path) -> None:
-    """They were dropped silently, and so was a parameter that does not exist."""
-    with pytest.raises(UsageError, match="takes no values") as caught:
-        pamid.fit(
-            Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv",
-            "one-dof",
-            effects=["coulomb-friction:banana=1"],
-            output=tmp_path / "run",
-        )
-    assert "--effect coulomb-friction" in caught.value.hint

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,16 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pamid_cli.force_law import law_text
 from pamid_cli.frame import run
 
-from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import rms
-from pamid.correction.force_map import ForceMap, forces, judge, pulls, read_map
+from pamid.correction.force_map import ForceMap, judge, pulls
 from pamid.correction.trained_force_law import ForceLaw, check_force_law, grid_of_law
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
-from pamid.networks.trained_network import load_network
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
 
@@ -87,15 +83,6 @@ def test_the_map_shipped_is_what_the_page_makes(
     np.testing.assert_allclose(again, kept, rtol=0.0, atol=0.11)  # forces end at a tenth
 
 
-def test_the_line_to_go_on_with_runs(made: Path) -> None:
-    line = law_text(about(made), made).splitlines()[-1]
-    check, rest = line.removeprefix("Next: pamid ").split("   or   ")
-    assert (
-        run(shlex.split(check)) == 0
-        and f"--rig {made / 'rig.py'} in simulate, fit or diagnose" in rest
-    )
-
-
 def test_the_law_hidden_in_the_example_is_found(made: Path) -> None:
     found = about(made)
     best, anfis = found["laws"][0], found["anfis"]
@@ -110,18 +97,6 @@ def test_the_law_hidden_in_the_example_is_found(made: Path) -> None:
     )
     assert len(found["laws"]) == len(LAWS)
     assert found["monotone"]["ok"] and "does not need a network" in found["advice"][0]
-
-
-def test_files_of_the_run(made: Path) -> None:
-    record = json.loads((made / "run.json").read_text())
-    assert record["outcome"] == "done" and record["inputs"][0]["path"] == str(EXAMPLE)
-    assert (made / "figures" / "force-map.png").read_bytes().startswith(b"\x89PNG")
-    network, points = load_network(made), read_map(EXAMPLE)
-    said = network.predict({"contraction": points.contraction, "pressure_kpa": points.pressure_kpa})
-    assert rms(points.force_n, np.maximum(said, 0.0)) == pytest.approx(
-        about(made)["anfis"]["rms_n_trained_on_all"]
-    )
-    assert (made / "rig.py").read_text().count("strict=True") == 1
 
 
 def test_rig_file_serves_and_moves_as_the_muscle_measured(made: Path, tmp_path: Path) -> None:
@@ -179,34 +154,6 @@ def test_what_is_held_out_is_not_seen() -> None:
     assert one.by_point.rows.all()
     inner = (clean.contraction > 0.0) & (clean.contraction < 0.24)
     np.testing.assert_array_equal(one.by_contraction.rows, inner)
-
-
-def test_scale_is_the_best_factor() -> None:
-    points = ForceMap(Path("map.csv"), *grid(soft).T)
-    found = judge(points, sets=2)
-    for law, scale in found.scale.items():
-        np.testing.assert_allclose(found.printed[law], pulls(LAWS[law], points))
-        least = rms(points.force_n, scale * found.printed[law])
-        assert all(
-            rms(points.force_n, scale * k * found.printed[law]) > least for k in (0.99, 1.01)
-        ), law
-    assert np.any(forces(LAWS["exponential"], points) < 0.0), (
-        "a law says more of a slack muscle than a rig takes"
-    )
-
-
-def test_units_are_those_of_the_header(tmp_path: Path) -> None:
-    table = grid(soft)
-    other = written(
-        tmp_path / "other.csv",
-        table * [100.0, 0.01, 1e-3],
-        "contraction_percent,pressure_bar,force_kn",
-    )
-    points = read_map(other)
-    for values, wanted in zip(
-        (points.contraction, points.pressure_kpa, points.force_n), table.T, strict=True
-    ):
-        np.testing.assert_allclose(values, wanted, rtol=1e-8)
 
 
 @pytest.mark.slow
@@ -319,66 +266,6 @@ def test_a_constrained_law_is_the_nearest_one() -> None:
         force = (checked.features @ other).reshape(121, 121)
         assert np.diff(force, axis=1).min() > -1e-9 and np.diff(force, axis=0).max() < 1e-9
         assert slope @ (other - law.weights[linear]) > 0.0
-
-
-def test_a_law_that_is_the_right_way_is_left_as_trained(made: Path) -> None:
-    assert about(made)["monotone"]["constrained"] is False
-    assert "constrained" not in about(made)["monotone"]["words"]
-
-
-def lines(*rows: str, header: str = HEADER) -> str:
-    return "\n".join([header, *rows]) + "\n"
-
-
-WRONG = [
-    (lines("0,100,5", header="contraction,pressure_kpa,pull_n"), FileError, "no column 'force_n'"),
-    (
-        lines("0,14,5", header="contraction,pressure_psi,force_n"),
-        FileError,
-        "line 1: .*'pressure_psi' is in 'psi'",
-    ),
-    (
-        lines("0,100,5", header="contraction,pressure_kpa,force"),
-        FileError,
-        "'force' is without a unit",
-    ),
-    (
-        lines("0,1,5,5", header="contraction,pressure_bar,force_n,force_kn"),
-        FileError,
-        "force is there twice",
-    ),
-    (lines("0;100;5", header="contraction;pressure_kpa;force_n"), FileError, "separated by commas"),
-    (lines("0,100,5", "0.1,100,nan"), FileError, "line 3, column 'force_n'.*not a finite number"),
-    (lines("0,100,5", "0.1,,3"), FileError, "line 3, column 'pressure_kpa'.*is empty"),
-    (lines("0,100,5", "0.1,100"), FileError, "line 3: 2 cells"),
-    (lines(), FileError, "no rows.*contraction,pressure_kpa,force_n"),
-    ("", FileError, "is empty.*contraction,pressure_kpa,force_n"),
-    (lines("0,100,900", "25,600,3"), FileError, "reaches 25.*contraction_percent"),
-    (lines("0,100,900", "0.2,100,3"), DataError, "pressure_kpa is the same at all 2 points"),
-]
-
-
-@pytest.mark.parametrize(("content", "kind", "words"), WRONG, ids=[w[2][:24] for w in WRONG])
-def test_what_is_no_map_is_refused(content: str, kind: type, words: str, tmp_path: Path) -> None:
-    path = tmp_path / "map.csv"
-    path.write_text(content)
-    with pytest.raises(kind, match=re.compile(words, re.DOTALL)):
-        read_map(path)
-
-
-def test_other_columns_may_hold_words(tmp_path: Path) -> None:
-    path = tmp_path / "map.csv"
-    path.write_text(lines("first,0,100,5", "second,0.1,200,3", header=f"specimen,{HEADER}"))
-    assert read_map(path).unused == ("specimen",)
-
-
-def test_too_few_points_for_the_sets() -> None:
-    few = ForceMap(Path("map.csv"), *grid(soft).T)
-    with pytest.raises(DataError, match="56 points are too few for 3 x 3 sets: 39 weights need 59"):
-        judge(few)
-    two = ForceMap(Path("map.csv"), *grid(soft, 2, 40).T)
-    with pytest.raises(DataError, match="2 different values of contraction are too few for 3 sets"):
-        judge(two)
 
 
 @pytest.mark.skipif(

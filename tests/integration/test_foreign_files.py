@@ -20,7 +20,7 @@ from pamid_cli import frame
 from small_cart import RIG, record_cart
 
 from pamid.base.errors import FileError
-from pamid.base.files import JSON, TABLE, TOML, read_data, read_lines, sha256_of
+from pamid.base.files import read_lines
 from pamid.base.npz import load_arrays
 from pamid.parallel.result_store import Store
 
@@ -162,43 +162,12 @@ def test_what_is_no_plain_file_is_refused_at_once(
     assert not Path("out.csv").exists() and not Path("sim.csv").exists()
 
 
-def test_settings_without_end_are_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    endless(Path("pamid.toml"))
-    assert "too large" in refused(capsys, ["check", "rec.csv"])
-
-
-def test_a_bag_of_robots_with_a_pipe_in_it_is_refused(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Path("bag").mkdir()
-    Path("bag/metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
-    pipe(Path("bag/log.db3"))
-    assert "log.db3 is a pipe" in refused(capsys, ["ingest", "--guess", "bag"])
-
-
 def test_a_line_without_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, head in (("rec.csv", b""), ("other.csv", b"time_s,angle_deg\n0,1\n")):
         (tmp_path / name).write_bytes(head + b"1" * (4 << 20))
         assert "line" in refused(capsys, ["check", str(tmp_path / name)])
     with pytest.raises(FileError, match="line 1 is longer than 1 MiB"):
         list(read_lines(tmp_path / "rec.csv"))
-
-
-def test_limits_hold_for_links_and_are_said(tmp_path: Path) -> None:
-    endless(tmp_path / "huge")
-    (tmp_path / "link").symlink_to(tmp_path / "huge")
-    for most, words in ((TOML, "1 MiB"), (JSON, "64 MiB"), (TABLE, "1 GiB")):
-        with pytest.raises(FileError, match=f"link is too large: 1024 GiB, .* {words}") as caught:
-            read_data(tmp_path / "link", most)
-        assert caught.value.exit_code == 3 and caught.value.code == "too-large"
-    (tmp_path / "small").write_bytes(b"abc")
-    (tmp_path / "good").symlink_to(tmp_path / "small")
-    assert read_data(tmp_path / "good", 3) == b"abc" and sha256_of(tmp_path / "good") == sha256_of(
-        tmp_path / "small"
-    )
-    pipe(tmp_path / "pipe")
-    with pytest.raises(FileError, match="is a pipe, not a file"):
-        sha256_of(tmp_path / "pipe")
 
 
 # ---- npz --------------------
@@ -275,26 +244,6 @@ def test_a_packed_bomb_is_refused_before_it_is_unpacked(
             read()
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
-
-
-def test_what_pamid_packs_is_read_back(tmp_path: Path) -> None:
-    held = {
-        "a": np.arange(6.0).reshape(2, 3),
-        "b": np.asfortranarray(np.ones((3, 2), np.float32)),
-        "c": np.array("words"),
-        "d": np.zeros(0),
-        "e": np.array(3),
-        "f": np.array([True, False]),
-    }
-    np.savez(tmp_path / "a.npz", **held)  # type: ignore[arg-type]
-    found = load_arrays(tmp_path / "a.npz")
-    assert found.keys() == held.keys()
-    for name, array in held.items():
-        np.testing.assert_array_equal(found[name], array)
-        assert (
-            found[name].dtype == array.dtype
-            and found[name].flags.f_contiguous == array.flags.f_contiguous
-        )
 
 
 def test_results_of_jobs_that_are_no_files_are_worked_out_again(tmp_path: Path) -> None:

@@ -4,30 +4,27 @@ takes them up, with its curve."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
-from pamid_cli.diagnose import diagnosis_text
 
 from pamid.api.given import evidence_of
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
-from pamid.diagnosis.family_forms import FreeForm, _span, free_forms, reached_at
+from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.excitation.aprbs import aprbs
-from pamid.model.attachment import attach, attachments
+from pamid.model.attachment import attach
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects, free_form_effects
+from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import recording_of
 from pamid.simulation.data_split import DataSplit
@@ -207,17 +204,6 @@ def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
     assert 0.6 < first.shrinkage <= 1.0 and first.low < first.shrinkage < first.high
 
 
-@pytest.mark.parametrize("planted", [SteepeningFriction, LopsidedFriction])
-def test_its_size_is_told_beside_what_passes(planted: type[Effect]) -> None:
-    """The missing value is that of the curve, smoothed, so that jumps come out lower."""
-    d = diagnosed(planted)
-    rest = diagnosis_file(d, find_missing(d)).remainder
-    assert rest is not None and rest.missing_rms is not None and rest.passing_rms is not None
-    spread = float(np.std(forms_of(d)[0].curve.y))
-    assert 0.4 * spread < rest.missing_rms < 1.2 * spread
-    assert 0.2 * PUSH < rest.passing_rms < PUSH
-
-
 @each
 def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
     """Beside what the refitted parameters of the rig can take up as well."""
@@ -256,12 +242,6 @@ def test_a_withheld_effect_keeps_its_family() -> None:
     assert [(f.family, f.port) for f in forms_of(d)] == [("command-timing", "amplifier")]
 
 
-def test_what_is_no_function_of_the_signals_has_no_family() -> None:
-    """A force from outside, which depends on the time alone."""
-    d = shaken()
-    assert d.cause is None and forms_of(d) == ()
-
-
 def test_a_gap_far_above_the_floor_is_not_denied() -> None:
     """No curve at a port predicts it, and no effect that is known."""
     d = shaken()
@@ -295,36 +275,3 @@ def test_the_remainder_beside_a_named_cause_has_a_family() -> None:
     ]
     assert found[0].removes.share > 0.5
     assert found[0].model.fit.p[found[0].model.assembly.keys["coulomb-friction:level"]] > 0.0
-
-
-def test_forms_that_do_as_well_are_all_said() -> None:
-    """Of forms that the recordings cannot tell apart the sentence names every family and port."""
-    d = diagnosed(Step)
-    (form,), (other, *_) = forms_of(d), forms_of(diagnosed(TwoSlips))
-    assert d.answer is not None
-    both = replace(d, answer=replace(d.answer, free_forms=(form, other)))
-    said = diagnosis_file(both, find_missing(d))
-    assert "of the stiffness or hysteresis family" in said.sentence
-    assert said.unknown is not None and len(said.unknown.free_forms) == 2
-    shown = diagnosis_text(said.as_json(), Path("run")).splitlines()
-    lines = [line for line in shown if line.startswith(("Family ", "       or "))]
-    assert [line[10:].split(",")[0] for line in lines] == [
-        "stiffness at the guide",
-        "hysteresis at the guide",
-    ]
-
-
-def test_a_form_needs_something_to_be_drawn_over() -> None:
-    """At a port that offers no position no curve can be drawn over it."""
-    d = diagnosed(Nothing)
-    base = d.budget.baseline
-    reached = reached_at(base, ["guide", "ruler"])
-    low, high = reached["guide", "position"]
-    assert -0.5 < low < -0.05 and 0.05 < high < 0.5
-    assert {name for port, name in reached if port == "ruler"} == {"value", "rate"}
-    assert ("amplifier", "value") not in reached
-    forms = attachments(d.evidence.rig, free_form_effects().values())
-    known = {key: span for key, span in reached.items() if key[1] != "position"}
-    left = {a.effect.name for a in forms if _span(a, d.evidence.rig, known) is not None}
-    assert "free-friction" in left and "free-map" in left
-    assert not {"free-position-force", "free-hysteresis"} & left

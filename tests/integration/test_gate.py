@@ -15,7 +15,7 @@ from virtual_joint import record
 
 from cli.frame import run
 from pamid.api.given import evidence_of
-from pamid.base.errors import DataError, PamidError
+from pamid.base.errors import DataError
 from pamid.base.progress import silent
 from pamid.checks.recording_quality import blocking, examine
 from pamid.model.registry import effects, rig_named
@@ -133,48 +133,6 @@ def test_what_check_calls_wrong_stops_a_fit(
     )
 
 
-def test_held_out_recordings_are_asked_too(joint: Recording, tmp_path: Path) -> None:
-    bad = written(tmp_path, record(tmp_path / "other.csv", 6.0, seed=8), {})
-    good = read_recording(bad)
-    bad = written(tmp_path, good, {ANGLE: np.radians(good.columns[ANGLE])})
-    with pytest.raises(PamidError, match="bad.csv: unit"):
-        evidence_of(joint.path, "one-dof", bad)
-
-
-def test_no_check_is_an_option_of_both_commands(
-    tmp_path: Path, pushed: Recording, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = written(tmp_path, pushed, {"position_m": -pushed.columns["position_m"]})
-    arguments = ["fit", str(path), "--rig", RIG, "--output", str(tmp_path / "run"), "--json"]
-    assert run(arguments) == 3 and json.loads(capsys.readouterr().out)["code"] == "check"
-    assert run([*arguments, "--no-check"]) in (0, 5) and (tmp_path / "run" / "fit.json").is_file()
-
-
-@pytest.mark.parametrize(
-    ("clock", "words"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1.0 / 60.0, "minutes")]
-)
-def test_the_clock_of_a_rig_that_states_no_period(
-    clock: float, words: str, pushed: Recording, tmp_path: Path
-) -> None:
-    (issue,) = blocking(read_recording(written(tmp_path, pushed, {}, clock)), rig_named(RIG))
-    assert issue.kind == "clock" and words in issue.hint
-
-
-@pytest.mark.parametrize("clock", [0.1, 0.5, 2.0, 10.0])
-def test_another_sampling_rate_is_no_other_clock(
-    clock: float, joint: Recording, tmp_path: Path
-) -> None:
-    """A rig may be sampled ten times as often, or as rarely, as it says."""
-    again = read_recording(written(tmp_path, joint, {}, clock))
-    assert "clock" not in [i.kind for i in blocking(again, rig_named("one-dof"))]
-
-
-def test_what_is_right_is_taken(joint: Recording, pushed: Recording) -> None:
-    example = read_recording(ROOT / "data" / "example" / "joint.csv")
-    for recording, rig in ((joint, "one-dof"), (pushed, RIG), (example, "one-dof")):
-        assert not blocking(recording, rig_named(rig))
-
-
 @pytest.mark.skipif(
     not MEASURED.is_dir(), reason="the measured recordings are not beside the project"
 )
@@ -217,14 +175,6 @@ def piston(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, str]:
     return read_recording(folder / "rec.csv"), str(folder / "piston.py")
 
 
-def test_a_data_sheet_that_is_far_off_is_told_with_the_slip(piston: tuple[Recording, str]) -> None:
-    recording, rig = piston
-    (issue,) = [i for i in examine(recording, rig_named(rig)) if i.kind == "far-off"]
-    assert issue.severity == "advice" and issue.figures["error"] > 1e3
-    assert "Check units and signs" in issue.hint and "the parameter area times 0.0001" in issue.hint
-    assert not blocking(recording, rig_named(rig)), "what is only likely stops nothing"
-
-
 def position_times(factor: float, r: Recording) -> Recording:
     columns = {**r.columns, "position_m": factor * r.columns["position_m"]}
     return recording_of(r.time, columns, name="scaled", digits=15)
@@ -248,23 +198,6 @@ def test_another_unit_is_named_in_both_directions(
     (issue,) = [i for i in examine(recording, rig) if i.kind == "far-off"]
     assert "the column position_m times" in issue.hint and named in issue.hint
     assert not blocking(recording, rig)
-
-
-def test_a_force_in_another_unit_is_named(pushed: Recording) -> None:
-    columns = {**pushed.columns, "force_n": pushed.columns["force_n"] / 1e4}
-    recording = recording_of(pushed.time, columns, name="scaled")
-    (issue,) = [i for i in examine(recording, rig_named(RIG)) if i.kind == "far-off"]
-    assert "the column force_n times 10000" in issue.hint
-    assert "the column position_m times 0.0001" in issue.hint
-
-
-@pytest.mark.parametrize("share", [0.8, 1.0, 2.0, 3.6, 5.0])
-def test_a_machine_that_the_refit_explains_has_the_right_units(
-    share: float, pushed: Recording
-) -> None:
-    """As large as a machine of another mass within the bounds of the rig."""
-    rig, recording = rig_named(RIG), position_times(share, pushed)
-    assert not [i for i in examine(recording, rig) if i.kind == "far-off"]
 
 
 def test_an_effect_that_hides_another_unit_is_set_aside(

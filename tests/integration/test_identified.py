@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from identified_runs import RANGES, SEEN, fitted_run, joint_recording, put_network, random_network
+from identified_runs import SEEN, fitted_run, joint_recording, put_network, random_network
 from pamid_cli import frame
 
 from pamid.base.errors import FileError, UsageError
@@ -23,11 +23,9 @@ from pamid.base.units import from_si, split_column
 from pamid.correction.identified_model import (
     Identified,
     load_identified,
-    record_identified,
     simulate_identified,
 )
 from pamid.correction.port_network import Corrected, entry_of
-from pamid.estimation.closed_loop import loop_motion
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.quantities import agreed
 from pamid.model.registry import rig_named
@@ -104,26 +102,6 @@ def test_the_model_is_the_fitted_one(made: Made) -> None:
         Y[:, seen], again.outputs, rtol=0.0, atol=1e-12 * np.ptp(again.outputs, axis=0).max()
     )
     assert np.abs(columns(model, Y)["angle_deg"] - recording.signal("angle_deg")).mean() < 0.1
-
-
-def test_the_place_of_an_effect_matters(made: Made, run: Copy) -> None:
-    folder = run()
-    fit = read_json(folder / "fit.json")
-    told = json.dumps(fit["model"]).replace("leak@pressure_2", "leak@pressure_1")
-    write_json(folder / "fit.json", fit | {"model": json.loads(told)})
-    u = commands_of(made[1])
-    here, there = (simulate_identified(load_identified(f), u) for f in (made[0], folder))
-    assert np.abs(here - there)[:, 1:3].max() > 10.0
-
-
-def test_known_values_and_the_rigs_start(made: Made) -> None:
-    model = load_identified(made[0]).knowing({"inertia_kg_m2": 0.05, "initial_pressure_kpa": 300.0})
-    p = model.constants
-    assert p["inertia"] == 0.05 and model.start[2] == model.start[3] == pytest.approx(
-        300e3 + 101325.0
-    )
-    with pytest.raises(FileError, match="no parameter 'inertia_kg'"):
-        model.knowing({"inertia_kg": 1.0})
 
 
 def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
@@ -211,32 +189,6 @@ def test_a_network_at_a_port(made: Made, run: Copy, port: str) -> None:
     assert model.inputs == alone.inputs == ("command", "external_torque_nm")
 
 
-def test_a_network_in_the_control_loop(made: Made, run: Copy) -> None:
-    """Its derivatives look ahead: a finished run in the loop is corrected, a replay of commands is
-    refused."""
-    folder, (_, recording, _) = run(), made
-    moving = (
-        "angle_loop_deg",
-        "velocity_loop_deg_per_s",
-        "acceleration_loop_deg_per_s2",
-        "command_loop",
-    )
-    trained = random_network(Elman(5, 3), ("reference_deg", *moving), "angle_deg", 2.0)
-    put_network(folder, trained, model="loop")
-    model, alone = load_identified(folder), load_identified(folder, which="refitted")
-    wanted = {"reference_deg": recording.signal("reference_deg")}
-    reference = Recording("r", Path("r.csv"), "", recording.time, wanted, 0.003)
-    found, before = (record_identified(m, reference, noise=0.0).columns for m in (model, alone))
-    motion = loop_motion(before["angle_deg"], before["command"], 0.003)
-    signals = dict(zip(moving, motion, strict=True)) | wanted
-    np.testing.assert_allclose(
-        found["angle_deg"], before["angle_deg"] + trained.predict(signals), rtol=0.0, atol=1e-12
-    )
-    np.testing.assert_array_equal(found["force_1_n"], before["force_1_n"])
-    with pytest.raises(UsageError, match="in its own control loop"):
-        simulate_identified(model, commands_of(recording))
-
-
 # ---- the command --------------------
 
 
@@ -282,89 +234,7 @@ def test_the_command_replays_and_closes_the_loop(
     )
 
 
-def test_the_command_refuses(
-    made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    slow = tmp_path / "slow.csv"
-    write_recording(slow, np.arange(200) * 0.01, {"reference_deg": np.zeros(200)})
-    recording, out = made[1].path, tmp_path / "out.csv"
-    for excitation, more, code, words in (
-        (slow, (), 4, "the model's sample is 0.003 s"),
-        (recording, ("--which", "cause"), 3, "has no cause"),
-        (recording, ("--effect", "leak"), 2, "only its effect files"),
-        (recording, ("--rig", "two-link"), 3, "not of 'two-link'"),
-        (recording, ("--set", "mas=1"), 3, "no parameter"),
-    ):
-        assert simulate(made[0], excitation, out, *more) == code
-        assert words in capsys.readouterr().out
-    assert (
-        frame.run(
-            ["simulate", "--excitation", str(recording), "--which", "cause", "--output", str(out)]
-        )
-        == 2
-    )
-    assert not out.exists()
-
-
 # ---- folders that are not as they should be --------------------
-
-
-def _without(*path: str) -> Callable[[dict[str, Any]], None]:
-    def change(fit: dict[str, Any]) -> None:
-        inner = fit
-        for name in path[:-1]:
-            inner = inner[name]
-        del inner[path[-1]]
-
-    return change
-
-
-def _with(value: Any, *path: str) -> Callable[[dict[str, Any]], None]:
-    def change(fit: dict[str, Any]) -> None:
-        inner = fit
-        for name in path[:-1]:
-            inner = inner[name]
-        inner[path[-1]] = value
-
-    return change
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (_without("model"), "does not hold its model"),
-        (_with("pamid.fit/2", "schema"), "schema should be 'pamid.fit/1'"),
-        (_without("model", "values", "radius"), "differ in radius"),
-        (_with(1.0, "model", "values", "raduis"), "differ in raduis"),
-        (_with("x", "model", "values", "radius"), "model.values.radius should be a number"),
-        (_with(None, "model", "values"), "model.values should be an object"),
-        (_with(["no-such-effect"], "model", "effects"), "unknown effect"),
-        (_with(["leak"], "model", "effects"), "differ in"),
-        (_with([], "recordings"), "sampling period"),
-        (_with(10**9, "model", "stepping", "substeps"), "out of range"),
-        (_with(0, "model", "stepping", "substeps"), "out of range"),
-        (_without("rig"), "rig should be a text, it is missing"),
-        (_with("two-link", "rig"), "not of 'one-dof'"),
-        (_with(1e400, "model", "values", "radius"), "Infinity"),
-        (_with([1], "model"), "model should be an object"),
-    ],
-)
-def test_a_damaged_fit(run: Copy, change: Callable[[dict[str, Any]], None], words: str) -> None:
-    folder = run()
-    fit = read_json(folder / "fit.json")
-    change(fit)
-    (folder / "fit.json").write_text(json.dumps(fit), encoding="utf-8")
-    with pytest.raises(FileError, match=words):
-        load_identified(folder)
-
-
-def test_no_run_and_no_fit(run: Copy, tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="not a run folder"):
-        load_identified(tmp_path)
-    folder = run()
-    (folder / "fit.json").unlink()
-    with pytest.raises(FileError, match="does not exist"):
-        load_identified(folder)
 
 
 @pytest.mark.parametrize(
@@ -385,16 +255,6 @@ def test_a_damaged_network(run: Copy, about: dict[str, Any], words: str) -> None
     with pytest.raises(FileError, match=words) as told:
         load_identified(folder)
     assert "network.json" in str(told.value) or "no parameter" in str(told.value)
-
-
-def test_a_network_that_sees_what_the_model_is_not(
-    run: Copy, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(RANGES, "angle_data_sheet_deg", (-40.0, 40.0))
-    folder = run()
-    put_network(folder, random_network(Elman(1, 2), ("angle_data_sheet_deg",), "angle_deg", 1.0))
-    with pytest.raises(FileError, match="angle_data_sheet_deg"):
-        load_identified(folder)
 
 
 class Trap:

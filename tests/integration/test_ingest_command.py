@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.base.errors import DataError, FileError
+from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest import account
 from pamid.ingest.channels import Channel, Log
@@ -126,21 +126,6 @@ def require_plant(made: Recording, t: FloatArray) -> None:
 # ---- there and back --------------------
 
 
-@pytest.mark.parametrize("way", ["held", "linear"])
-def test_what_inputs_do_between_samples_is_handed_on(
-    way: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The recording's TOML says it, and a column on another clock is filled in the same way."""
-    prepare()
-    text = Path("map.toml").read_text() + f'[between]\ncommand = "{way}"\n'
-    Path("map.toml").write_text(text)
-    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
-    assert code == 0 and said["recordings"][0]["mapping"]["between"] == {"command": way}
-    assert read_recording("rec.csv").between == {"command": way}
-    used = said["recordings"][0]["signals"]["command"]["interpolation"]
-    assert used == {"held": "hold", "linear": "smooth"}[way]
-
-
 def test_a_recording_comes_back_from_raw_form(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -216,22 +201,6 @@ def late(t: FloatArray, seed: int = 0) -> FloatArray:
     return np.asarray(np.maximum.accumulate(t + wait) + 1e-9 * np.arange(t.size))
 
 
-def test_late_stamps_leave_the_samples_as_they_are(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    t = np.arange(N) * T
-    prepare(late(t * (1 + 6e-5)))
-    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
-    assert code == 0
-    require_plant(read_recording("rec.csv"), t)
-    told = said["recordings"][0]
-    assert (
-        told["clocks"][0]["cure"] == "late-stamps"
-        and "signals do not follow" in told["clocks"][0]["why"]
-    )
-    assert told["clock_ppm"] == pytest.approx(60.0, abs=20.0)
-
-
 def test_jittered_sampling_is_resampled_by_the_stamps(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -285,18 +254,6 @@ def test_where_the_data_do_not_tell_it_is_asked(
     Path("map.toml").write_text(MAPPING.format(time='repair = "none"'), encoding="utf-8")
     code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "o.csv")
     assert code == 3 and 'time.repair is "none"' in error["message"]
-
-
-def test_seconds_taken_for_milliseconds_are_named(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare(np.arange(N) * T / 1e3)
-    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
-    assert code == 3 and error["code"] == "time-unit"
-    assert (
-        'time.unit is "ms": samples would be 3e-06 s apart; in "s" they would be 0.003 s apart'
-        in error["message"]
-    )
 
 
 def test_gaps_and_long_empty_runs_split_and_short_ones_are_filled(
@@ -374,24 +331,6 @@ def test_every_channel_comes_to_the_common_base_in_its_own_way() -> None:
     assert list(columns) == ["reference_deg", "command", "angle_deg", "pressure_1_kpa"]
 
 
-def test_a_slow_channel_in_a_fast_table_is_not_full_of_gaps() -> None:
-    t = np.arange(N) * T
-    p = np.where(np.arange(N) % 20 == 0, 4.0 + np.sin(t), np.nan)
-    made = made_of(
-        [
-            Channel("t", t, None, "s"),
-            Channel("w", plant(t)["angle_deg"], None, "deg"),
-            Channel("p", p, None, "bar"),
-        ],
-        {"angle_deg": "w", "pressure_1_kpa": "p"},
-        source="t",
-    )
-    assert len(made.recordings) == 1
-    assert made.recordings[0].columns["pressure_1_kpa"] == pytest.approx(
-        400 + 100 * np.sin(t[:1981]), abs=0.05
-    )
-
-
 def test_a_stated_period_decimates_with_the_filter() -> None:
     t = np.arange(12000) * 1e-3
     angle = plant(t)["angle_deg"] + 0.35 * np.sin(2 * np.pi * 310 * t)
@@ -406,54 +345,7 @@ def test_a_stated_period_decimates_with_the_filter() -> None:
     assert account.at_limit(np.array([0.0, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])) == 3
 
 
-def test_what_cannot_be_made_is_refused() -> None:
-    t = np.arange(N) * T
-    w = Channel("w", plant(t)["angle_deg"], None, "deg")
-    with pytest.raises(FileError, match="time says neither source nor period_s"):
-        made_of([w], {"angle_deg": "w"})
-    with pytest.raises(
-        FileError, match=r"time.source is 'zeit'; log.mf4 has no such channel. Did you mean 'Zeit'"
-    ):
-        made_of([w, Channel("Zeit", t)], {"angle_deg": "w"}, source="zeit")
-    with pytest.raises(
-        FileError, match=r"signals.angle_deg.source is 'v'; log.mf4 has no such channel"
-    ):
-        made_of([w], {"angle_deg": "v"}, period_s=T)
-    with pytest.raises(FileError, match=r"time.max_gap_s is 0.001, but samples are 0.003 s apart"):
-        made_of([w], {"angle_deg": "w"}, period_s=T, max_gap_s=0.001)
-    with pytest.raises(FileError, match="No measured signal"):
-        made_of([Channel("u", np.zeros(3), np.arange(3.0))], {"command": "u"})
-    with pytest.raises(DataError, match="nowhere are all channels there"):
-        made_of(
-            [w, Channel("p", np.full(N, np.nan), None, "bar")],
-            {"angle_deg": "w", "pressure_1_kpa": "p"},
-            period_s=T,
-        )
-
-
 # ---- files --------------------
-
-
-def test_several_logs_are_numbered_or_keep_their_names(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare()
-    Path("other.csv").write_bytes(Path("log.csv").read_bytes())
-    assert (
-        ran(capsys, "log.csv", "other.csv", "--mapping", "map.toml", "--output", "rec.csv")[0] == 0
-    )
-    assert ran(capsys, "log.csv", "other.csv", "--mapping", "map.toml", "--output", "out/")[0] == 0
-    found = sorted(str(p) for p in [*Path(".").glob("rec*.csv"), *Path("out").iterdir()])
-    assert found == [
-        "out/log.csv",
-        "out/log.ingest.json",
-        "out/log.toml",
-        "out/other.csv",
-        "out/other.ingest.json",
-        "out/other.toml",
-        "rec-1.csv",
-        "rec-2.csv",
-    ]
 
 
 def test_nothing_is_replaced_without_being_told(
@@ -553,83 +445,3 @@ def test_a_rig_file_named_by_a_mapping_is_not_run(
         == 0
     )
     assert read_recording("rec.csv").rig == "one-dof"
-
-
-def test_an_unknown_column_is_kept_and_a_text_cell_is_told(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare()
-    extra = '\n[signals.temperature_degc]\nsource = "p1"\nscale = 2.0\noffset = 1.0\n'
-    Path("map.toml").write_text(MAPPING.format(time="") + extra, encoding="utf-8")
-    assert frame.run(["ingest", "log.csv", "--mapping", "map.toml", "--output", "rec.csv"]) == 0
-    shown = capsys.readouterr()
-    assert "does not know the column 'temperature_degc'; it is kept" in shown.err
-    assert "Next: pamid check rec.csv" in shown.out
-    made = read_recording("rec.csv")
-    p1 = raw(made.time, made.time)["p1"]
-    assert made.columns["temperature_degc"] == pytest.approx(2.0 * p1 + 1.0, rel=1e-8)
-    lines = Path("log.csv").read_text().splitlines()
-    lines[700] = lines[700].rpartition(";")[0] + ";overload"
-    Path("log.csv").write_text("\n".join(lines))
-    assert frame.run(["ingest", "log.csv", "--mapping", "map.toml", "--output", "other.csv"]) == 0
-    assert (
-        "1 cells are no numbers and become empty, the first is 'overload'"
-        in capsys.readouterr().out
-    )
-    assert (
-        json.loads(Path("other.ingest.json").read_text())["signals"]["pressure_2_kpa"][
-            "empty_cells"
-        ]
-        == 1
-    )
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["log.csv"],
-        ["--guess", "a.csv", "b.csv"],
-        ["--guess", "a.csv", "--mapping", "m.toml"],
-    ],
-)
-def test_wrong_usage(words: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert ran(capsys, *words)[0] == 2
-
-
-def test_a_guess_lets_samples_share_a_stamp_where_the_signals_prove_it_late(tmp_path: Path) -> None:
-    """The log of a PC that was busy for a moment: two samples carry the same time."""
-    log = tmp_path / "log.csv"
-    t = 0.003 * np.arange(6000)
-    stamps = np.maximum.accumulate(
-        1000.0 * t + np.random.default_rng(3).exponential(0.6, t.size)
-    ).round(3)
-    assert 0 < np.count_nonzero(np.diff(stamps) == 0.0) < 60
-    y = 20.0 * np.sin(2 * np.pi * 0.7 * t) + 0.01 * np.random.default_rng(4).standard_normal(t.size)
-    rows = "".join(f"{a:.3f},{b:.4f}\n" for a, b in zip(stamps, y, strict=True))
-    log.write_text("t [ms],angle [deg]\n" + rows)
-    assert (
-        frame.run(
-            [
-                "ingest",
-                "--guess",
-                str(log),
-                "--rig",
-                "one-dof",
-                "--output",
-                str(tmp_path / "map.toml"),
-            ]
-        )
-        == 0
-    )
-    assert 'repair = "late-stamps"' in (tmp_path / "map.toml").read_text()
-    words = [
-        "ingest",
-        str(log),
-        "--mapping",
-        str(tmp_path / "map.toml"),
-        "--output",
-        str(tmp_path / "rec.csv"),
-    ]
-    assert frame.run(words) == 0
-    kept = read_recording(tmp_path / "rec.csv")
-    np.testing.assert_allclose(kept.columns["angle_deg"], y.round(4), atol=1e-9)

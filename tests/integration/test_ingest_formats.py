@@ -18,7 +18,6 @@ from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import known_kinds, read_here
 from pamid.ingest.log_reader import read_log
-from pamid.ingest.memory_budget import limited_memory
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -135,15 +134,6 @@ def test_mat_of_every_layout(tmp_path: Path, compressed: bool) -> None:
     assert said(log, "left out", "Kp") and said(log, "left out", "who")
 
 
-def test_mat_v4_of_a_to_file_block_has_its_samples_in_columns(tmp_path: Path) -> None:
-    from scipy.io import savemat
-
-    savemat(tmp_path / "rig.mat", {"ans": np.vstack([TIME, ANGLE, PRESSURE])}, format="4")
-    log = read_log(tmp_path / "rig.mat")
-    matches(log, "ans/1", TIME)
-    matches(log, "ans/3", PRESSURE)
-
-
 def write_tables(path: Path, version: str) -> Path:
     import pandas
 
@@ -172,19 +162,6 @@ def test_mat_tables_and_timetables(tmp_path: Path, version: str) -> None:
     matches(log, "tab/t", TIME)
     matches(log, "x", ANGLE)
     matches(log, "s", PRESSURE, LATE)
-
-
-def test_objects_of_matlab_classes_are_left_out_with_advice(tmp_path: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from matio import save_to_mat
-        from matio.utils.matclass import MatlabOpaque
-
-        series = MatlabOpaque(properties={"Data_": ANGLE.reshape(-1, 1)}, classname="timeseries")
-        save_to_mat(str(tmp_path / "rig.mat"), {"ts": series, "x": ANGLE}, version="v7")
-    log = read_log(tmp_path / "rig.mat")
-    matches(log, "x", ANGLE)
-    assert said(log, "left out", "x.Time", "ts")
 
 
 @octave
@@ -384,24 +361,6 @@ def test_mdf_never_evaluates_the_formula_of_a_clock(
     assert said(log, "left out", "clock", "formula", "angle")
 
 
-def test_mdf_values_marked_invalid_are_empty(tmp_path: Path) -> None:
-    from asammdf import MDF, Signal
-
-    invalid = np.arange(N) % 5 == 0
-    file = MDF(version="4.10")
-    file.append(
-        [
-            Signal(ANGLE, TIME, name="angle", invalidation_bits=invalid),
-            Signal(PRESSURE, TIME, name="p"),
-        ]
-    )
-    file.save(tmp_path / "rig.mf4")
-    file.close()
-    log = read_log(tmp_path / "rig.mf4")
-    matches(log, "angle", np.where(invalid, np.nan, ANGLE), TIME)
-    matches(log, "p", PRESSURE, TIME)
-
-
 # ROS
 
 
@@ -510,22 +469,6 @@ def test_a_missing_package_is_named_with_its_extra(
     )
 
 
-def test_a_data_set_in_a_folder_names_its_extra_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for file, text in (
-        ("meta/info.json", '{"features": {"action": {}}}'),
-        ("data/x.parquet", "PAR1"),
-    ):
-        (tmp_path / file).parent.mkdir()
-        (tmp_path / file).write_text(text)
-    stub(tmp_path, monkeypatch, "pyarrow", "raise ModuleNotFoundError('none', name='pyarrow')")
-    for path in (tmp_path, tmp_path / "data/x.parquet"):
-        with pytest.raises(FileError, match="needs pyarrow") as caught:
-            read_log(path)
-        assert caught.value.hint == "pip install 'pamid[parquet]'"
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -585,16 +528,6 @@ def mcap(path: Path) -> Path:
 def sqlite(path: Path) -> Path:
     folder = write_ros(path.with_suffix(""), "sqlite3")
     return Path(shutil.copy(next(folder.glob("*.db3")), path))
-
-
-@pytest.mark.parametrize(("suffix", "write"), [("bag", bag), ("mcap", mcap), ("db3", sqlite)])
-def test_messages_count_as_they_are_read(
-    tmp_path: Path, suffix: str, write: Callable[[Path], Path]
-) -> None:
-    path = write(tmp_path / f"log.{suffix}")
-    assert read_here(path, "ros").channels
-    with limited_memory(1e-5), pytest.raises(FileError, match="too large"):
-        read_here(path, "ros")
 
 
 def parquet(path: Path) -> Path:

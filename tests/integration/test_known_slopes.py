@@ -15,9 +15,8 @@ from pendulums import SteppedTwin, WrittenPendulum
 import pamid
 from pamid.diagnosis.candidate_model import slopes_along
 from pamid.engine import known_slopes
-from pamid.engine.known_slopes import FAR, FORETOLD, STILL_HOLDS, KnownSlopes
+from pamid.engine.known_slopes import FORETOLD, KnownSlopes
 from pamid.engine.program import Stepping
-from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.smoother import SlicedTrack, slices_of, start_trajectory
@@ -96,54 +95,6 @@ def test_slopes_that_are_known_are_those_that_were_worked_out(
     for found in (first, again):
         assert np.array_equal(found[0], y)
         assert np.abs(found[1] - by).max() <= 1e-9 * np.abs(by).max()
-
-
-def test_near_by_they_hold_and_far_off_they_are_worked_out_anew(problem: Problem) -> None:
-    runner = Runner(problem.assembly, problem.tracks[0], Stepping(SUBSTEPS), problem.free)
-    sheet, exchanges = problem.start(), SUBSTEPS * len(runner.track)
-    keeping = runner.keeping()
-    _run(problem, keeping, sheet)
-    for share in (0.01, 1.0):
-        p = sheet.copy()
-        p[list(problem.free)] *= 1.0 + share
-        own = keeping.keeping(keeping.known)
-        assert own.known is not None
-        (y, by), (exact, exactly) = _run(problem, own, p), _run(problem, runner, p)
-        assert np.array_equal(y, exact)  # nothing was checked yet, so all steps are made
-        if share > FAR:
-            assert own.known.counts.tolist() == [exchanges, 0, 0]
-            assert np.abs(by - exactly).max() <= 1e-9 * np.abs(exactly).max()
-            continue
-        assert own.known.counts[1] > 0.95 * exchanges
-        size = np.sqrt((exactly**2).mean(axis=0))
-        assert (np.sqrt(((by - exactly) ** 2).mean(axis=0)) <= STILL_HOLDS * size).all()
-
-
-def test_a_parameter_that_moves_far_and_counts_little_costs_a_probe(
-    problem: Problem, copies: list[int]
-) -> None:
-    """A damping in the hinge of next to nothing moves by half of itself; a mass by as much."""
-    runner = Runner(problem.assembly, problem.tracks[0], Stepping(SUBSTEPS), problem.free)
-    sheet, exchanges = problem.start(), SUBSTEPS * len(runner.track)
-    hinge, cart = (problem.assembly.index_of(key) for key in ("hinge_n_m_s", "cart_kg"))
-    sheet[hinge] = 1e-7
-    keeping = runner.keeping()
-    _run(problem, keeping, sheet)
-    cost = []
-    for place in (hinge, cart):
-        p, trial = sheet.copy(), keeping.keeping(keeping.known)
-        p[place] *= 1.5
-        assert trial.known is not None
-        copies.clear()
-        _, by = _run(problem, trial, p)
-        cost.append(sum(copies) / exchanges)
-        exactly = _run(problem, runner, p)[1]
-        size = np.sqrt((exactly**2).mean(axis=0))
-        off = np.sqrt(((by - exactly) ** 2).mean(axis=0))
-        assert (off <= 2.0 * STILL_HOLDS * size).all()
-    # the step, states and forces moved, the damping moved up and down, all parameters moved; in
-    # place of the step, the probe, each of nine values moved, and all of them
-    assert cost[0] < 5.1 and cost[1] > 10.0
 
 
 def test_slopes_by_forces_are_worked_out_where_they_are_pushed(
@@ -250,28 +201,6 @@ def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
     assert cost[0] < cost[1]
 
 
-@pytest.mark.parametrize("iterations", [2, 40])
-def test_what_a_fit_leaves_is_of_steps_that_were_made(problem: Problem, iterations: int) -> None:
-    """Whether it has settled or has used up its steps."""
-    done = fit(problem, stepping=Stepping(1), iterations=iterations)
-    assert done.converged is (iterations == 40)
-    p, step, (starts,) = done.p, done.stepping, done.starts
-    runner = Runner(problem.assembly, problem.tracks[0], step)
-    memory = runner.memory(p)
-    for window, x, left in zip(
-        problem.windows(runner.track), starts, _windows(problem, done), strict=True
-    ):
-        runner.enter(memory, x)
-        y = runner.run(memory, window, p, False)[0]
-        assert np.allclose(y - runner.track.y[window.start : window.stop], left, atol=1e-12)
-
-
-def _windows(problem: Problem, done: Fit) -> list[Array]:
-    """What is left in each window."""
-    (left,) = done.residuals
-    return [left[w.start : w.stop] for w in problem.windows(problem.tracks[0])]
-
-
 @pytest.mark.parametrize("moving", [False, True])
 def test_smoothing_begins_with_slopes_along_the_replay(
     recording: Recording, moving: bool, copies: list[int]
@@ -293,30 +222,3 @@ def test_smoothing_begins_with_slopes_along_the_replay(
     for one, other in zip(*found, strict=True):
         assert np.allclose(one, other, rtol=1e-6, atol=1e-9)
     assert cost[0] == 0 < cost[1]  # along the replay itself every step had been made
-
-
-def test_equations_keep_none(recording: Recording) -> None:
-    evidence = split_recordings(WrittenPendulum(), [recording], [])
-    a = Assembly(evidence.rig, outputs=evidence.channels)
-    runner = Runner(a, evidence.tracks(a)[0], Stepping(1))
-    assert runner.keeping() is runner
-
-
-def test_slopes_by_other_parameters_are_not_taken(problem: Problem) -> None:
-    program = problem.assembly.program
-    assert isinstance(program, SteppedProgram)
-    runner = Runner(problem.assembly, problem.tracks[0], Stepping(1), problem.free).keeping()
-    fewer = replace(runner, free=problem.free[:1], known=None)
-    p = problem.start()
-    _run(problem, runner, p)
-    assert fewer.keeping(runner.known).known is not runner.known
-    mistaken = replace(fewer, known=runner.known)
-    exact, found = _run(problem, fewer, p), _run(problem, mistaken, p)
-    assert np.array_equal(exact[1], found[1])
-
-
-def test_too_much_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    none = np.zeros(0, np.intp)
-    assert KnownSlopes.room(1000, 1, (0, 4, 1, 3), none) is not None
-    monkeypatch.setattr(known_slopes, "MOST_NUMBERS", 100)
-    assert KnownSlopes.room(1000, 1, (0, 4, 1, 3), none) is None

@@ -12,13 +12,9 @@ from small_cart import PERIOD_S
 
 from pamid.base.run_folder import Run
 from pamid.checks.recording_quality import examine
-from pamid.diagnosis.candidate_model import candidate_from
-from pamid.diagnosis.screening import starting_points
-from pamid.diagnosis.starting_hints import gather_hints
-from pamid.effects.saturation import Saturation
 from pamid.estimation.grey_box import fit_model, model_with
-from pamid.model.attachment import Addition, attachments
-from pamid.model.effect import Hints, State
+from pamid.model.attachment import attachments
+from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
@@ -107,23 +103,6 @@ def test_the_states_behind_a_limited_reading_are_found(ends: tuple[float, float]
     for track in (*evidence.tracks(true), *evidence.tracks(true, held_out=True)):
         done = replay_track(true, p, track, model.fit.stepping, evidence.noise)
         assert done.finite and float(done.losses().mean()) < 10.0 * NOISE
-
-
-def test_the_extremes_of_a_reading_are_where_a_limit_is_sought() -> None:
-    recording = recorded(0.25, 0.75)
-    evidence = split(recording)
-    model = fit_model(evidence)
-    hints = gather_hints(evidence, candidate_from(model.assembly, model.fit, model.held_out))
-    y = recording.columns["position_m"]
-    part = y[: evidence.fit[0].stop]
-    assert hints.at("sensor").extremes == ((part.min(), part.max()),)
-    assert hints.at("drive").extremes == ()
-    a = next(a for a in attachments(evidence.rig, [Saturation]) if a.ports == ("sensor",))
-    made = model_with(evidence, (a,), model.assembly.sizes)
-    _, points = starting_points(made, Addition((a,)), hints)
-    limits = [first["saturation@sensor:limit"] for first in points if len(first) == 2]
-    assert -part.min() in limits and -part.max() in limits
-    assert Saturation().starts(Hints()) == []
 
 
 @pytest.mark.parametrize("ends", [(0.25, 0.75), (0.0, 1.0)])

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from counted import calls_of
 from pamid_cli import frame
 from small_cart import PERIOD_S, RIG, others
 
 from pamid.base.json_file import read_json
 from pamid.excitation.aprbs import aprbs
-from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import FEWEST_SAMPLES, DataSplit
+from pamid.simulation.data_split import FEWEST_SAMPLES
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 
@@ -70,20 +66,6 @@ def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     )
     found = read_json(tmp_path / "run" / "diagnosis.json")
     assert found["verdict"] == "explained" and found["causes"][0]["effect"] == "coulomb-friction"
-
-
-def test_what_is_asked_of_every_recording_takes_one_step_each() -> None:
-    """Twice as many spans, held out and fitted, cost about twice as much, not four times."""
-
-    def asked(count: int) -> int:
-        spans: list[Any] = [SimpleNamespace(recording=object()) for _ in range(count)]
-        evidence = DataSplit(
-            rig_named(RIG), tuple(spans), tuple(spans), (), np.zeros(0), np.zeros(0), 1.0, 1.0
-        )
-        assert evidence.recordings == [s.recording for s in spans]
-        return calls_of(lambda: evidence.recordings)
-
-    assert asked(200) < 3 * asked(100)
 
 
 @pytest.mark.slow

@@ -17,10 +17,9 @@ from conformance_rules import run as run_rig
 from pamid_cli import frame
 
 import pamid
-from pamid.authoring.column_match import best_match, examples
+from pamid.authoring.column_match import examples
 from pamid.base.errors import FileError, UsageError
 from pamid.base.units import from_si, split_column
-from pamid.ingest.matcher import recorded_fit
 from pamid.model.assembly import Assembly
 from pamid.model.determined_signals import unobserved_states
 from pamid.model.effect import RIG_SECTIONS
@@ -30,26 +29,6 @@ from pamid.recording.recording import Recording, read_recording, recording_of, w
 from pamid.symbolic.expression import symbols
 
 EXAMPLES = sorted(examples())
-
-
-def test_there_are_these_to_start_from() -> None:
-    assert EXAMPLES == [
-        "cascaded-tanks",
-        "cylinder-bench",
-        "damper-bench",
-        "dc-motor",
-        "free-decay",
-        "geared-motor",
-        "linear-axis",
-        "pump-tank",
-        "servo",
-        "servo-axis",
-        "servo-pendulum",
-        "static-map",
-        "thermal-block",
-        "thermal-two-mass",
-        "two-masses",
-    ]
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, Any]:
@@ -152,27 +131,6 @@ def test_what_no_recording_shows_is_left_out(name: str, part: tuple[str, ...], h
         np.testing.assert_allclose(y[:, k], si[column], rtol=1e-9, atol=1e-12)
 
 
-def test_a_shaft_with_a_tachometer_gets_no_angle(here: Path) -> None:
-    given = small({"torque_nm": held(1), "velocity_deg_per_s": moving(2)})
-    made = pamid.new_rig(given, output=here / "shaft.py")
-    rig = rig_named(str(here / "shaft.py"))
-    assert made.like == "servo-axis" and [s.name for s in rig.states] == ["velocity"]
-    assert "encoder" not in rig.ports and "position" not in rig.ports["shaft"].signals
-    assert "angle" in made.summary() and made.to_dict()["unobserved"] == ["angle"]
-    assert "# state angle: left out" in made.text
-    assert pamid.check(here / "shaft.py").ok
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_numbers_are_written_as_people_write_them(name: str, here: Path) -> None:
-    """No 0.15000000000000002: 12 digits are enough for any figure of a data sheet."""
-    whole = rig_named(name)
-    columns = {c: 1.0 + wave(k) for k, c in enumerate((*whole.inputs, *whole.outputs))}
-    text = pamid.new_rig(small(columns), like=name, output=here / "mine.py").text
-    numbers = [n.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Constant)]
-    assert [x for x in numbers if isinstance(x, float) and x != float(f"{x:.12g}")] == []
-
-
 def small(columns: dict[str, np.ndarray], period: float = 0.01) -> Recording:
     count = len(next(iter(columns.values())))
     return recording_of(period * np.arange(count), columns, name="small")
@@ -195,58 +153,6 @@ def test_other_units_are_converted(here: Path) -> None:
     sheet = {p.name: p for p in rig.parameters}
     assert sheet["area"].spread == 3.0 and sheet["area"].source.startswith("GUESS")
     assert sheet["preload"].spread == 60.0
-
-
-def test_what_no_equation_sees_is_said_and_no_line_ends_in_spaces(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    columns = {
-        "heater_percent": 60.0 * np.abs(wave(1)),
-        "room_degf": 70.0 + wave(2),
-        "boiler_degc": 50.0 + 9.0 * wave(3),
-    }
-    with pytest.raises(FileError) as caught:
-        best_match(columns)
-    assert "for example --like thermal-block." in str(caught.value)
-    write_recording("boiler.csv", 0.01 * np.arange(len(wave(1))), columns)
-    run(capsys, "new-rig", "boiler.csv", "--like", "thermal-block", "--output", "boiler.py")
-    text = (here / "boiler.py").read_text()
-    assert "# heater_percent: the equations see a fraction, 0.6 for 60 %" in text
-    assert "# room_degf: the equations see kelvin" in text
-    assert not [line for line in text.splitlines() if line != line.rstrip()]
-    assert frame.run(["check", "boiler.py"]) == 0
-    assert "Next: pamid check boiler.csv --rig boiler.py" in capsys.readouterr().out
-
-
-def test_a_controller_takes_the_unit_of_its_reading(here: Path) -> None:
-    given = small({"voltage_v": 30.0 * wave(1), "angle_rad": wave(2), "reference_rad": wave(3)})
-    pamid.new_rig(given, like="servo-pendulum", output=here / "servo.py")
-    rig = rig_named(str(here / "servo.py"))
-    assert rig.controller["kp_per_rad"] == pytest.approx(0.4 * 180.0 / np.pi, rel=1e-3)
-    assert "kp_per_deg" not in rig.controller
-    assert rig.controller["command_limit"] >= np.abs(given.columns["voltage_v"]).max()
-    assert rig.loops[0].reference == "reference_rad" and rig.loops[0].reading == "angle_rad"
-
-
-def test_without_a_reference_there_is_no_loop(here: Path) -> None:
-    given = small({"voltage_v": wave(1), "angle_deg": wave(2)})
-    pamid.new_rig(given, like="servo-pendulum", output=here / "servo.py")
-    rig = rig_named(str(here / "servo.py"))
-    assert rig.loops == () and rig.controller == {} and set(rig.excited) == {"voltage_v"}
-
-
-def test_the_temperature_of_a_room_stays_optional_and_is_not_excited(here: Path) -> None:
-    """The file keeps what the example states of its inputs, under the recorded names."""
-    room = 72.0 + 1.7 * np.sin(np.linspace(0.0, 5.0, 400))
-    given = small(
-        {"heater_percent": 30.0 + 30.0 * wave(1), "room_degf": room, "block_degc": 60.0 + wave(2)}
-    )
-    columns = {"temperature_degc": "block_degc"}
-    pamid.new_rig(given, like="thermal-block", columns=columns, output=here / "oven.py")
-    rig = rig_named(str(here / "oven.py"))
-    assert rig.optional == {"room_degf": 293.15}
-    assert rig.centre == {"heater_percent": pytest.approx(30.0, abs=2.0)}
-    assert rig.excited == {"heater_percent": pytest.approx(28.0, abs=2.0)}
 
 
 def test_a_raw_signal_gets_a_gain_that_is_fitted(
@@ -275,112 +181,6 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
     assert found["mae"]["level_v"]["refitted"] < 1.5 * found["mae"]["level_v"]["noise_floor"]
 
 
-def test_a_duty_in_percent_is_seen_as_a_share(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = small({"duty_percent": 50.0 + wave(1), "temperature_degc": 30.0 + wave(2)})
-    write_recording("duty.csv", given.time, given.columns)
-    said = run(
-        capsys,
-        *("new-rig", "duty.csv", "--like", "thermal-block", "--output", "oven.py"),
-        *("--column", "power_w=duty_percent", "--column", "temperature_degc=temperature_degc"),
-    )
-    assert said["like"] == "thermal-block"
-    text = Path("oven.py").read_text()
-    assert '"duty_percent": ""' in text and '"duty_gain"' in text and '"W"' in text
-    assert list(rig_named("./oven.py").inputs.values())[0] == ""
-
-
-def test_what_is_there_is_kept(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_recording(
-        "rec.csv", 0.01 * np.arange(400), {"force_n": wave(1), "position_1_mm": wave(2)}
-    )
-    Path("my_rig.py").write_text("mine")
-    assert run(capsys, "new-rig", "rec.csv", code=3)["code"] == "exists"
-    assert Path("my_rig.py").read_text() == "mine"
-    assert run(capsys, "new-rig", "rec.csv", "--overwrite")["like"] == "two-masses"
-    assert run(capsys, "new-rig", "rec.csv", "--output", "rig.txt", code=3)["code"] == "file"
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "hint"),
-    [
-        (("--like", "two-mases"), 2, "'two-masses'"),
-        (("--like", "one-dof"), 2, "--rig one-dof"),
-        (("--like", "thermal-block"), 3, "--column power_w=NAME"),
-        (("--like", "two-masses", "--column", "force=force_n"), 2, "'force_n'"),
-        (("--like", "two-masses", "--column", "force_n=forse_n"), 2, "'force_n'"),
-        (("--column", "force_n"), 2, "force_n=drive_v"),
-    ],
-)
-def test_a_wrong_name_is_met_with_the_right_one(
-    words: tuple[str, ...], code: int, hint: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_recording(
-        "rec.csv", 0.01 * np.arange(400), {"force_n": wave(1), "position_1_mm": wave(2)}
-    )
-    assert hint in run(capsys, "new-rig", "rec.csv", *words, code=code)["hint"]
-    assert not Path("my_rig.py").exists()
-
-
-def test_nothing_is_sent_to_a_rig_without_inputs(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said = run(capsys, "generate-aprbs", "--rig", "free-decay", "--output", "u.csv", code=2)
-    assert said["message"] == "Nothing is sent to rig 'free-decay': it has no input."
-    assert "pamid simulate --rig free-decay --excitation" in said["hint"]
-
-
-def test_a_recording_in_which_nothing_is_sent_is_of_such_a_rig(here: Path) -> None:
-    """A further column may be what drives the machine."""
-    assert like_of(here, angle_deg=moving(1)) == "free-decay"
-    assert like_of(here, angle_deg=moving(1), motor_current_a=held(2)) != "free-decay"
-    assert like_of(here, goal_position_deg=held(1), position_deg=moving(2)) == "servo"
-
-
-def test_what_fits_no_rig_says_what_each_lacks() -> None:
-    with pytest.raises(FileError, match="pump-tank: none of its outputs: level_cm") as caught:
-        best_match(["drive_v", "response_v"])
-    assert "--like" in caught.value.hint
-    assert str(caught.value).count("none of its outputs") <= 4  # the nearest ones, not all
-    with pytest.raises(FileError, match="columns of rig 'one-dof'") as caught:
-        best_match(["command", "angle_deg"])
-    assert "--rig one-dof" in caught.value.hint
-
-
-def test_a_command_in_percent_stands_for_what_it_makes() -> None:
-    """A gain stands between a duty and the voltage or the power; the load's angle is the load's in
-    any language."""
-    axis = best_match(["stellgrosse_percent", "motorstrom_a", "winkel_last_deg"])[0]
-    assert axis.rig is examples()["geared-motor"] and axis.unused == ()
-    stands = {q.found: (q.wanted, q.scaled) for q in axis.pairs}
-    assert stands["stellgrosse_percent"] == ("voltage_v", True)
-    assert stands["winkel_last_deg"] == ("load_angle_deg", False)
-    with pytest.raises(FileError, match="by their units alone: thermal-block"):
-        best_match(["kanal_3_percent", "fuehler_degf"])
-    oven = best_match(["heater_pct", "tc_degf"], like="thermal-two-mass")[0]
-    assert oven.taken_as("input") == ("heater_pct",)
-    assert oven.taken_as("output") == ("tc_degf",)  # not for the room's, which is optional
-    # where nothing is applied, a share stands for nothing
-    with pytest.raises(FileError, match="free-decay|No rig fits"):
-        best_match(["humidity_percent", "ph"])
-
-
-def test_said_columns_are_taken_as_they_are(here: Path) -> None:
-    given = small({"drive_v": wave(1), "response_v": 1e-3 * wave(2)})
-    made = pamid.new_rig(
-        given,
-        like="two-masses",
-        columns={"force_n": "drive_v", "position_2_mm": "response_v"},
-        output=here / "silver.py",
-    )
-    said = made.to_dict()
-    assert [c["by"] for c in said["columns"]] == ["you", "you"]
-    rig = rig_named(str(here / "silver.py"))
-    assert {"drive_gain", "response_gain"} <= {p.name for p in rig.parameters}
-    assert pamid.check(here / "silver.py").ok
-
-
 @pytest.mark.parametrize("name", ["x); import os #_n", "lambda", '"""_n', "a\nb_n"])
 def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
     """As an input it is refused; where it is not used it stands in a comment, quoted. (Names that
@@ -400,16 +200,6 @@ def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
     assert sum(isinstance(n, ast.Import) for n in ast.walk(tree)) == 0
 
 
-def test_pairs_are_judged_by_name_and_unit() -> None:
-    assert recorded_fit("angle_rad", "angle_deg") == (1.0, "name", False)
-    assert recorded_fit("motor_voltage_v", "voltage_v")[1:] == ("word", False)
-    assert recorded_fit("drive_v", "voltage_v")[1:] == ("unit", False)
-    assert recorded_fit("level_v", "level_cm")[2]
-    assert recorded_fit("position_2_mm", "position_1_mm")[0] == 0.0
-    assert recorded_fit("reference_deg", "angle_deg")[0] == 0.0
-    assert recorded_fit("force_n", "level_cm")[0] == 0.0
-
-
 def held(seed: int) -> np.ndarray:
     """Levels that are held for times that differ."""
     random = np.random.default_rng(seed)
@@ -422,47 +212,6 @@ def moving(seed: int) -> np.ndarray:
 
 def like_of(folder: Path, **columns: np.ndarray) -> str:
     return pamid.new_rig(small(columns), output=folder / "mine.py", overwrite=True).like
-
-
-def test_a_pushed_cart_is_no_bench(here: Path) -> None:
-    """Names and units are those of a bench, which imposes the position and reads the force: here
-    the force is held at levels, or a reference tells of a controller."""
-    assert like_of(here, force_n=held(1), position_m=moving(2)) == "linear-axis"
-    assert like_of(here, drive_n=held(1), x_m=moving(2)) == "linear-axis"
-    loop = {"force_n": moving(1), "position_mm": moving(2), "reference_mm": held(3)}
-    assert like_of(here, **loop) == "linear-axis"
-    assert like_of(here, position_mm=moving(1), force_n=moving(2)) == "damper-bench"
-
-
-def test_what_is_taken_as_cause_is_said_and_how_to_turn_it_round(here: Path) -> None:
-    """An imposed speed looks like one that a force made: which it is, no recording says."""
-    bench = small({"velocity_m_per_s": moving(1), "force_n": moving(2), "voltage_v": held(3)})
-    made = pamid.new_rig(bench, output=here / "mine.py")
-    assert made.like == "linear-axis" and made.to_dict()["turned"] == ["damper-bench"]
-    told = made.summary()
-    assert "Taken as cause: force_n; as effect: velocity_m_per_s." in told
-    assert "If velocity_m_per_s is imposed on your bench and force_n is what it reads" in told
-    assert "--like damper-bench" in told
-    damper = small({"position_mm": moving(1), "force_n": moving(2)})
-    back = pamid.new_rig(damper, output=here / "back.py")
-    assert "Taken as cause: position_mm; as effect: force_n." in back.summary()
-    assert "linear-axis" in back.to_dict()["turned"]
-    heat = pamid.new_rig(
-        small({"power_w": held(1), "temperature_degc": moving(2)}), output=here / "heat.py"
-    )
-    assert heat.to_dict()["turned"] == [] and "other way round" not in heat.summary()
-
-
-def test_a_speed_is_no_way_with_a_gain(here: Path) -> None:
-    """Said or not, it is refused, and how to add it up is told."""
-    bench = small({"velocity_m_per_s": moving(1), "force_n": moving(2)})
-    said = {"position_mm": "velocity_m_per_s"}
-    with pytest.raises(UsageError, match="is the rate of position_mm") as caught:
-        pamid.new_rig(bench, like="damper-bench", columns=said, output=here / "mine.py")
-    assert "running sum" in caught.value.hint
-    with pytest.raises(FileError, match="of which velocity_m_per_s is the rate") as lacking:
-        pamid.new_rig(bench, like="damper-bench", output=here / "mine.py")
-    assert "running sum" in lacking.value.hint and not (here / "mine.py").exists()
 
 
 def test_torque_servos_belts_and_velocities_have_a_rig(here: Path) -> None:
@@ -478,9 +227,3 @@ def test_torque_servos_belts_and_velocities_have_a_rig(here: Path) -> None:
         ("angle_deg", False),
     ]
     assert pamid.check(here / "drive.py").ok
-
-
-def test_units_alone_name_machines_and_take_none(here: Path) -> None:
-    with pytest.raises(FileError, match="by their units alone: .*linear-axis") as caught:
-        like_of(here, foo_n=moving(1), bar_mm=moving(2))
-    assert "--like" in caught.value.hint and not (here / "mine.py").exists()

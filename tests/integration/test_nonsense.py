@@ -4,7 +4,6 @@ happens to improve."""
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,20 +12,12 @@ from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
 from scripts import load_script
 
-from pamid.base.progress import silent
 from pamid.base.run_folder import Run
-from pamid.diagnosis import input_response
-from pamid.diagnosis.budget import gap_budget
-from pamid.diagnosis.input_response import explained_channels
-from pamid.diagnosis.settings import DEFAULT
-from pamid.estimation.lagged_linear import lagged_response
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.simulation.windows import cut
 from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
@@ -135,60 +126,3 @@ def test_a_silent_input_is_named(tmp_path: Path) -> None:
 
 def test_the_genuine_partner_of_a_ramp_is_answered(tmp_path: Path) -> None:
     assert SUITE.outcome_of("thermal-block", "ramp", True, tmp_path).word == "right"
-
-
-@pytest.mark.parametrize("kind", ["as it was", "in another order", "a random walk"])
-def test_a_model_that_follows_the_input_from_a_single_start_explains_something(
-    kind: str, tmp_path: Path
-) -> None:
-    """However far off it is within a window, where a slow machine stays near its start."""
-    random = np.random.default_rng(4)
-    power = np.repeat(random.uniform(0.0, 100.0, SAMPLES // 60), 60)
-    time = 10.0 * np.arange(SAMPLES)
-    write_recording(tmp_path / "sent.csv", time, {"power_w": power})
-    sent = read_recording(tmp_path / "sent.csv")
-    block = "thermal-block"
-    made = simulate_virtual_rig(block, sent, (), {}, {"capacity_j_per_k": 430.0}, 1.0, 1)
-    columns = dict(made.columns)
-    if kind != "as it was":
-        columns["temperature_degc"] = nonsense(kind, columns["temperature_degc"], 1)
-    write_recording(tmp_path / "rec.csv", time, columns)
-    evidence = split_recordings(rig_named(block), [read_recording(tmp_path / "rec.csv")], [])
-    budget = gap_budget(evidence, seed=0, pool=WorkerPool(1), progress=silent, settings=DEFAULT)
-    response = lagged_response(evidence, budget.baseline.assembly)
-    explained = explained_channels(budget, budget.baseline, response, 0)
-    assert explained.any() == (kind == "as it was")
-
-
-@pytest.mark.parametrize(
-    ("error", "states", "nothing"),
-    [
-        (0.02, ("position",), False),
-        (1.0, ("position",), True),
-        (0.3, ("position",), True),  # a line through the first part of a window does better ...
-        (0.3, (), False),  # ... knowing that part, which a model without a start does not
-        (1.0, (), True),
-    ],
-)
-def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
-    error: float, states: tuple[str, ...], nothing: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two recordings, each of which lacks the sensor of the other; no free run follows them."""
-    monkeypatch.setattr(input_response, "_follows", lambda *given: False)
-    time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
-    replays: list[Any] = []
-    for has in (0, 1):
-        y, absolutes = np.full((4000, 2), np.nan), np.full((len(windows), 2), np.nan)
-        y[:, has], absolutes[:, has] = np.sin(0.7 * time), error
-        replays.append(
-            SimpleNamespace(
-                track=SimpleNamespace(y=y),
-                scored=np.ones(4000, bool),
-                windows=windows,
-                losses=lambda absolutes=absolutes: absolutes,
-            )
-        )
-    budget: Any = SimpleNamespace(floor=np.full((2 * len(windows), 2), 0.02), settings=DEFAULT)
-    rig = SimpleNamespace(states=states)
-    model: Any = SimpleNamespace(replays=replays, assembly=SimpleNamespace(rig=rig))
-    assert input_response._beats_extrapolation(budget, model, 0) != nothing

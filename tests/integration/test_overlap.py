@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from small_cart import RIG
 
 from cli.frame import run
-from pamid.base.errors import DataError
-from pamid.recording.overlap import overlaps, require_apart
+from pamid.recording.overlap import overlaps
 from pamid.recording.recording import Recording, read_recording, write_recording
 
 Array = NDArray[np.float64]
@@ -129,44 +128,6 @@ def scaled(
     return change
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        {"change": scaled(1.0, 1e-6)},
-        {"change": scaled(1.0, 2.5)},
-        {"change": scaled(1.001, 0.0)},
-        {"change": scaled(-1.0, 0.0)},
-        {"change": scaled(-57.3, 12.0)},
-        {"change": scaled(1.0, 0.0, 1e-3)},
-        {"change": scaled(1.0, 1.0, 0.1)},
-        {"change": scaled(1.0, 1e-3), "first": 3000, "last": 5000},
-        {"change": scaled(1.0, 1e-3), "first": 6000},
-        {"change": scaled(1.7, 0.3), "digits": 5},
-    ],
-    ids=[
-        "1e-6",
-        "offset",
-        "per mille",
-        "sign",
-        "gain",
-        "dither",
-        "noise",
-        "slice",
-        "end",
-        "5 digits",
-    ],
-)
-@pytest.mark.parametrize("step", [0.0, 0.02])
-def test_a_copy_is_found_apart_from_an_offset_and_a_scale(
-    other: dict[str, object], step: float, tmp_path: Path
-) -> None:
-    first = made(tmp_path, "a", digits=17, step=step)
-    second = made(tmp_path, "b", **{"digits": 17, "step": step, **other})  # type: ignore[arg-type]
-    for recordings in ([first, second], [second, first]):
-        (found,) = overlaps(OUTPUTS, recordings)
-        assert found.samples > 0.98 * len(second)
-
-
 @pytest.mark.parametrize("kind", [{"noise": 0.0}, {"noise": 0.0, "step": 0.2}])
 def test_a_doubled_response_is_no_copy(kind: dict[str, float], tmp_path: Path) -> None:
     """Without noise a linear machine answers a doubled input with a scaled copy."""
@@ -194,40 +155,6 @@ def test_the_same_experiment_made_again_is_another_recording(
 ) -> None:
     again = [made(tmp_path, f"r{seed}", seed=seed, **kind) for seed in range(4)]  # type: ignore[arg-type]
     assert not list(overlaps(OUTPUTS, again))
-
-
-def test_recordings_that_rest_at_the_same_values_are_apart(tmp_path: Path) -> None:
-    def resting(columns: dict[str, Array]) -> dict[str, Array]:
-        return {k: np.where(np.arange(len(v)) < 3000, 2.0, v) for k, v in columns.items()}
-
-    assert not list(
-        overlaps(
-            OUTPUTS, [made(tmp_path, f"r{s}", seed=s, step=0.2, change=resting) for s in range(3)]
-        )
-    )
-    still = [
-        made(
-            tmp_path, f"s{s}", change=lambda c: {k: np.zeros_like(v) for k, v in c.items()}, first=s
-        )
-        for s in range(2)
-    ]
-    assert not list(overlaps(OUTPUTS, still))
-
-
-def test_a_channel_less_hides_no_copy(tmp_path: Path) -> None:
-    less = made(tmp_path, "b", first=1000, change=lambda c: {"angle_deg": c["angle_deg"]})
-    with pytest.raises(
-        DataError, match=r"a\.csv.*b\.csv.*21 s.*what was fitted is not held out"
-    ) as refused:
-        require_apart(OUTPUTS, [made(tmp_path, "a")], [less])
-    assert refused.value.code == "overlap"
-
-
-def test_many_recordings_are_looked_through_together(tmp_path: Path) -> None:
-    base = [made(tmp_path, f"r{s}", seed=s, count=1500, step=0.2) for s in range(40)]
-    copy = made(tmp_path, "copy", seed=17, count=1500, step=0.2, first=200, last=1300)
-    (found,) = overlaps(OUTPUTS, [*base, copy])
-    assert (found.first, found.second, found.start, found.samples) == (17, 40, 200, 1100)
 
 
 def cart(folder: Path, name: str, seed: int, first: int = 0, last: int | None = None) -> Path:
@@ -268,27 +195,3 @@ def test_the_commands_refuse_it_naming_both(
     assert "one.csv (2 .. 11.99 s)" in said["message"] and "other.csv" in said["message"]
     assert "10 s of them" in said["message"]
     assert ("what was fitted is not held out" in said["message"]) == (role == "held out")
-
-
-def test_the_same_file_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    one = str(cart(tmp_path, "one", 1))
-    for given in ([one, one], [one, "--held-out", one]):
-        assert run(["fit", *given, "--rig", RIG, "--output", str(tmp_path / "run"), "--json"]) == 4
-        assert "given twice (12 s)" in json.loads(capsys.readouterr().out)["message"]
-
-
-def test_the_commands_name_a_copy_that_was_moved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Stamps moved by 100 s and values by 1e-6."""
-    one = cart(tmp_path, "one", 1)
-    recording = read_recording(one)
-    moved = {
-        "force_n": recording.columns["force_n"],
-        "position_m": recording.columns["position_m"] + 1e-6,
-    }
-    write_recording(tmp_path / "copy.csv", recording.time + 100.0, moved, digits=17)
-    given = ["fit", str(one), "--held-out", str(tmp_path / "copy.csv"), "--rig", RIG]
-    assert run([*given, "--output", str(tmp_path / "run"), "--json"]) == 4
-    message = json.loads(capsys.readouterr().out)["message"]
-    assert "apart from an offset or a scale" in message and "100 .. 111.99 s" in message

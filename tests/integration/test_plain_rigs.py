@@ -123,23 +123,3 @@ def test_a_force_bench_is_diagnosed_and_exported(
     assert level["low"] - 0.1 < 8.0 < level["high"] + 0.1
     there = [read_recording(name).columns["force_n"] for name in ("rec.csv", "model.csv")]
     assert float(np.sqrt(np.mean((there[0] - there[1]) ** 2))) < 2.0
-
-
-def test_errors_in_degrees_are_differences(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """An error of 0.04 K is one of 0.04 degC, not of -273.1."""
-    monkeypatch.chdir(tmp_path)
-    for words in (
-        ("generate-aprbs", "--rig", "thermal-block", "--duration", "30000", "--output", "u.csv"),
-        ("simulate", "--rig", "thermal-block", "--excitation", "u.csv", "--output", "rec.csv"),
-        ("fit", "rec.csv", "--rig", "thermal-block", "--output", "run"),
-    ):
-        assert frame.run(list(words)) == 0, capsys.readouterr()
-    errors = json.loads(Path("run/fit.json").read_text())["mae"]["temperature_degc"]
-    assert 0.02 < errors["refitted"] < 0.08 and 0.02 < errors["noise_floor"] < 0.08
-
-
-def test_a_parameter_in_degrees_celsius_is_refused() -> None:
-    with pytest.raises(pamid.PamidError, match="another zero than the equations.*Give it in K"):
-        pamid.Parameter("room", 20.0, unit="degC")

@@ -14,7 +14,7 @@ from pamid_cli.frame import run as run_command
 import pamid
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
-from pamid.planning.detectable_effects import EffectPower, Power, visibility
+from pamid.planning.detectable_effects import EffectPower
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import Span, split_recordings
 
@@ -62,25 +62,6 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     above = [np.sqrt(v**2 - 1.0) for v in (errors[0] / errors[1], told.visible[2])]
     # to first order; the fit begins its windows anew and weighs by its own residuals
     assert above[0] == pytest.approx(above[1], rel=0.25) and above[1] > 0.5
-
-
-def test_the_least_size_that_shows_lies_where_the_margin_is_reached() -> None:
-    sizes, seen = (0.1, 0.3, 1.0, 3.0), 1.1
-    changed = 0.9 * np.array(sizes)  # noise standard deviations, in proportion to the size
-    visible = tuple(visibility(np.full(100, c), 100.0) for c in changed)
-    one = EffectPower("a", "f", "p", None, (), visible)
-    power = Power((one,), sizes, ("y",), seen, 1.0)
-    least = power.least(one)
-    assert least == pytest.approx(np.sqrt(seen**2 - 1.0) / 0.9, rel=1e-6)
-    assert power.showing == (one,)
-    quiet = replace(one, visible=(1.0, 1.0, 1.01, 1.05))
-    assert power.least(quiet) is None and replace(power, effects=(quiet,)).showing == ()
-
-
-def test_more_noise_shows_less(excitation: Recording, found: pamid.PowerResult) -> None:
-    noisy = pamid.power(excitation, PENDULUM, noise=10.0 * NOISE, progress=False)
-    assert len(noisy.showing) < len(found.showing)
-    assert effect(noisy, "coulomb-friction").visible < effect(found, "coulomb-friction").visible
 
 
 def test_the_command_says_it_and_draws_it(

@@ -25,10 +25,8 @@ from pamid_cli import frame
 import pamid
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.ingest.conversion import round_period
 from pamid.ingest.guessed_mapping import GuessedMapping
 from pamid.ingest.ingesting import IngestResult
-from pamid.ingest.stated_period import stated_period
 
 N, T = 1200, 0.02
 TIME = np.arange(N) * T
@@ -660,70 +658,6 @@ def test_an_unanswered_period_is_asked_for_like_a_unit(
     assert tomllib.loads(mapping.read_text())["time"]["period_s"] == 0.08
 
 
-def test_a_rig_does_not_bring_its_period_to_a_log_without_a_clock(tmp_path: Path) -> None:
-    table(tmp_path / "ball.dat", (DRIVE, ANGLE), "command angle_deg\n", " ")
-    guessed = pamid.guess_mapping(tmp_path / "ball.dat", "one-dof")
-    assert "time.period_s" in guessed.open
-
-
-def test_what_cannot_be_in_the_recording_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    matlab(tmp_path / "bench.mat", t=TIME, u=DRIVE, gain=np.arange(1.0, 40.0), Ts=T, who="anna")
-    assert frame.run(["ingest", "--guess", str(tmp_path / "bench.mat")]) == 0
-    said = capsys.readouterr()
-    for text in (said.out, said.err):
-        assert "gain (39)" in text and "Ts = 0.02" in text and "text: who" in text
-
-
-def test_filled_cells_stand_in_the_output(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    angle, drive = ANGLE.copy(), DRIVE.copy()
-    angle[300:304] = angle[800] = drive[500] = np.nan
-    table(tmp_path / "gaps.csv", (TIME, drive, angle), "time_s,u_v,angle_deg\n")
-    mapping = tmp_path / "map.toml"
-    pamid.guess_mapping(tmp_path / "gaps.csv", output=mapping)
-    words = [str(tmp_path / "gaps.csv"), "--mapping", str(mapping)]
-    assert frame.run(["ingest", *words, "--output", str(tmp_path / "rec.csv")]) == 0
-    said = capsys.readouterr().out
-    assert f"angle_deg: 5 empty cells of {N} were filled between their neighbours" in said
-    assert f"u_v: 1 empty cells of {N} were filled with the value before them" in said
-
-
-def test_values_within_one_are_no_reason_for_a_unit(tmp_path: Path) -> None:
-    table(tmp_path / "small.csv", (TIME, 0.3 * DRIVE, 0.2 * ANGLE), "t,a,b\n")
-    guessed = pamid.guess_mapping(tmp_path / "small.csv")
-    assert set(guessed.open) == {"signals.a.unit", "signals.b.unit"}
-
-
-def test_a_part_without_a_channel_is_named(tmp_path: Path) -> None:
-    matlab(tmp_path / "runs.mat", run1={"t": TIME, "x": ANGLE}, run2={"t": TIME[:900]})
-    mapping = tmp_path / "map.toml"
-    text = '[time]\nsource = "run*/t"\n[signals.x_mm]\nsource = "run*/x"\nunit = "mm"\n'
-    mapping.write_text(text)
-    with pytest.raises(FileError, match="part '2' has no 'run2/x'"):
-        pamid.ingest(tmp_path / "runs.mat", mapping)
-    mapping.write_text(text.replace("run*/x", "go*/x"))
-    with pytest.raises(FileError, match=r"'go\*/x' fits no channel"):
-        pamid.ingest(tmp_path / "runs.mat", mapping)
-
-
-def test_channels_with_the_same_stamps_beside_them_are_one_recording(tmp_path: Path) -> None:
-    table(tmp_path / "a.csv", (TIME, DRIVE, TIME, ANGLE), "time1,p1,time2,p2\n")
-    guessed = pamid.guess_mapping(tmp_path / "a.csv")
-    assert guessed.mapped == 2
-    assert "time1 is the clock; not mapped, clocks as well: time2" in guessed.notes
-    table(tmp_path / "b.csv", (TIME, DRIVE, TIME + 60.0, ANGLE), "time1,p1,time2,p2\n")
-    assert pamid.guess_mapping(tmp_path / "b.csv").mapped == 1
-
-
-def test_a_unit_of_the_clock_that_is_guessed_is_told(tmp_path: Path) -> None:
-    table(tmp_path / "log.csv", SERIES, "t,u_v,angle_deg\n")
-    (note,) = pamid.guess_mapping(tmp_path / "log.csv").notes
-    assert note.startswith("t is taken to count in s, by the spacing of 0.02")
-
-
 LATER = 7e-3  # s, of the second signal of a log in which signals take turns
 
 
@@ -752,37 +686,6 @@ def test_signals_that_take_turns_have_their_own_clocks(form: str, tmp_path: Path
     between = np.interp(TIME + T, TIME + LATER, ANGLE)[:count]
     assert recording.columns["angle_deg"][:count] == pytest.approx(between, abs=0.05)
     assert np.abs(between - ANGLE[1 : count + 1]).max() > 0.1
-
-
-def test_words_that_name_a_state_do_not_part_a_table(tmp_path: Path) -> None:
-    lines(
-        tmp_path / "log.csv",
-        lambda t, u, y: f"{t:.2f},{'up' if u > 0.0 else 'down'},{y:.15g}",
-        "time_s,state,angle_deg\n",
-    )
-    assert "[signals.angle_deg]" in pamid.guess_mapping(tmp_path / "log.csv").text
-
-
-def test_a_stated_rate_that_the_clock_contradicts_is_noted(tmp_path: Path) -> None:
-    table(tmp_path / "log.csv", SERIES, "# Fs = 1000 Hz\ntime_s,u_v,angle_deg\n")
-    (note,) = pamid.guess_mapping(tmp_path / "log.csv").notes
-    assert note.startswith("the log states 'Fs = 1000 Hz', its clock shows 0.02 s")
-
-
-def test_a_channel_with_a_few_values_is_noted(tmp_path: Path) -> None:
-    few = np.where(np.arange(N) % 100 == 7, 1.0, np.nan)
-    table(tmp_path / "log.csv", (TIME, few, ANGLE), "time_s,event,angle_deg\n")
-    guessed = pamid.guess_mapping(tmp_path / "log.csv")
-    assert guessed.mapped == 1
-    assert guessed.notes == ("not mapped, fewer than 50 values: event",)
-
-
-def test_a_rig_without_a_column_for_any_channel_is_refused_with_the_cure(tmp_path: Path) -> None:
-    table(tmp_path / "log.csv", SERIES, "time_s,Channel 0,Channel 1\n")
-    with pytest.raises(FileError, match="none of its channels") as caught:
-        pamid.guess_mapping(tmp_path / "log.csv", "dc-motor")
-    assert "Leave --rig out" in caught.value.hint
-    assert pamid.guess_mapping(tmp_path / "log.csv").mapped == 2
 
 
 class Bomb:
@@ -857,52 +760,6 @@ def test_no_log_is_refused_with_the_cure(name: str, tmp_path: Path) -> None:
         pamid.guess_mapping(tmp_path / file)
     assert what in caught.value.message and cure in caught.value.hint
     assert " FILE." not in caught.value.hint  # the command names the file
-
-
-def test_rows_that_are_signals_are_read_once_they_are_turned_round(tmp_path: Path) -> None:
-    import pandas
-
-    rows = zip(("time_s", "u_v", "angle_deg"), SERIES, strict=True)
-    text = "".join(f"{name},{','.join(f'{v:.15g}' for v in values)}\n" for name, values in rows)
-    (tmp_path / "rows.csv").write_text(text)
-    with pytest.raises(FileError, match="every signal stands in a row: 3 rows of 1201 cells"):
-        pamid.guess_mapping(tmp_path / "rows.csv")
-    turned = pandas.read_csv(tmp_path / "rows.csv", sep=",", header=None).T
-    turned.to_csv(tmp_path / "log.csv", header=0, index=0)
-    assert pamid.guess_mapping(tmp_path / "log.csv").mapped == 2
-
-
-def test_a_text_states_its_sampling_period() -> None:
-    stated = {
-        "# Fs = 1000 Hz": 1e-3,
-        "sampling rate: 2 kHz": 5e-4,
-        "Abtastrate [Hz];50": 0.02,
-        "Sample Interval, 2.0E-02, s": 0.02,
-        "SampleTime[ms];20;SampleTime[ms];20": 0.02,
-        "fs=10 kS/s": 1e-4,
-        "dt 5 µs": 5e-6,
-        "dt = 0.01": None,  # of what unit?
-        "Baud rate: 115200": None,
-        "Fs = 50 Hz, Fs = 100 Hz": None,
-    }
-    for line, period in stated.items():
-        found = stated_period([line])
-        assert (found and found.period_s) == period, line
-
-
-@pytest.mark.parametrize(
-    ("measured", "meant"),
-    [(0.0049999, 0.005), (0.0049985, 0.005), (0.020006, 0.02), (1.0 / 119.95, 1.0 / 120.0),
-     (0.01237, 0.01237), (0.012371234567, 0.0123712346)],
-)  # fmt: skip
-def test_a_measured_period_is_the_round_number_that_is_meant(measured: float, meant: float) -> None:
-    assert round_period(measured) == meant
-
-
-def test_a_log_of_nothing_but_a_clock_is_refused(tmp_path: Path) -> None:
-    table(tmp_path / "clock.csv", (TIME,), "time_s\n")
-    with pytest.raises(FileError, match="no channel to map"):
-        pamid.guess_mapping(tmp_path / "clock.csv")
 
 
 def test_a_large_json_is_refused_before_it_is_read(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,16 +12,13 @@ from report_pages import flat
 from small_cart import cart_evidence, record_cart
 from synthetic_run import make_run
 
-from pamid.estimation.fit_files import residual_table
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.whole_runs import free_run_csv, free_runs
-from pamid.report.channel_errors import errors_of, whole_recording, worst_window
+from pamid.report.channel_errors import whole_recording, worst_window
 from pamid.report.error_signal_figure import error_over_signal, error_signal_drawing
 from pamid.report.figures import free_run_drawing
 from pamid.report.load import Residual, RunData, load_run
-from pamid.report.samples import FREE_RUNS, inputs_of
 from pamid.report.style import render
-from pamid.report.traces import traces_of
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner
@@ -72,31 +68,6 @@ def test_a_free_run_has_one_start_over_what_was_fitted_and_held_out(fitted: Grey
     assert found["position_free_run_m"] == pytest.approx(free.model[:, 0], rel=1e-8)
 
 
-def test_two_recordings_are_two_free_runs_in_the_order_of_the_rows(tmp_path: Path) -> None:
-    for name, seconds in (("one", 9.0), ("two", 12.0)):
-        (tmp_path / name).mkdir()
-        record_cart(tmp_path / name, seconds=seconds)
-    one, two = (cart_evidence(tmp_path / name / "rec.csv") for name in ("one", "two"))
-    both = replace(one, fit=(*two.fit, *one.fit), held_out=(*one.held_out, *two.held_out))
-    g = fit_model(both)
-    runs = free_runs(both, g.assembly, g.fit.p, g.fit.stepping)
-    assert [len(r.model) for r in runs] == [len(r) for r in both.recordings]
-    header, rows = residual_table(g)
-    measured = rows[:, header.index("position_m")]
-    assert np.concatenate([r.track.y[:, 0] for r in runs]) == pytest.approx(measured)
-    found = written(both, {"free_run": runs})
-    for key in ("time_s", "recording"):
-        assert found[key] == pytest.approx(rows[:, header.index(key)])
-
-
-def test_a_free_run_that_becomes_unstable_is_left_blank(fitted: GreyBox) -> None:
-    (free,) = free_runs(fitted.evidence, fitted.assembly, fitted.fit.p, fitted.fit.stepping)
-    lost = {"free_run": (free,), "cause_free_run": (replace(free, finite=False),)}
-    found = written(fitted.evidence, lost)
-    assert np.isnan(found["position_cause_free_run_m"]).all()
-    assert np.isfinite(found["position_free_run_m"]).all()
-
-
 def test_the_whole_recording_is_drawn_with_its_free_runs(run: RunData) -> None:
     assert run.residual is not None
     drawing = free_run_drawing(run, run.residual, "angle_deg")
@@ -118,27 +89,6 @@ def test_the_whole_recording_is_drawn_with_its_free_runs(run: RunData) -> None:
             run.residual.columns["angle_deg"] - run.residual.columns["angle_free_run_deg"]
         ).mean()
     )
-
-
-def test_all_samples_offer_the_free_runs_and_hide_them_at_first(run: RunData) -> None:
-    section = str(traces_of(run, errors_of(run)).section)
-    assert "refitted, free run" in section and "with Coulomb friction, free run" in section
-    for kind in FREE_RUNS:
-        plan = re.search(rf"&#34;{kind}&#34;:{{(.*?)}}", section)
-        assert plan is not None and "&#34;off&#34;:true" in plan[1]
-    assert run.residual is not None and inputs_of(run.residual) == ["command"]
-
-
-@pytest.mark.parametrize("change", ["missing", "of other rows"])
-def test_a_run_of_an_earlier_version_has_no_free_run(change: str, tmp_path: Path) -> None:
-    file = make_run(tmp_path / "run") / "free-run.csv"
-    if change == "missing":
-        file.unlink()
-    else:
-        file.write_text("".join(file.read_text().splitlines(keepends=True)[:-1]))
-    old = load_run(tmp_path / "run")
-    assert old.residual is not None and free_run_drawing(old, old.residual, "angle_deg") is None
-    assert "free run" not in str(traces_of(old, errors_of(old)).section)
 
 
 # ---- the error over a signal ----------------------------------
@@ -181,45 +131,6 @@ def test_an_error_that_follows_the_velocity_is_found_to_do_so(
     assert np.corrcoef(found.values, velocity[2000:])[0, 1] > 0.99
 
 
-def test_an_error_that_follows_what_was_sent_is_found_to_do_so(
-    moved: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> None:
-    position, _, noise = moved
-    residual = table(noise, position)
-    residual.columns["position_refitted_m"] -= 0.1 * residual.columns["force_n"]
-    found = error_over_signal(residual, "position_m")
-    assert found is not None and found.signal == "force" and found.removed is None
-
-
-def test_noise_follows_no_signal(
-    run: RunData, moved: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> None:
-    position, _, noise = moved
-    drawing = error_signal_drawing(replace(run, residual=table(noise, position)), "position_m")
-    assert drawing is not None
-    assert flat(drawing.title).startswith("No recorded signal alone accounts for more than ")
-
-
-def test_a_signal_that_only_drifts_explains_no_error(
-    run: RunData, moved: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> None:
-    """A room warms up once while the error, as slow as it, happens to grow: one coincidence, though
-    the samples are thousands. The same over many cycles is none."""
-    position, _, noise = moved
-    time = 0.01 * np.arange(position.size)
-    for cycles, named in ((0.8, False), (12.0, True)):
-        slow = np.sin(2.0 * np.pi * cycles * time / time[-1] * 2.0)
-        residual = table(0.1 * slow + noise, position)
-        room = 20.0 + slow + 0.05 * np.random.default_rng(2).normal(size=time.size)
-        residual.columns["room_degc"] = room
-        share = np.corrcoef(room[2000:], slow[2000:])[0, 1] ** 2
-        assert share > 0.9
-        drawing = error_signal_drawing(replace(run, residual=residual), "position_m")
-        assert drawing is not None
-        assert flat(drawing.title).startswith("Room alone accounts for ") == named
-        assert ("No recorded signal" in flat(drawing.title)) != named
-
-
 def test_the_picture_says_what_the_cause_removes(
     run: RunData, moved: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> None:
@@ -236,19 +147,3 @@ def test_the_picture_says_what_the_cause_removes(
     for form in (picture.wide, picture.narrow):
         assert len(form) < MOST_BYTES
         assert "velocity [m/s]" in form and "position error [m]" in form
-
-
-def test_without_a_scored_sample_there_is_no_picture(run: RunData) -> None:
-    assert run.residual is not None
-    columns = run.residual.columns | {"window": np.full(4000, -1.0)}
-    unscored = replace(run, residual=Residual(columns))
-    assert error_signal_drawing(unscored, "angle_deg") is None
-    assert error_over_signal(run.residual, "pressure_9_kpa") is None
-
-
-def test_a_split_of_stretches_is_run_over_each(fitted: GreyBox) -> None:
-    e: DataSplit = fitted.evidence
-    first, held = e.fit[0], e.held_out[0]
-    apart = replace(e, fit=(replace(first, stop=first.stop - 50),), held_out=(held,))
-    runs = free_runs(apart, fitted.assembly, fitted.fit.p, fitted.fit.stepping)
-    assert [len(r.model) for r in runs] == [first.stop - 50, held.stop - held.start]

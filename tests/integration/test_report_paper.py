@@ -65,13 +65,6 @@ def test_the_command_writes_a_pdf_beside_the_page_or_elsewhere(
     assert f"PDF:  {tmp_path / 'deep' / 'one.pdf'}" in capsys.readouterr().out
 
 
-def test_a_pdf_of_somebody_else_is_kept(few_files: Path, tmp_path: Path) -> None:
-    foreign = tmp_path / "mine.pdf"
-    foreign.write_bytes(b"%PDF-1.4 mine")
-    assert run_command(["report", str(few_files), "--pdf", str(foreign)]) == 3
-    assert foreign.read_bytes() == b"%PDF-1.4 mine"
-
-
 @pytest.mark.parametrize("browser, code", [(None, "no-browser"), (sys.executable, "not-printed")])
 def test_without_a_browser_nothing_is_written(
     browser: str | None, code: str, few_files: Path, monkeypatch: pytest.MonkeyPatch
@@ -227,63 +220,6 @@ def test_a_reproduced_paper_has_a_page(
     assert (folder / "figures" / f"{still}.png").read_bytes() == before
 
 
-def test_every_figure_of_a_paper_has_its_heading(tmp_path: Path) -> None:
-    """And a run of an earlier version, which has fewer, is read none the less."""
-    arm = {
-        **arm_paper(),
-        "coupling": [
-            {
-                "pulsed": "2",
-                "moved": "angle_1_deg",
-                "from_s": 0.4,
-                "to_s": 30.4,
-                "swing_deg": 1.75,
-                "mae": {"fitted": 0.0397, "without_coupling": 0.131, "noise_floor": 0.0396},
-            }
-        ],
-    }
-    told = {
-        "paper.json": (
-            joint_paper(),
-            {
-                "responses": "Responses to the steps",
-                "pressures": "Pressures on the steps",
-                "excitation": "The record that the network is trained on",
-                "network-training": "The network's training",
-                "force-surface": "The force law",
-            },
-        ),
-        "arm-paper.json": (arm, {"coupling": "Coupling between the joints"}),
-    }
-    for name, (content, headings) in told.items():
-        folder = make_paper(tmp_path / name, name, content)
-        before = outline_of(write_report(folder).page)
-        assert sum(key == "src" for key, _ in before.attributes) == 1
-        for still in headings:
-            (folder / "figures" / f"{still}.png").write_bytes(
-                (folder / "figures" / "steps.png").read_bytes()
-            )
-        page = outline_of(write_report(folder).page)
-        sources = [value for key, value in page.attributes if key == "src"]
-        assert len(sources) == 1 + len(headings)
-        text = flat(page.text)
-        assert all(heading in text for heading in headings.values())
-    assert "angle 1, joint 2 pulsed 1.75 – 0.131 0.0397 0.0396" in text
-
-
-def test_the_diagnosis_of_a_paper_stands_below_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pamid.report.writing.drawings_of", lambda run, rows: [])
-    folder = make_paper(tmp_path / "RUN", "paper.json", joint_paper())
-    donor = make_run(tmp_path / "OTHER")
-    (folder / "diagnosis.json").write_bytes((donor / "diagnosis.json").read_bytes())
-    text = flat(outline_of(write_report(folder).page).text)
-    assert text.index("Errors on the steps") < text.index(
-        "Coulomb friction at the joint port, with probability 0.91"
-    )
-
-
 @pytest.mark.parametrize(
     "damage, told",
     [
@@ -298,10 +234,3 @@ def test_a_damaged_paper_is_named(damage: Any, told: str, tmp_path: Path) -> Non
     damage(content)
     with pytest.raises(FileError, match=re.escape(told)):
         write_report(make_paper(tmp_path / "RUN", "paper.json", content))
-
-
-def test_a_picture_that_is_none_is_named(tmp_path: Path) -> None:
-    folder = make_paper(tmp_path / "RUN", "paper.json", joint_paper())
-    (folder / "figures" / "steps.png").write_bytes(b"<svg onload=alert(1)>")
-    with pytest.raises(FileError, match="steps.png is no picture"):
-        write_report(folder)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pamid.networks.network_training as training_module
-from pamid.base.errors import DataError, FileError
+from pamid.base.errors import FileError
 from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.elman import Elman
 from pamid.networks.network_training import Training, train
@@ -93,24 +93,6 @@ def test_a_finished_training_can_be_prolonged(tmp_path, starts):
         Elman(2, 4), u, target, iterations=12, starts=starts, checkpoint=file, resume=True
     )
     same(prolonged, train(Elman(2, 4), u, target, iterations=12, starts=starts))
-
-
-def test_resuming_before_the_first_checkpoint_is_beginning(tmp_path):
-    u, target = teacher_data()
-    begun = train(
-        Elman(2, 4), u, target, iterations=3, checkpoint=tmp_path / "none.npz", resume=True
-    )
-    same(begun, train(Elman(2, 4), u, target, iterations=3))
-    with pytest.raises(DataError, match="nothing to resume from"):
-        train(Elman(2, 4), u, target, iterations=3, resume=True)
-
-
-def test_resuming_a_converged_training_changes_nothing(tmp_path):
-    u, target = teacher_data()
-    file = tmp_path / "checkpoint.npz"
-    done = train(Elman(2, 2), u, target, iterations=500, checkpoint=file)
-    assert done.converged, done.why
-    same(train(Elman(2, 2), u, target, iterations=900, checkpoint=file, resume=True), done)
 
 
 def test_foreign_or_broken_checkpoints_are_refused(tmp_path):

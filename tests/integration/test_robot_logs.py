@@ -177,56 +177,6 @@ def test_a_lerobot_data_set_becomes_a_fit(
     np.testing.assert_allclose(alone.channel("action/elbow").values, runs[1][0][:, 1], atol=1e-6)
 
 
-def test_units_that_a_data_set_does_not_say_are_asked_for(
-    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = data_set(tmp_path / "set", [moved(0.02, 100)[:2]], 50.0)
-    guessed = pamid(capsys, "ingest", "--guess", log, "--rig", arm)
-    assert guessed["open"] == ["signals.shoulder_angle_rad.unit", "signals.elbow_angle_rad.unit"]
-
-
-def test_data_sets_without_names_go_by_order_where_the_length_fits(tmp_path: Path) -> None:
-    nameless = {"dtype": "float32", "shape": [2], "names": None}
-    runs = [moved(0.02, 100)[:2]]
-    log = read_log(data_set(tmp_path / "set", runs, 50.0, **{"observation.state": nameless}))
-    assert log.channel("observation.state/2").robot is not None
-    np.testing.assert_allclose(
-        log.channel("observation.state/2").values, runs[0][1][:, 1], atol=1e-6
-    )
-    assert any("does not name its 2 values" in said for said in log.details)
-
-
-def test_joints_of_two_senders_under_one_topic(
-    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A joint that is in every other message keeps the stamps of those that it is in."""
-    _, q, _, torque = moved(0.005, 800)
-
-    def state(k: int) -> list[State]:
-        first = (0.005 * k, JOINTS[:1], q[k, :1], [], torque[k, :1])
-        second = (0.005 * k + 0.001, JOINTS[1:], q[k, 1:], [], torque[k, 1:])
-        return [first, second] if k % 2 else [first]
-
-    _, (recording,) = ingested(capsys, bag(tmp_path / "log", 800, {"/joint_states": state}), arm)
-    made = read_recording(recording)
-    assert made.sampling_period_s == 0.005 and made.time.size > 790
-    shoulder = made.columns["shoulder_angle_rad"]  # from when the elbow is there too
-    np.testing.assert_allclose(shoulder, q[2 : 2 + made.time.size, 0], atol=1e-6)
-
-
-def test_missing_numbers_split_a_recording(
-    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, q, _, torque = moved(0.005, 800)
-    q[300:340, 1] = np.nan
-
-    def state(k: int) -> list[State]:
-        return [(0.005 * k, JOINTS, q[k], [], torque[k])]
-
-    _, made = ingested(capsys, bag(tmp_path / "log", 800, {"/joint_states": state}), arm)
-    assert [read_recording(path).time.size for path in made] == [300, 460]
-
-
 @pytest.mark.parametrize(
     ("names", "positions", "said"),
     [
@@ -243,49 +193,3 @@ def test_damaged_joint_states_are_refused(
 
     with pytest.raises(FileError, match=said):
         read_log(bag(tmp_path / "log", 60, {"/joint_states": state}))
-
-
-def test_a_log_of_another_robot_is_refused_with_both_lists(
-    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def state(k: int) -> list[State]:
-        return [(0.01 * k, ["hip", "elbw"], [0.1 * k, 0.0], [], [])]
-
-    log = bag(tmp_path / "log", 60, {"/joint_states": state})
-    error = pamid(capsys, "ingest", "--guess", log, "--rig", arm, code=3)
-    assert error["code"] == "joints" and "the log has hip, elbw" in error["message"]
-    assert "'elbw' for 'elbow'" in error["hint"]
-
-
-@pytest.mark.parametrize("damage", ["[]", "{", '{"features": 3}'])
-def test_a_data_set_whose_info_is_damaged_is_a_table_like_any_other(
-    tmp_path: Path, damage: str
-) -> None:
-    root = data_set(tmp_path / "set", [moved(0.02, 100)[:2]], 50.0)
-    (root / "meta/info.json").write_text(damage)
-    with pytest.raises(FileError, match="is a folder"):
-        read_log(root)
-    log = read_log(root / "data/chunk-000/episode_000000.parquet")
-    assert log.kind == "parquet" and log.channel("observation.state/2").robot is None
-
-
-def test_lists_of_other_lengths_are_left_out_by_name(tmp_path: Path) -> None:
-    import pyarrow
-    import pyarrow.parquet
-
-    rows = [[float(k)] * (2 if k else 3) for k in range(9)]
-    table = {
-        "t": list(range(9)),
-        "ragged": rows,
-        "gap": [None if k == 4 else [k, None] for k in range(9)],
-        "empty": [None] * 9,
-    }
-    floats, whole = pyarrow.list_(pyarrow.float64()), pyarrow.list_(pyarrow.int64())
-    kinds = [("t", pyarrow.int64()), ("ragged", floats), ("gap", whole), ("empty", floats)]
-    made = pyarrow.table(table, schema=pyarrow.schema(kinds))
-    pyarrow.parquet.write_table(made, tmp_path / "x.parquet")
-    log = read_log(tmp_path / "x.parquet")
-    assert [channel.name for channel in log.channels] == ["t", "gap/1", "gap/2"]
-    np.testing.assert_array_equal(log.channel("gap/1").values, [0, 1, 2, 3, np.nan, 5, 6, 7, 8])
-    assert np.isnan(log.channel("gap/2").values).all()
-    assert any("ragged" in said for said in log.details)

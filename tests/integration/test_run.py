@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamid.base.errors import DataError, FileError, PamidError, UsageError, nearest
+from pamid.base.errors import FileError, PamidError
 from pamid.base.files import sha256_of, write_atomically, write_together
 from pamid.base.json_file import json_text, read_json, write_json
 from pamid.base.run_folder import Run
@@ -43,20 +42,6 @@ def test_a_run_from_begin_to_end(tmp_path: Path) -> None:
     run.finish("done")
     assert Run.open(run.folder).finished and run.record["outcome"] == "done"
     assert run.path("figures/gap.svg").parent.is_dir()
-
-
-def test_a_later_step_is_noted_and_closed(tmp_path: Path) -> None:
-    run = _create(tmp_path / "run")
-    run.finish()
-    ended = run.record["ended"]
-    run.begin_step(command=["pamid", "train-residual"], seed=4)
-    assert not run.finished and run.record["ended"] == ended
-    run.finish("partly done")
-    assert (
-        run.finished
-        and run.record["outcome"] == "done"
-        and run.record["steps"][0]["outcome"] == "partly done"
-    )
 
 
 def test_a_taken_folder_is_refused(tmp_path: Path) -> None:
@@ -195,12 +180,6 @@ def test_together_means_all_or_none(
     )
 
 
-def test_a_missing_input_claims_nothing(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"nothing\.csv does not exist"):
-        _create(tmp_path / "run", inputs=[tmp_path / "nothing.csv"])
-    assert not (tmp_path / "run").exists()
-
-
 def test_opening_what_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="not a run folder"):
         Run.open(tmp_path)
@@ -331,31 +310,6 @@ def test_kill_9_in_the_middle_leaves_whole_files_only(tmp_path: Path) -> None:
         }
         for item in again.folder.iterdir():
             item.unlink()
-
-
-def test_errors_survive_the_way_back_from_a_worker() -> None:
-    error = pickle.loads(pickle.dumps(DataError("too short", "record longer", code="too-short")))
-    assert isinstance(error, DataError) and (error.code, error.hint, error.exit_code) == (
-        "too-short",
-        "record longer",
-        4,
-    )
-    assert error.as_dict() == {
-        "schema": "pamid.error/1",
-        "code": "too-short",
-        "message": "too short",
-        "hint": "record longer",
-    }
-    assert str(error) == "too short. record longer" and str(UsageError("No.")) == "No."
-
-
-def test_nearest() -> None:
-    assert (
-        nearest("coulomb-fricton", ["coulomb-friction", "dead-time"])
-        == "Did you mean 'coulomb-friction'?"
-    )
-    assert nearest("kpa", ["kPa", "N"]) == "Did you mean 'kPa'?"
-    assert nearest("zzz", ["coulomb-friction"]) == ""
 
 
 def test_what_a_kill_after_the_end_left_is_cleared_by_resuming(tmp_path: Path) -> None:

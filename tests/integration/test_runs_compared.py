@@ -49,19 +49,6 @@ def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture) ->
     assert run([*following, "--output", str(tmp_path / "both.html")]) == 0
 
 
-def test_a_damaged_run_is_listed_with_what_is_wrong(tmp_path: Path, capsys: Capture) -> None:
-    folder = make_run(tmp_path / "RUN")
-    (folder / "diagnosis.json").write_text('{"schema": "pamid.diagnosis/2"', encoding="utf-8")
-    (one,) = told(capsys, "runs", str(tmp_path))["runs"]
-    assert one["kind"] == "damaged" and "diagnosis.json" in one["sentence"]
-
-
-def test_a_run_that_is_none_and_a_folder_that_is_not_there(tmp_path: Path, capsys: Capture) -> None:
-    assert told(capsys, "runs", str(tmp_path))["runs"] == []
-    assert run(["runs", str(tmp_path / "nowhere")]) == 3
-    assert "is no folder" in capsys.readouterr().err
-
-
 @pytest.fixture
 def pair(tmp_path: Path) -> tuple[Path, Path]:
     """Two runs of other recordings; one parameter moved beyond its intervals, one cause other."""
@@ -94,24 +81,3 @@ def test_runs_side_by_side(pair: tuple[Path, Path], tmp_path: Path, capsys: Capt
     if installed_browser() is not None:
         assert run([*words, "--pdf"]) == 0 and page.read_bytes() == again
         assert page.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
-
-
-def test_agreement_is_said_and_nothing_differs(tmp_path: Path, capsys: Capture) -> None:
-    first, second = make_run(tmp_path / "a"), make_run(tmp_path / "b")
-    page = tmp_path / "both.html"
-    found = told(capsys, "report", "--compare", str(first), str(second), "--output", str(page))
-    assert found["changed"] == []
-    assert "Both runs say: Coulomb friction." in flat(outline_of(page).text)
-
-
-def test_one_run_is_no_comparison_and_two_are_no_page(
-    pair: tuple[Path, Path], tmp_path: Path, capsys: Capture
-) -> None:
-    assert run(["report", "--compare", str(pair[0])]) == 2
-    assert "2 to" in capsys.readouterr().err
-    assert run(["report", *map(str, pair)]) == 2
-    assert "--compare" in capsys.readouterr().err
-    somebody = tmp_path / "mine.html"
-    somebody.write_text("mine", encoding="utf-8")
-    words = ["report", "--compare", *map(str, pair), "--output", str(somebody)]
-    assert run(words) == 3 and somebody.read_text(encoding="utf-8") == "mine"

@@ -6,18 +6,14 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
-import stat
-import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import click
 import pytest
 from pamid_cli import frame, settings_files
-from pamid_cli.table import COMMANDS, every_command
+from pamid_cli.table import every_command
 
 from pamid.base import trust
 
@@ -44,25 +40,6 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     return tmp_path / "pamid.toml"
-
-
-def test_every_value_tells_where_it_comes_from(
-    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    project.write_text(
-        '[defaults]\nseed = 7\njobs = 3\n[diagnose]\njobs = 4\nwithout = ["clock-skew"]\n'
-    )
-    monkeypatch.setenv("PAMID_DIAGNOSE_SEED", "9")
-    told = config(capsys)
-    diagnose, fit = told["commands"]["diagnose"], told["commands"]["fit"]
-    assert told["file"] == str(project)
-    assert diagnose["jobs"] == {"value": 4, "origin": f"{project} [diagnose]"}
-    assert diagnose["seed"] == {"value": 9, "origin": "environment, PAMID_DIAGNOSE_SEED"}
-    assert diagnose["without"]["value"] == ["clock-skew"]
-    assert diagnose["output"] == {"value": "diagnose-run", "origin": "default"}
-    assert told["commands"]["simulate"]["excitation"]["origin"] == "required"
-    assert fit["seed"] == {"value": 7, "origin": f"{project} [defaults]"}
-    assert fit["overwrite"] == {"value": False, "origin": "default"}
 
 
 def test_the_file_of_a_folder_above_holds(
@@ -109,18 +86,6 @@ def test_a_command_takes_them_and_notes_them(
     assert Path("a.csv").read_bytes() == Path("b.csv").read_bytes()
 
 
-def test_a_run_notes_what_it_was_given_elsewhere(
-    project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The command line in run.json makes the same run where there is no pamid.toml."""
-    project.write_text("[force-law]\nseed = 4\n")
-    words = ["force-law", str(EXAMPLE_MAP), "--output", "law", "--sets", "2"]
-    monkeypatch.setattr(sys, "argv", ["pamid", *words])
-    assert frame.run(words) in (0, 5)
-    noted = json.loads(Path("law/run.json").read_text())["command"]
-    assert noted == ["pamid", *words, "--seed", "4"]
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -144,52 +109,6 @@ def test_what_is_wrong_is_said_with_its_place(
     message = refused(capsys, "diagnose", "rec.csv", "--output", "run")
     assert str(project) in message and said in message
     assert not (project.parent / "run").exists()
-
-
-def test_a_file_that_is_no_text_is_refused(
-    project: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    project.write_bytes(b"\xff\xfe\x00")
-    assert "UTF-8" in refused(capsys, "config")
-
-
-def completions(words: str, at: int) -> list[str]:
-    code = "from pamid_cli import main; main()"
-    found = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={
-            **os.environ,
-            "_PAMID_COMPLETE": "bash_complete",
-            "COMP_WORDS": words,
-            "COMP_CWORD": str(at),
-        },
-    )
-    assert not found.stderr
-    return [line.partition(",")[2] for line in found.stdout.splitlines()]
-
-
-def test_shells_complete_commands_options_rigs_and_effects() -> None:
-    assert completions("pamid diag", 1) == ["diagnose"]
-    assert completions("pamid diagnose --held", 2) == ["--held-out"]
-    assert completions("pamid diagnose --rig o", 3) == ["one-dof"]
-    assert "coulomb-friction" in completions("pamid effects co", 2)
-    assert "angle-sensor-lag" in completions("pamid simulate --effect angle", 3)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_a_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert frame.run(["completion", shell]) == 0
-    script = capsys.readouterr().out
-    assert f"_PAMID_COMPLETE={shell}_complete" in script
-    if shell == "bash" and shutil.which("bash"):
-        subprocess.run(["bash", "-n"], input=script, text=True, check=True)
-
-
-def test_no_command_is_without_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
-    assert set(config(capsys)["commands"]) == set(COMMANDS)
 
 
 # ---- whose settings are believed --------------------
@@ -311,41 +230,6 @@ def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     # root's are believed, for harmless options
     else:
         assert trust.why_shared(file) == ""
-
-
-def test_a_group_of_one_is_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Many systems give every user a group of their own and let it write by default."""
-    grp, pwd = pytest.importorskip("grp"), pytest.importorskip("pwd")
-
-    def found(mode: int, gid: int) -> os.stat_result:
-        return os.stat_result((stat.S_IFREG | mode, 0, 0, 1, os.geteuid(), gid, 0, 0, 0, 0))
-
-    user = SimpleNamespace(pw_name="ada", pw_gid=4711)
-    groups = {
-        4711: SimpleNamespace(gr_name="ada", gr_mem=[]),
-        4712: SimpleNamespace(gr_name="lab", gr_mem=["ada"]),
-        4713: SimpleNamespace(gr_name="ada", gr_mem=[]),
-    }
-    monkeypatch.setattr(pwd, "getpwuid", lambda uid: user)
-    monkeypatch.setattr(grp, "getgrgid", lambda gid: groups[gid])
-    assert not trust.others_may_write(found(0o664, 4711))
-    assert trust.others_may_write(found(0o664, 4712)) and trust.others_may_write(found(0o664, 4713))
-    groups[4711].gr_mem.append("eve")
-    assert trust.others_may_write(found(0o664, 4711))
-    assert trust.others_may_write(found(0o666, 0)) and not trust.others_may_write(found(0o664, 0))
-
-
-def test_a_link_counts_with_what_it_leads_to(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (home := tmp_path / "home").mkdir()
-    (shared := tmp_path / "shared").mkdir()
-    shared.chmod(0o777)
-    (shared / "pamid.toml").write_text("[fit]\nseed = 5\n")
-    (home / "pamid.toml").symlink_to(shared / "pamid.toml")
-    monkeypatch.setenv("HOME", str(home))
-    monkeypatch.chdir(home)
-    assert values(capsys)["seed"] == 0
 
 
 def test_every_option_that_runs_a_file_is_known_as_one() -> None:

@@ -20,7 +20,7 @@ import pytest
 
 from pamid.base.errors import DataError, PamidError
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import ATTEMPTS, Failed, Threads, Work, WorkerPool, run_jobs
+from pamid.parallel.jobs import ATTEMPTS, Failed, Threads, Work, WorkerPool
 from pamid.parallel.result_store import Store, digest, plain
 
 KEY = "ab" * 32
@@ -76,15 +76,6 @@ def test_a_result_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "jobs").iterdir()] == ["notes.txt"], (
         "only its own files are removed"
     )
-
-
-def test_plain_data_has_one_form() -> None:
-    table = np.arange(12.0).reshape(3, 4)
-    made = plain({"a": np.float64(2.0), "b": (1, 2), "c": table[:, 1:3], "d": np.bool_(True)})
-    assert same(made, {"a": 2.0, "b": [1, 2], "c": np.ascontiguousarray(table[:, 1:3]), "d": True})
-    for wrong in ({1: 2}, {"": 1}, {"a": {1, 2}}, {"a": np.array([object()])}, {"a": len}):
-        with pytest.raises(TypeError):
-            plain(wrong)
 
 
 @pytest.mark.parametrize(
@@ -189,19 +180,6 @@ def test_a_digest_is_the_same_in_every_process() -> None:
         for seed in ("1", "2")
     }
     assert len(found) == 1
-
-
-def test_a_digest_sees_a_change_in_a_rig_file(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "data" / "rigs" / "cart.py").read_text()
-    seen = []
-    for name, content in (
-        ("one", text),
-        ("two", text.replace("force / p.mass_kg", "force / p.mass_kg + 0.0")),
-    ):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "cart.py").write_text(content)
-        seen.append(digest(rig_named(str(tmp_path / name / "cart.py"))))
-    assert seen[0] != seen[1]
 
 
 # ---- jobs --------------------
@@ -334,20 +312,6 @@ def test_another_version_of_the_code_trusts_nothing_of_the_former(
     pool = WorkerPool(1, store)
     pool.run(Rooting(), ITEMS)
     assert pool.counts == {"worked": 5, "kept": 0, "failed": 0}
-
-
-def test_failures_are_not_kept(tmp_path: Path) -> None:
-    store = Store(tmp_path / "jobs")
-    WorkerPool(1, store).run(Rooting(), [4.0, -2.0])
-    assert len(list(store.folder.glob("*.npz"))) == 1
-    with pytest.raises(DataError):
-        WorkerPool(1, store).one(Rooting(), -2.0)
-
-
-def test_plain_functions_on_threads() -> None:
-    assert run_jobs(abs, [-3, 2, -1], jobs=2) == run_jobs(abs, [-3, 2, -1]) == [3, 2, 1]
-    with pytest.raises(ValueError):
-        run_jobs(math.sqrt, [4.0, -1.0], jobs=2)
 
 
 def test_a_journal_that_was_cut_short(tmp_path: Path) -> None:

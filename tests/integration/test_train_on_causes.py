@@ -30,10 +30,6 @@ from pamid.estimation.quantities import agreed
 from pamid.networks.elman import Elman
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import Recording, read_recording
-from pamid.report.channel_errors import errors_of
-from pamid.report.load import load_run
-from pamid.report.traces import _values
-from pamid.report.writing import drawings_of
 from pamid.simulation.replay import channel_mae, replay_track
 
 QUICK = ("--hidden", "2", "--iterations", "3")
@@ -140,66 +136,6 @@ def test_it_is_trained_on_what_the_causes_leave(
     assert line.split()[-5:] == ["refitted", "with", "causes", "at", "output"]
 
 
-def test_usually_it_is_trained_on_the_residual_of_the_refit(run: Copy) -> None:
-    folder = run()
-    found = pamid.train_residual(folder, hidden=2, iterations=2)
-    assert found.on == read_json(folder / "network.json")["on"] == "refit"
-    assert "the refitted model in its own control loop, without the causes" in found.target
-    causes = pamid.train_residual(folder, hidden=2, iterations=2, on="causes")
-    assert causes.on == "causes" and WORDS in repr(causes) and "with cause" in repr(causes)
-    with pytest.raises(pamid.PamidError, match="on='cause': take refit or causes"):
-        pamid.train_residual(folder, on="cause")
-
-
-def test_a_run_without_a_cause_is_refused_with_its_cure(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = run()
-    fit = read_json(folder / "fit.json")
-    del fit["cause"]
-    write_json(folder / "fit.json", fit)
-    assert train(folder, *ON_CAUSES, "--json") == 2
-    found = said(capsys)
-    assert found["code"] == "no-cause" and "names no cause" in found["message"]
-    assert "--on refit" in found["hint"] and "pamid diagnose" in found["hint"]
-    assert not (folder / "network.json").exists()
-
-
-def test_a_copy_of_the_refitted_model_is_not_trained_on(
-    made: Made, run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """An earlier version repeated the refitted model over the fitted part."""
-    folder = run()
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    places = {name: i for i, name in enumerate(names.split(","))}
-    rows = [line.split(",") for line in lines]
-    for row in rows:
-        if row[places["part"]] == "0":
-            row[places["angle_cause_deg"]] = row[places["angle_refitted_deg"]]
-    body = "\n".join([names, *(",".join(row) for row in rows), ""])
-    (folder / "residual.csv").write_text(body)
-    assert train(folder, *ON_CAUSES, "--json") == 3
-    assert said(capsys)["code"] == "earlier-version"
-    # such a copy is not drawn as a trace of the causes either
-    for place, missing in ((made[0] / "run", False), (folder, True)):
-        data = load_run(place)
-        assert data.residual is not None
-        drawn = _values(data.residual, "angle_deg", "cause")
-        assert np.isnan(drawn[data.residual.columns["part"] == 0]).all() == missing
-        assert np.isfinite(drawn[data.residual.columns["part"] == 1]).all()
-
-
-def test_resuming_refuses_another_residual(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, other = run(), run()
-    assert train(folder, "--hidden", "2", "--iterations", "2", "--on", "causes") == 0
-    assert train(folder, *ON_CAUSES, "--resume") == train(other, *ON_CAUSES) == 0
-    for name in ("network.json", "network.npz", "trace.csv", "residual.csv"):
-        assert (folder / name).read_bytes() == (other / name).read_bytes(), name
-    capsys.readouterr()
-    assert train(folder, *QUICK, "--resume", "--json") == 3
-    assert "belongs to another training" in said(capsys)["message"]
-
-
 # ---- the model with both --------------------
 
 
@@ -271,38 +207,6 @@ def test_at_a_port_the_model_with_the_causes_is_corrected(
     assert "is not that of residual.csv" in said(capsys)["message"]
 
 
-def test_a_network_on_the_refit_is_left_out_of_the_model_with_the_causes(
-    made: Made, run: Copy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = run()
-    seen = ("command", "angle_refitted_deg")
-    put_network(folder, random_network(Elman(2, 2), seen, "angle_deg", 2.0), on="refit")
-    best, network = load_identified(folder), load_identified(folder, which="network")
-    assert best.network is None and [a.label for a in best.effects] == ["coulomb-friction"]
-    assert network.network is not None and not network.effects and not network.notes
-    words = ["export", str(folder), "--to", "c", "--output", str(tmp_path / "c"), "--json"]
-    assert frame.run(words) == 0
-    (note,) = said(capsys)["notes"]
-    assert "left out" in note and "--which network" in note and "--on causes" in note
-    assert note in pamid.open_run(folder).simulate(made[0] / "fresh.csv").warnings
-
-
-def test_a_network_whose_causes_are_gone_is_refused(
-    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = Path(shutil.copytree(trained, tmp_path / "run"))
-    fit = read_json(folder / "fit.json")
-    del fit["cause"]
-    write_json(folder / "fit.json", fit)
-    for which in ("best", "network"):
-        with pytest.raises(pamid.PamidError, match="corrects a cause"):
-            load_identified(folder, which=which)
-    about = read_json(folder / "network.json")
-    (folder / "network.json").write_text(json.dumps(about | {"on": "nothing"}))
-    with pytest.raises(pamid.PamidError, match="none of refit, causes"):
-        load_identified(folder, which="network")
-
-
 def test_the_score_judges_the_causes_with_their_network(made: Made, run: Copy) -> None:
     """Networks of two channels, either with the model that it was trained on."""
     folder = run()
@@ -320,10 +224,3 @@ def test_the_score_judges_the_causes_with_their_network(made: Made, run: Copy) -
         assert mae["with_network"] == pytest.approx(mae[model], rel=1e-9)
     assert rows["replay", "angle_deg"]["with_cause"] < rows["replay", "angle_deg"]["refitted"]
     assert "corrects the model with its causes" in found.to_dict()["notes"][0]
-
-
-def test_the_page_compares_with_the_model_that_was_corrected(trained: Path) -> None:
-    data = load_run(trained)
-    assert data.network_on_causes("angle_deg") and not data.network_on_causes("force_1_n")
-    drawings = {one.name: one.title for one in drawings_of(data, errors_of(data))}
-    assert drawings["window-network"].endswith("with Coulomb friction and the network")

@@ -16,20 +16,17 @@ from typing import Any
 import numpy as np
 import pytest
 from pamid_cli import frame
-from pamid_cli.train_residual import EXAMPLE
 from train_command import said, train
 
-from pamid.base.errors import FileError, UsageError
+from pamid.base.errors import FileError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.npz import load_arrays
 from pamid.base.run_folder import Run
-from pamid.correction.output_network import NetworkChoice, with_columns
-from pamid.correction.residual_data import read_columns, read_residual_data
+from pamid.correction.residual_data import read_columns
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
-from pamid.networks.anfis import Anfis
 from pamid.networks.network_folders import network_files_beside, networks_beside
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
@@ -86,56 +83,6 @@ def steps(folder: Path) -> list[dict[str, Any]]:
     return list(read_json(folder / "run.json")["steps"])
 
 
-def without_loop(folder: Path) -> None:
-    """Make the run one without a known controller: no reference, no loop, but an external torque
-    that is never used."""
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    keep = [i for i, n in enumerate(names.split(",")) if n not in LOOP]
-    rows = [",".join([line.split(",")[i] for i in keep]) for line in (names, *lines)]
-    rows = [rows[0] + ",external_torque_nm", *(row + ",0" for row in rows[1:])]
-    (folder / "residual.csv").write_text("\n".join(rows) + "\n")
-    fit = read_json(folder / "fit.json")
-    write_json(folder / "fit.json", {**fit, "inputs": [*fit["inputs"], "external_torque_nm"]})
-
-
-def test_further_columns_of_the_table_are_no_inputs(run: Copy) -> None:
-    folder = run()
-    without_loop(folder)
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    more = [f"{names},spare_v,angle_free_run_deg"]
-    more += [f"{line},{i % 7},{i % 5}" for i, line in enumerate(lines)]
-    (folder / "residual.csv").write_text("\n".join(more) + "\n")
-    leftover = read_residual_data(folder, "angle_deg")
-    assert leftover.inputs[0] == "command"
-    assert all("_refitted_" in name for name in leftover.inputs[1:])
-    assert read_residual_data(folder, "angle_deg", ("spare_v",)).inputs == ("spare_v",)
-
-
-def test_the_target_names_the_model_and_the_causes_that_it_lacks(run: Copy) -> None:
-    folder = run()
-    without_loop(folder)
-    model = "the refitted model on recorded commands"
-    assert read_residual_data(folder, "angle_deg").model_words == model
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    more = [f"{names},angle_cause_deg", *(f"{line},{i % 5}" for i, line in enumerate(lines))]
-    (folder / "residual.csv").write_text("\n".join(more) + "\n")
-    leftover = read_residual_data(folder, "angle_deg")
-    assert leftover.model_words == f"{model}, without the causes of the diagnosis"
-    assert not any("cause" in name for name in leftover.inputs)
-
-
-def test_a_run_that_does_not_list_its_inputs_asks_for_them(run: Copy) -> None:
-    folder = run()
-    without_loop(folder)
-    fit = read_json(folder / "fit.json")
-    del fit["inputs"]
-    write_json(folder / "fit.json", fit)
-    with pytest.raises(FileError, match="does not list the rig's inputs") as error:
-        read_residual_data(folder, "angle_deg")
-    assert "--inputs" in error.value.hint
-    assert read_residual_data(folder, "angle_deg", ("command",)).inputs == ("command",)
-
-
 def test_the_first_papers_network(run: Copy) -> None:
     """In a process of its own: kernels that other tests have compiled round otherwise, and ten
     seconds teach a network little: from seeds 0 to 5 it leaves 45 to 89 %."""
@@ -167,27 +114,6 @@ def test_the_first_papers_network(run: Copy) -> None:
     )
     (step,) = steps(folder)
     assert step["ended"] and step["outcome"] == "done" and len(step["inputs"]) == 2
-
-
-def test_the_summary_is_told(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = run()
-    assert train(folder, *QUICK) == 0
-    text = capsys.readouterr().out
-    about = read_json(folder / "network.json")
-    t = about["training"]
-    for words in (
-        "elman 5-3-1, 31 weights",
-        f"MSE {t['mse']:.4g}",
-        "gradient",
-        "mu ",
-        f"gamma {t['gamma']:.1f} of 31",
-        f"{t['supported_weights']:.1f} of 31 are supported, counting the "
-        f"{t['effective_samples']:.0f} indep",
-        "iterations used up",
-        "... without 1 s of start-up",
-    ):
-        assert words in text
-    assert "every start" not in text
 
 
 def test_as_in_the_paper(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
@@ -251,33 +177,6 @@ def test_every_network_is_trained(
     assert trace[-1, 1] < trace[0, 1]
 
 
-@pytest.mark.parametrize(("inputs", "sets"), [(1, 5), (2, 5), (3, 4), (4, 2), (5, 2), (6, 2)])
-def test_usual_sets_of_an_anfis(inputs: int, sets: int) -> None:
-    network = NetworkChoice("anfis").network(inputs, 0.003)
-    assert network == Anfis(inputs, sets) and network.rules <= 64
-    assert NetworkChoice("anfis", {"sets": 2}).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
-    with pytest.raises(UsageError, match="128 rules"):
-        NetworkChoice("anfis").network(7, 0.003)
-
-
-def test_starts_race_on_any_number_of_cores(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
-    one, other = run(), run()
-    race = ("--hidden", "2", "--iterations", "22", "--starts", "3")
-    assert train(one, *race, "--jobs", "1") == train(other, *race, "--jobs", "2") == 0
-    for name in RESULTS:
-        assert (one / name).read_bytes() == (other / name).read_bytes(), name
-    ends = read_json(one / "network.json")["training"]["starts_mse"]
-    assert len(ends) == 3 and f"MSE of every start: {ends[0]:.3g}, " in capsys.readouterr().out
-
-
-def test_examples_of_the_help_run(run: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = run()
-    folder.rename(folder.parent / "fitted")
-    monkeypatch.chdir(folder.parent)
-    for line in EXAMPLE.strip().splitlines():
-        assert frame.run(line.split()[1:]) == 0, line
-
-
 def test_same_run_and_seed_same_bytes(run: Copy) -> None:
     one, other = run(), run()
     before = (one / "residual.csv").read_text().splitlines()
@@ -310,174 +209,6 @@ def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
     assert (one / "network.npz").read_bytes() == (other / "network.npz").read_bytes()
     errors = [read_json(folder / "network.json")["mae"]["angle_deg"] for folder in (one, other)]
     assert errors[1]["with_network"] > errors[0]["with_network"] + 4.0
-
-
-def test_without_a_controller_the_replay_is_corrected(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = run()
-    without_loop(folder)
-    assert train(folder, *QUICK, "--json") == 0
-    found, fit = said(capsys), read_json(folder / "fit.json")
-    assert found["model"] == "replay"
-    outputs = [
-        "angle_refitted_deg",
-        *(
-            f"{q}_{i}_refitted_{u}"
-            for q, u in (("pressure", "kpa"), ("force", "n"))
-            for i in (1, 2)
-        ),
-    ]
-    assert [one["name"] for one in found["inputs"]] == ["command", *outputs]
-    assert any("external_torque_nm is constant" in note for note in found["notes"])
-    # the very rows that fit.json scores
-    assert found["mae"]["angle_deg"]["refitted"] == pytest.approx(
-        fit["mae"]["angle_deg"]["refitted"], rel=1e-6
-    )
-    table = read_columns(folder / "residual.csv")
-    rows = (table["part"] == 1) & (table["window"] >= 0)
-    error = np.abs(table["angle_deg"] - table["angle_network_deg"])[rows].mean()
-    assert found["mae"]["angle_deg"]["with_network"] == pytest.approx(error, rel=1e-6)
-
-
-def test_every_window_is_a_record_of_its_own(run: Copy) -> None:
-    folder = run()
-    without_loop(folder)
-    leftover = read_residual_data(folder, "angle_deg", ("command", "angle_refitted_deg"))
-    window, part = leftover.columns["window"], leftover.columns["part"]
-    assert leftover.washout > 0
-    assert len(leftover.stretches) == len(
-        {(p, w) for p, w in zip(part, window, strict=True) if w >= 0}
-    )
-    for s in leftover.stretches:
-        before = window[s.rows][: leftover.washout]
-        scored = window[s.rows][leftover.washout :]
-        assert (
-            (before == -1).all()
-            and np.ptp(scored) == 0
-            and scored[0] >= 0
-            and (part[s.rows] == s.part).all()
-        )
-    assert (
-        sum(s.rows.stop - s.rows.start - leftover.washout for s in leftover.stretches)
-        == (window >= 0).sum()
-    )
-
-
-def test_a_model_that_failed_in_its_own_loop_is_not_corrected(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = run()
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    loop = {i for i, n in enumerate(names.split(",")) if n in LOOP[1:]}
-    rows = [
-        ",".join("0" if i in loop else c for i, c in enumerate(line.split(","))) for line in lines
-    ]
-    (folder / "residual.csv").write_text("\n".join([names, *rows]) + "\n")
-    assert train(folder, *QUICK, "--json") == 0
-    found = said(capsys)
-    assert found["model"] == "replay" and "could not be simulated" in found["notes"][0]
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "words"),
-    [
-        (
-            ("--network", "anfis", "--hidden", "5"),
-            2,
-            "--hidden belongs to --network elman or narx, not to anfis",
-        ),
-        (("--network", "narx", "--sets", "3"), 2, "--sets belongs to --network anfis, not to narx"),
-        (("--network", "narx", "--device", "cuda"), 2, "only elman networks are trained, not narx"),
-        (("--device", "gpu"), 2, "There is no device 'gpu'"),
-        (("--network", "elmann"), 2, "Did you mean 'elman'"),
-        (("--channel", "angel_deg"), 2, "Did you mean 'angle_deg'"),
-        (("--inputs", "reference_deg,angle_deg"), 2, "Take angle_refitted_deg"),
-        (("--inputs", "comand_loop"), 2, "Did you mean 'command_loop'"),
-        (("--inputs", "command,command"), 2, "given twice"),
-        (("--hidden", "0"), 2, "hidden"),
-        (("--hidden", "80"), 4, "cannot decide"),
-    ],
-)
-def test_requests_that_are_refused(
-    run: Copy, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], code: int, words: str
-) -> None:
-    folder = run()
-    assert train(folder, *options, "--json") == code
-    found = said(capsys)
-    assert found["schema"] == "pamid.error/1" and words in found["message"] + found["hint"]
-    assert not (folder / "network.json").exists()
-    assert all(step["ended"] for step in steps(folder))
-
-
-def _cut_short(folder: Path) -> None:
-    content = (folder / "residual.csv").read_bytes()
-    (folder / "residual.csv").write_bytes(content[: len(content) // 2 - 3])
-
-
-def _gap(folder: Path) -> None:
-    text = (folder / "residual.csv").read_text().splitlines()
-    cells = text[100].split(",")
-    text[100] = ",".join(["nan" if i == 4 else c for i, c in enumerate(cells)])
-    (folder / "residual.csv").write_text("\n".join(text) + "\n")
-
-
-def _nothing_held_out(folder: Path) -> None:
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    (folder / "residual.csv").write_text(
-        "\n".join([names, *(x for x in lines if x.split(",")[2] == "0")]) + "\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("spoil", "code", "words"),
-    [
-        (lambda f: (f / "residual.csv").unlink(), 3, "does not exist"),
-        (lambda f: (f / "residual.csv").write_text("time_s,recording,part,window\n"), 3, "no rows"),
-        (lambda f: (f / "fit.json").write_text("{}"), 3, "pamid.fit/1"),
-        (lambda f: (f / "run.json").unlink(), 3, "not a run folder"),
-        (_cut_short, 3, "residual.csv"),
-        (_gap, 4, "nan"),
-        (_nothing_held_out, 4, "held out"),
-    ],
-)
-def test_damaged_runs_are_refused(
-    run: Copy,
-    capsys: pytest.CaptureFixture[str],
-    spoil: Callable[[Path], None],
-    code: int,
-    words: str,
-) -> None:
-    folder = run()
-    spoil(folder)
-    assert train(folder, *QUICK, "--json") == code
-    found = said(capsys)
-    assert words in found["message"] + found["hint"]
-
-
-def test_recordings_of_different_periods_are_refused(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = run()
-    fit = read_json(folder / "fit.json")
-    other = fit["recordings"][0] | {"period_s": 0.005}
-    write_json(folder / "fit.json", fit | {"recordings": [*fit["recordings"], other]})
-    names, *lines = (folder / "residual.csv").read_text().splitlines()
-    cells = lines[0].split(",")
-    more = [",".join([str(0.005 * k), "1", "0", "9", *cells[4:]]) for k in range(50)]
-    (folder / "residual.csv").write_text("\n".join([names, *lines, *more]) + "\n")
-    assert train(folder, *QUICK, "--json") == 4
-    assert "one period" in said(capsys)["message"]
-
-
-def test_a_column_goes_to_the_end(tmp_path: Path) -> None:
-    table = tmp_path / "residual.csv"
-    table.write_text(
-        "time_s,recording,part,window,angle_network_deg,angle_deg\n0,0,0,0,7,1.50\n1,0,0,0,8,-2\n"
-    )
-    assert with_columns(table, {"angle_network_deg": [1.25, 2.5]}).decode() == (
-        "time_s,recording,part,window,angle_deg,angle_network_deg\n0,0,0,0,1.50,1.25\n1,0,0,0,-2,2.5\n"
-    )
 
 
 # ---- interrupted, killed --------------------
@@ -598,19 +329,6 @@ def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: An
     assert steps(folder)[-1]["outcome"] == "failed"
 
 
-def test_killed_in_the_middle_of_a_training(run: Copy, started: Any) -> None:
-    folder = run()
-    process = held(
-        started, "train-residual", str(folder), "--hidden", "10", "--iterations", "1000000"
-    )
-    process.kill()
-    process.communicate()
-    everything_parses(folder)
-    assert steps(folder)[-1]["ended"] is None and not Run.open(folder).finished
-    assert not (folder / "network.json").exists()
-    resumes_bit_for_bit(folder, run(), len(load_arrays(folder / "checkpoint.npz")["steps_0"]) - 1)
-
-
 _DIES = """
 import os, signal, sys
 from pathlib import Path
@@ -660,21 +378,6 @@ def test_killed_in_the_middle_of_a_diagnosis(
     assert again.record["command"] == ["again"]
 
 
-def test_the_report_takes_it_in(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = run()
-    assert train(folder, *QUICK) == 0
-    capsys.readouterr()
-    assert frame.run(["report", str(folder), "--json"]) == 0
-    found = said(capsys)
-    about = read_json(folder / "network.json")
-    assert about["model"] == "loop" and "with_network" not in found["mae"]["angle_deg"], (
-        "loop and replay stay apart"
-    )
-    page = (folder / "report.html").read_text(encoding="utf-8")
-    assert f"{about['mae']['angle_deg']['with_network']:.3g}" in page and "own loop" in page
-    assert "training.png" in {path.name for path in (folder / "figures").iterdir()}
-
-
 # ---- several networks in a run --------------------
 
 
@@ -716,15 +419,6 @@ def test_networks_of_several_channels_live_side_by_side(
     assert all((folder / name).is_file() for name in listed if name.startswith("networks/"))
     assert not [name for name in listed if name.startswith("networks/angle_deg/")]
     assert train(folder, *QUICK, "--at", "joint") == 0  # moves every channel: stays alone
-    assert networks_beside(folder) == {}
-
-
-def test_what_cannot_be_kept_does_not_cost_a_training(run: Copy) -> None:
-    folder = run()
-    assert train(folder, *QUICK) == 0
-    (folder / "network.json").write_text("{", encoding="utf-8")
-    assert train(folder, *QUICK, "--channel", "pressure_1_kpa") == 0
-    assert load_network(folder).output_name == "pressure_1_kpa"
     assert networks_beside(folder) == {}
 
 

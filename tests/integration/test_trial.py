@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
 from pamid.schemas.diagnosis_file import CAUSED
 from pamid.schemas.trial_file import TrialFile
-from pamid.trial.cases import CLOSED, NAMELESS, STRATA, Case, cases_sha256, draw_cases
+from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
 from pamid.trial.figure_table import trial_text
 from pamid.trial.scoring import score_cases
@@ -117,19 +116,6 @@ def both(found: TrialFile, name: str) -> tuple[int, int]:
 # ---- figures by hand --------------------
 
 
-def test_wilson_by_hand() -> None:
-    """8 of 10: centre (8 + 1.9207)/(10 + 3.8415) = 0.7167, reach sqrt(3.8415 (1.6 +
-    0.96036))/13.8415 = 0.2266."""
-    assert wilson_interval(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
-    low, high = wilson_interval(0, 20)
-    assert low == 0.0 and high == pytest.approx(3.8415 / 23.8415, abs=1e-4)
-    assert wilson_interval(20, 20) == pytest.approx((1.0 - high, 1.0))
-    assert wilson_interval(0, 0) == (0.0, 1.0)
-    assert wilson_interval(8, 10, 0.5)[0] > wilson_interval(8, 10)[0]
-    with pytest.raises(DataError):
-        wilson_interval(3, 2)
-
-
 def test_naming() -> None:
     """Five visible singles and a hidden one: right; look-alike first; second family right;
     abstains; no gap."""
@@ -174,14 +160,6 @@ def test_naming() -> None:
     ) == (4, 5)
 
 
-def test_two_families_are_two_however_many_members_stand_between() -> None:
-    found = score_cases(
-        [label(0, "single", LEAK)],
-        [answer(0, "explained", "coulomb-friction", "stribeck-friction", "leak")],
-    )
-    assert both(found, "family_first_two") == (1, 1)
-
-
 def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> None:
     labels = [label(i, "single", FRICTION) for i in range(3)]
     found = score_cases(
@@ -199,19 +177,6 @@ def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> Non
     )
     assert both(found, "exact_first") == (1, 3), "only the tie contains it"
     assert both(found, "family_first") == (2, 3)
-
-
-def test_ports_that_cannot_be_told_apart_count_as_one() -> None:
-    labels = [label(i, "single", FRICTION) for i in range(3)]
-    found = score_cases(
-        labels,
-        [
-            answer(0, "ambiguous", "leak", port="pressure", tied=("pressure", "joint")),
-            answer(1, "ambiguous", "leak", port="valve", tied=("pressure", "joint")),
-            answer(2, "explained", "coulomb-friction", port="sensor"),
-        ],
-    )
-    assert both(found, "port") == (1, 3)
 
 
 def test_refusing_to_name() -> None:
@@ -252,61 +217,6 @@ def test_refusing_to_name() -> None:
     }
 
 
-def test_two_at_once() -> None:
-    labels = [label(i, "double", FRICTION, LEAK) for i in range(3)]
-    found = score_cases(
-        labels,
-        [
-            answer(0, "explained", "leak", causes=("leak", "stribeck-friction")),
-            answer(1, "explained", "leak", causes=("leak", "tube-lag")),
-            answer(2, "unknown-effect"),
-        ],
-    )
-    assert both(found, "both_of_two") == (1, 3)
-    assert both(found, "one_of_two") == (2, 3)
-    assert both(found, "family_first") == (0, 0), "naming is for single faults"
-
-
-def test_a_verdict_in_parts_names_what_it_names() -> None:
-    """What is left beside a right cause is no wrong answer; a wrong cause that is called probable
-    is one, and who cannot tell raises no alarm."""
-    labels = [label(i, "double", FRICTION, LEAK) for i in range(3)]
-    labels += [label(3, "no-gap"), label(4, "no-gap"), label(5, "single", FRICTION)]
-    found = score_cases(
-        labels,
-        [
-            answer(0, "partly-explained", "leak", causes=("leak",)),
-            answer(1, "partly-explained", "leak", causes=("leak", "tube-lag"), p=0.8),
-            answer(2, "partly-explained", "leak", causes=("leak", "tube-lag"), p=0.4),
-            answer(3, "cannot-tell", "leak", visibility=None),
-            answer(4, "unknown-effect", visibility=None),
-            answer(5, "cannot-tell", "coulomb-friction"),
-        ],
-    )
-    assert both(found, "one_of_two") == (3, 3) and both(found, "both_of_two") == (0, 3)
-    assert both(found, "wrong_beside_right") == (1, 4)
-    assert both(found, "false_alarm") == (1, 2) and both(found, "named_in_vain") == (0, 2)
-    assert both(found, "missed") == (0, 1) and both(found, "left_open") == (1, 1)
-    assert both(found, "wrong_abstention") == (0, 1) and both(found, "left_open_in_vain") == (1, 2)
-    assert found.confusion == {"friction": {"(cannot tell)": 1}}
-
-
-def test_what_is_said_to_be_real_and_blamed_on_nothing_counts_as_told() -> None:
-    """An effect outside the catalogue: called unknown; left open, what remains real; left open, and
-    not; a cause blamed, and a real remainder beside it."""
-    labels = [label(i, "nameless", FRICTION) for i in range(4)]
-    results = [
-        answer(0, "unknown-effect", "leak"),
-        answer(1, "cannot-tell", "leak"),
-        answer(2, "cannot-tell", "leak"),
-        answer(3, "partly-explained", "leak"),
-    ]
-    for i, real in ((1, True), (2, False), (3, True)):
-        results[i]["diagnosis"]["remainder"] = {"real": real}
-    found = score_cases(labels, results)
-    assert both(found, "abstains") == (1, 4) and both(found, "leaves_nameless") == (2, 4)
-
-
 def test_calibration_by_hand() -> None:
     """Said 0.95 three times (one right, one of them an alarm where nothing is planted) and 0.42
     twice (none right).
@@ -337,21 +247,6 @@ def test_calibration_by_hand() -> None:
     ]
 
 
-def test_shrinkage_forecast_by_hand() -> None:
-    labels = [label(i, "single", FRICTION) for i in range(4)]
-    results = [
-        answer(0, "explained", "leak", shrinkage=(0.8, 0.7, 0.9, 0.75), seconds=5.0),
-        answer(1, "explained", "leak", shrinkage=(0.8, 0.7, 0.9, 0.60)),
-        answer(2, "explained", "leak", shrinkage=(0.5, 0.4, 0.6, 0.60), seconds=90.0),
-        answer(3, "ambiguous", "leak", shrinkage=(0.5, 0.4, 0.6, 0.0)),
-    ]
-    found = score_cases(labels, results)
-    assert found.figures["shrinkage_error"].value == pytest.approx(0.10)
-    assert found.figures["shrinkage_bias"].value == pytest.approx(0.05)
-    assert both(found, "shrinkage_covered") == (2, 3)
-    assert (found.figures["seconds"].value, found.figures["seconds_worst"].value) == (10.0, 90.0)
-
-
 def test_shuffled_labels_fall_to_chance() -> None:
     truths = [FRICTION if i % 2 else LEAK for i in range(60)]
     results = [answer(i, "explained", str(t["fault"])) for i, t in enumerate(truths)]
@@ -379,11 +274,6 @@ def test_failed_cases_are_counted_and_shown() -> None:
     )
 
 
-def test_nothing_to_score_is_no_error() -> None:
-    told = {**score_cases([], []).as_json(), "failures": {}}
-    assert "family named first" in trial_text(json.loads(json.dumps(told, allow_nan=False)))
-
-
 # ---- drawing --------------------
 
 
@@ -405,23 +295,6 @@ def test_parts_are_disjoint() -> None:
     }
 
 
-def test_shares() -> None:
-    cases = draw_cases("test", 200, 0)
-    for stratum, share in STRATA[CLOSED].items():
-        assert sum(c.stratum == stratum for c in cases) == pytest.approx(200 * share, abs=3)
-    quiet = [c for c in cases if c.stratum == "no-gap"]
-    assert sum(c.conditions.background == 0.0 for c in quiet) == pytest.approx(
-        len(quiet) / 2, abs=2
-    )
-    assert all(0.005 <= c.conditions.background <= 0.04 for c in cases if c.planted)
-    assert sum(c.conditions.channels == "angle" for c in cases) == pytest.approx(40, abs=20)
-    assert sum(c.conditions.noise == 5.0 for c in cases) == pytest.approx(30, abs=18)
-    assert sum(c.conditions.loop == "open" for c in cases) == pytest.approx(50, abs=22)
-    known = [n for n in FAULTS if not n.startswith(NAMELESS)]
-    planted = [n for c in cases if c.stratum == "single" for n in c.planted]
-    assert max(planted.count(n) for n in known) <= 2 * 200 * STRATA[CLOSED]["single"] / len(known)
-
-
 def test_what_is_planted() -> None:
     for case in draw_cases("test", 200, 1):
         named = [n for n in case.planted if not n.startswith(NAMELESS)]
@@ -441,14 +314,6 @@ def test_what_is_planted() -> None:
             assert not fault.exact & left.keys()
             assert not any(fault.family in (e.family, *e.families.values()) for e in left.values())
             assert not any(fault.exact & set(e.look_alikes) for e in left.values())
-
-
-def test_two_faults_never_set_the_same_size() -> None:
-    for one, other in combinations(FAULTS.values(), 2):
-        assert one.family == other.family or not one.sizes.keys() & other.sizes.keys(), (
-            one.name,
-            other.name,
-        )
 
 
 # ---- what the tool is shown --------------------
@@ -598,13 +463,6 @@ def test_a_trial_is_replaced_as_a_whole_and_nothing_else_is(
     capsys.readouterr()
     assert trial(other, 2, "--overwrite") == 3
     assert "it holds no trial" in capsys.readouterr().err and len(examined) == 6
-
-
-def test_only_one_stratum(tmp_path: Path, examined: list[int]) -> None:
-    assert trial(tmp_path / "run", 40, "--only", "nameless") == 0
-    assert sorted(examined) == [
-        c.number for c in draw_cases("test", 40, 0) if c.stratum == "nameless"
-    ]
 
 
 @pytest.mark.parametrize("error", [DataError("too short"), ZeroDivisionError("oops")])

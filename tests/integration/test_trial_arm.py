@@ -4,7 +4,6 @@ planted, its books."""
 from __future__ import annotations
 
 import ast
-import json
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -12,12 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pamid_cli import frame
 from scipy.integrate import solve_ivp
 
 from pamid.api import trial_cases
 from pamid.base.errors import DataError, UsageError
-from pamid.base.json_file import read_json
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
@@ -40,7 +37,6 @@ from pamid.trial.arm_plant import (
     ARM_CHANNELS,
     ARM_NOISE,
     ARM_TO_COLUMN,
-    RADII,
     TRUE_ARM,
     ArmBody,
     ArmSpecimen,
@@ -49,9 +45,8 @@ from pamid.trial.arm_plant import (
 )
 from pamid.trial.cases import CLOSED, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
-from pamid.trial.figure_table import trial_text
 from pamid.trial.joint_plant import PERIOD_S, Excitation, packed
-from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE, LOAD_SPEED
+from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE
 from pamid.trial.scoring import score_cases
 
 STEP = 1e-4  # s
@@ -102,18 +97,6 @@ def replayed(
         planted,
         Excitation(command=command),
         **{"payload_kg": 0.5, "noise": 0.0, "seed": 0, **options},
-    )
-
-
-def resting(planted: dict[str, dict[str, float]]) -> dict[str, Any]:
-    """No command at all for 1.5 s."""
-    return record_arm(
-        machine(),
-        planted,
-        Excitation(command=np.zeros((500, 2))),
-        payload_kg=0.0,
-        noise=0.0,
-        seed=0,
     )
 
 
@@ -229,67 +212,6 @@ def test_a_free_swing_is_that_of_the_textbook(payload: float, at: tuple[float, f
     assert np.abs(found[::50] - known).max() < 3e-3
 
 
-def test_without_friction_energy_stays() -> None:
-    body, _ = drawn_body(0.5, (0.0, 0.0))
-    x = released(body, (0.5, 0.9), 3.0)[0]
-    p, u = x[:, :, LOAD_ANGLE], x[:, :, LOAD_SPEED]
-    kinetic = (
-        0.5 * body.inertia_1 * u[:, 0] ** 2
-        + 0.5 * body.inertia_2 * u[:, 1] ** 2
-        + (body.coupling * u[:, 0] * u[:, 1] * np.cos(p[:, 1] - p[:, 0]))
-    )
-    energy = kinetic - body.weight_1 * np.cos(p[:, 0]) - body.weight_2 * np.cos(p[:, 1])
-    assert np.ptp(energy) < 0.005 * np.ptp(kinetic)
-
-
-def test_a_joint_that_sticks_makes_one_pendulum_of_two_links() -> None:
-    body, _ = drawn_body(0.0, (0.0, 0.0))
-    bend = 0.6
-    x = released(body, (0.7, bend), 2.0, joint_2=Planted(stick_nm=50.0))[0]
-    assert np.abs(x[:, 1, ANGLE] - bend).max() < 1e-9
-    inertia = body.inertia_1 + body.inertia_2 + 2.0 * body.coupling * np.cos(bend)
-
-    def pendulum(t: float, y: Any) -> list[float]:
-        return [
-            y[1],
-            -(body.weight_1 * np.sin(y[0]) + body.weight_2 * np.sin(y[0] + bend)) / inertia,
-        ]
-
-    times = STEP * np.arange(1, len(x) + 1)
-    known = solve_ivp(pendulum, (0.0, 2.1), [0.7, 0.0], t_eval=times, rtol=1e-9, atol=1e-10).y[0]
-    assert np.abs(x[:, 0, ANGLE] - known).max() < 3e-3
-
-
-@pytest.mark.parametrize("joint", JOINTS)
-def test_a_stiff_spring_behind_the_joint_leaves_the_arm_as_it_was(joint: str) -> None:
-    body, _ = drawn_body(0.5)
-    stiff = {f"joint_{joint}": Planted(outboard=0.7, outboard_hz=100.0, outboard_damping=0.05)}
-    soft = {f"joint_{joint}": Planted(outboard=0.7, outboard_hz=3.0)}
-    at = (0.4, 0.5)
-    rigid, same, other = (released(body, at, 1.5, **f)[0][:, :, ANGLE] for f in ({}, stiff, soft))
-    off = [np.abs(found - rigid).max() for found in (same, other)]
-    assert off[0] < 2e-3 < 0.01 < off[1]
-
-
-def test_a_flexible_joint_rings_at_its_own_frequency_when_held() -> None:
-    """The link behind a wheel held by dry friction, the other joint free; small swings, and no
-    gravity."""
-    body = replace(drawn_body(0.5, (0.0, 0.0))[0], weight_1=0.0, weight_2=0.0)
-    planted = Planted(
-        outboard=0.9, outboard_hz=5.0, outboard_damping=0.0, stick_nm=1e4, harden_rad=1.0
-    )
-    f = np.array([packed(**asdict(planted if i == 5 else Planted())) for i in range(7)])
-    x = np.zeros((2, JOINT_STATES))
-    x[1, LOAD_ANGLE] = 0.01
-    twist = []
-    for _ in range(20_000):
-        advance_arm(x, packed(**asdict(body)), f, np.zeros(2), STEP)
-        twist.append(x[1, LOAD_ANGLE] - x[0, LOAD_ANGLE])
-    crossings = np.flatnonzero(np.diff(np.sign(twist)) > 0)
-    # the share that swings is less than what is felt: the wheel's own part moves with link 1
-    assert 1.0 / (STEP * np.diff(crossings).mean()) == pytest.approx(5.0, rel=0.1)
-
-
 # ---- the machine --------------------
 
 
@@ -341,46 +263,6 @@ def test_the_healthy_arm_follows_its_references() -> None:
         assert found[f"force_{i}_n"].min() > 0.0
 
 
-def test_at_rest_muscles_carry_the_links() -> None:
-    asked = np.tile([18.0, -25.0], (2700, 1))
-    found = record_arm(
-        machine(), {}, Excitation(reference_deg=asked), payload_kg=0.5, noise=0.0, seed=0
-    )
-    last = {c: found[c][-200:].mean() for c in ARM_CHANNELS}
-    q1, q2 = np.radians([last["angle_1_deg"], last["angle_2_deg"]])
-    body = machine().body(0.5)
-    outer = body.weight_2 * np.sin(q1 + q2)
-    wanted = (body.weight_1 * np.sin(q1) + outer, outer)
-    for j, radius, torque in zip(JOINTS, RADII, wanted, strict=True):
-        assert np.ptp(found[f"angle_{j}_deg"][-200:]) < 0.3
-        assert radius * (last[f"force_{j}1_n"] - last[f"force_{j}2_n"]) == pytest.approx(
-            torque, abs=0.06
-        )
-    assert abs(wanted[0]) > 1.0
-    for i in MUSCLES:
-        side = 1.0 if i[1] == "1" else -1.0
-        wound = side * RADII[int(i[0]) - 1] / 0.25 * (q1 if i[0] == "1" else q2)
-        assert last[f"contraction_{i}"] == pytest.approx(
-            machine().joints[0].contraction_0 + wound, abs=1e-4
-        )
-
-
-def test_the_step_is_small_enough() -> None:
-    gap = change(replayed({}), replayed({}, steps=60))
-    assert max(gap["angle_1_deg"], gap["angle_2_deg"]) * 0.05 < 0.02
-
-
-def test_an_open_loop_repeats_the_closed_one_and_a_seed_its_bytes() -> None:
-    again = replayed({})
-    assert "reference_1_deg" not in again and all(
-        np.array_equal(again[c], healthy()[c]) for c in again
-    )
-    first, second, other = (replayed({}, noise=1.0, seed=s) for s in (5, 5, 6))
-    assert all(first[c].tobytes() == second[c].tobytes() for c in first)
-    for c, expected in zip(ARM_CHANNELS, ARM_NOISE * ARM_TO_COLUMN, strict=True):
-        assert np.std(first[c] - other[c]) == pytest.approx(expected * 2**0.5, rel=0.1), c
-
-
 # ---- faults --------------------
 
 
@@ -410,67 +292,6 @@ def test_the_loop_holds_with_any_size(name: str) -> None:
     assert all(np.isfinite(column).all() for column in found.values())
 
 
-@pytest.mark.parametrize("muscle", MUSCLES)
-def test_a_leak_lowers_its_own_pressure(muscle: str) -> None:
-    before = resting({})
-    one = change(resting({f"leak@pressure_{muscle}": {"leak": 0.01}}), before)
-    others = [one[f"pressure_{i}_kpa"] for i in MUSCLES if i != muscle]
-    assert one[f"pressure_{muscle}_kpa"] > 3.0 * max(others)
-    every = change(resting({"leak@pressure": {"leak": 0.01}}), before)
-    assert min(every[f"pressure_{i}_kpa"] for i in MUSCLES) > 0.5 * one[f"pressure_{muscle}_kpa"]
-
-
-@pytest.mark.parametrize(
-    ("site", "channel"),
-    [
-        ("pressure-sensor-offset@pressure_sensor_12", "pressure_12_kpa"),
-        ("angle-sensor-offset@angle_sensor_2", "angle_2_deg"),
-        ("pressure-sensor-gain@pressure_sensor_21", "pressure_21_kpa"),
-    ],
-)
-def test_a_sensor_fault_shows_in_its_own_reading_alone(site: str, channel: str) -> None:
-    there = change(replayed({site: sizes(site)}), healthy())
-    assert there.pop(channel) > 1.0 and not any(there.values())
-
-
-@pytest.mark.parametrize(
-    ("site", "joint"),
-    [
-        ("dead-time@command_1", "1"),
-        ("dead-time@command_2", "2"),
-        ("tube-lag@valve_21", "2"),
-        ("tube-lag@valve_12", "1"),
-        ("force-asymmetry@muscle_11", "1"),
-        ("force-asymmetry@muscle_22", "2"),
-        ("coulomb-friction@joint_2", "2"),
-        ("angle-sensor-lag@angle_sensor_2", "2"),
-        ("chain-stretch@chain_12", "1"),
-        ("end-stop@joint_1", "1"),
-    ],
-)
-def test_a_fault_shows_most_at_its_own_joint(site: str, joint: str) -> None:
-    there = change(replayed({site: sizes(site)}), healthy())
-    assert max(there, key=lambda c: there[c]).split("_")[1].startswith(joint), there
-
-
-def test_one_supply_feeds_all_muscles() -> None:
-    """Muscle 22 is vented for a while, then filled: less comes in if muscle 12 is filled at the
-    same time."""
-
-    def filled(other: float, planted: dict[str, dict[str, float]]) -> float:
-        command = np.zeros((250, 2))
-        command[20:100] = 0.5
-        command[100:, 0], command[100:, 1] = -other, -0.5
-        found = record_arm(
-            machine(), planted, Excitation(command=command), payload_kg=0.0, noise=0.0, seed=0
-        )
-        return float(found["pressure_22_kpa"][100:150].mean())
-
-    sag = {"supply-sag@valve": {"sag_pa": 1e5}}
-    alone, beside = (filled(other, {}) - filled(other, sag) for other in (0.0, 0.5))
-    assert beside > 1.3 * alone > 0.0
-
-
 def test_every_fault_but_gravity_has_its_place_on_the_rig() -> None:
     assert set(FAULTS) - set(ARM_FAULTS) == {"gravity"}
     rig, random = rig_named("two-link"), np.random.default_rng(0)
@@ -489,12 +310,6 @@ def test_every_fault_but_gravity_has_its_place_on_the_rig() -> None:
             at = known.get(site) or known[name]
             assert (reported(place), fault.family) == (at.group(rig), at.family(rig)), site
             assert len(placed({site: sizes(site)})) == 7
-
-
-def test_all_muscles_alike_in_three_of_ten() -> None:
-    random = np.random.default_rng(2)
-    alike = [draw_site("leak", random) == "leak@pressure" for _ in range(600)]
-    assert np.mean(alike) == pytest.approx(0.3, abs=0.06)
 
 
 def test_what_is_planted_stands_where_it_should() -> None:
@@ -620,90 +435,6 @@ def test_the_tool_sees_a_recording_and_a_catalogue(
     assert recording.known["plane_deg"] == 90.0
     told = recording.path.with_suffix(".toml").name + repr(vars(recording))
     assert "leak" not in told and "single" not in told
-
-
-def test_the_number_of_joint_or_muscle_counts() -> None:
-    """Right place; right family at the wrong muscle, which `port` may forgive; kin for one; no
-    gap."""
-    truth = {
-        "fault": "leak@pressure_21",
-        "family": "leak",
-        "port": "pressure_21",
-        "exact": ["leak"],
-    }
-    conditions = {
-        "payload_kg": 0.0,
-        "loop": "closed",
-        "channels": "all",
-        "noise": 1.0,
-        "background": 0.01,
-    }
-    labels = [
-        {"number": i, "stratum": "single", "truth": [truth], "conditions": conditions}
-        for i in range(4)
-    ]
-
-    def answer(i: int, port: str, verdict: str = "explained") -> dict[str, Any]:
-        row = {"effect": f"leak@{port}", "family": "leak", "port": port, "probability": 0.9}
-        return {
-            "case": i,
-            "failed": None,
-            "visibility": 3.0,
-            "visibility_each": 3.0,
-            "seconds": 1.0,
-            "shrinkage": None,
-            "diagnosis": {
-                "verdict": verdict,
-                "causes": [row],
-                "ranking": [row],
-                "comparison": [],
-                "where": {"port": port, "indistinguishable": [["pressure_21", "pressure_22"]]},
-            },
-        }
-
-    results = [
-        answer(0, "pressure_21"),
-        answer(1, "pressure_22"),
-        answer(2, "pressure"),
-        answer(3, "pressure_21", "no-structural-gap"),
-    ]
-    found = score_cases(labels, results)
-    assert (found.rates["port_exact"].hits, found.rates["port_exact"].of) == (1, 4)
-    assert found.rates["port"].hits == 2
-    assert "payload_kg" in found.strata and "inertia_kg_m2" not in found.strata
-    told = {**json.loads(json.dumps(found.as_json())), "failures": {}}
-    text = trial_text({**told, "rig": "two-link"})
-    assert (
-        "rig two-link" in text
-        and ">= 88 %" in text
-        and ">= 85 %" in text
-        and "number of joint" in text
-    )
-    assert "number of joint" not in trial_text(told)
-
-
-def test_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def examine(case: Case, place: Path) -> dict[str, Any]:
-        raise DataError(f"a case of {case.rig}")
-
-    monkeypatch.setattr(trial_cases, "examine", examine)
-
-    def trial(*more: str) -> int:
-        return frame.run(
-            ["trial", "--output", str(tmp_path / "run"), "--cases", "2", "--jobs", "1", *more]
-        )
-
-    assert trial("--rig", "two-link") == 6
-    assert "a case of two-link" in capsys.readouterr().out
-    assert [
-        read_json(tmp_path / "run" / name)["rig"] for name in ("trial.json", "labels.json")
-    ] == 2 * ["two-link"]
-    assert trial("--json") == 3 and "two-link" in capsys.readouterr().out
-    taught = ("--rig", "two-link", "--calibrate", str(tmp_path / "c.json"), "--json")
-    assert trial(*taught) == 2, "test cases would judge themselves"
-    assert "--part calibration" in capsys.readouterr().out
 
 
 @pytest.mark.slow

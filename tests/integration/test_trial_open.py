@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pamid_cli import frame
 
 from pamid.api import trial_cases
 from pamid.api.trial_cases import CaseWork
-from pamid.base.errors import DataError, UsageError
-from pamid.base.json_file import read_json
+from pamid.base.errors import DataError
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine, RecordedCase, study_case
+from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine, study_case
 from pamid.trial.cases import (
     BEYOND_TOLERANCE,
     FURTHER_SHARES,
@@ -33,8 +31,7 @@ from pamid.trial.cases import (
 from pamid.trial.figure_table import trial_text
 from pamid.trial.logger import Logger
 from pamid.trial.machine import machine_names
-from pamid.trial.marking import OPEN_ANSWERS, Marked
-from pamid.trial.own_machine import machine_of
+from pamid.trial.marking import Marked
 from pamid.trial.scoring import score_cases
 
 SEED = 5
@@ -79,13 +76,6 @@ def test_open_cases_are_none_of_the_closed_ones() -> None:
     assert "logger" not in drawn[0][0].label()["conditions"], "closed labels stay as they were"
 
 
-def test_what_cannot_be_drawn_is_refused() -> None:
-    with pytest.raises(UsageError, match="closed, open"):
-        draw_cases("test", 1, 0, world="opne")
-    with pytest.raises(UsageError, match="no open cases"):
-        draw_cases("test", 1, 0, machine_of("servo-pendulum"), world=OPEN)
-
-
 # ---- what acts -------------------------------------------------------------------------------
 
 
@@ -119,18 +109,6 @@ def test_what_removes_most_leads_even_where_it_was_not_planted() -> None:
     assert swapped.acting[0].fault == site and not swapped.acting[0].planted
 
 
-def test_the_joint_and_the_arm_have_further_effects_too() -> None:
-    for rig, number in (("one-dof", 0), ("two-link", 0)):
-        case = next(c for c in draw_cases("calibration", 20, SEED, rig, world=OPEN) if c.shares[:1])
-        shorter: dict[str, Any] = {"seconds": 6.0, "hold_s": (0.4, 1.6)}
-        short = replace(case.conditions, **shorter)
-        m = CaseMachine.of(replace(case, conditions=short, shares=case.shares[:1]))
-        assert len(m.faults) == 2, (rig, number)
-        site = list(m.faults)[1]
-        ratio = m.change({site: m.faults[site]}) / m.change(m.case.planted)
-        assert FURTHER_SHARES[0] <= ratio <= FURTHER_SHARES[1]
-
-
 # ---- how it is recorded ----------------------------------------------------------------------
 
 
@@ -152,49 +130,6 @@ def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path: Pa
     given = [r.path.with_suffix(".toml").read_text() + repr(list(r.columns)) for r in recordings]
     for word in (*(a.fault.partition("@")[0] for a in one.acting), "single", OPEN + " world"):
         assert word not in repr(given), "the tool sees nothing of the truth"
-
-
-def test_a_recording_starts_in_motion_and_keeps_its_length() -> None:
-    case = draw_case("calibration", 2, SEED, QUICK[0], world=OPEN)
-    still = replace(case.conditions, logger=replace(case.conditions.logger, warm_up_s=0.0))
-    moving, resting = (CaseMachine.of(c).run({}) for c in (case, replace(case, conditions=still)))
-    assert all(len(moving[k]) == len(resting[k]) for k in resting)
-    assert np.array_equal(moving["time_s"], resting["time_s"])
-    assert abs(resting["level_cm"][0] - 5.0) < 1.0 < abs(moving["level_cm"][0] - 5.0)
-
-
-def test_the_gauge_shows_few_values_and_the_others_many() -> None:
-    case = draw_case("calibration", 2, SEED, QUICK[0], world=OPEN)
-    gauge = replace(
-        case.conditions.logger, gauge=0.0, gauge_steps=40.0, gauge_bend=0.4, correlation=0.9
-    )
-    conditions = replace(case.conditions, channels="all", logger=gauge)
-    m = CaseMachine.of(replace(case, conditions=conditions))
-    columns = m.run({})
-    assert m.readings == ["level_cm", "upper_level_cm"]
-    values = {k: len(np.unique(columns[k])) for k in m.readings}
-    assert values["level_cm"] <= 42 < 200 < values["upper_level_cm"]
-
-
-@pytest.mark.parametrize("rig", ["servo-pendulum", "one-dof"])
-def test_a_jittering_clock_moves_readings_along_their_slope(rig: str) -> None:
-    """Error of a reading = its rate x delay; what is sent is on time."""
-    case = draw_case("calibration", 2, SEED, rig, world=OPEN)
-    quick: dict[str, Any] = {"seconds": 6.0, "noise": 0.0, "loop": "open"}
-    if rig == "one-dof":
-        quick["hold_s"] = (0.4, 1.6)
-    late, sharp = (
-        replace(case, conditions=replace(case.conditions, **quick, logger=Logger(jitter=j)))
-        for j in (0.2, 0.0)
-    )
-    jittering, even = (CaseMachine.of(c).run({}) for c in (late, sharp))
-    period = case.machine.period_s
-    rate = np.gradient(even["angle_deg"], period)
-    apart = jittering["angle_deg"] - even["angle_deg"]
-    expected = 0.2 * period * float(np.sqrt(np.mean(rate**2)))
-    assert np.sqrt(np.mean(apart**2)) == pytest.approx(expected, rel=0.25)
-    sent = "voltage_v" if rig == "servo-pendulum" else "command"
-    assert np.array_equal(jittering[sent], even[sent])
 
 
 def test_the_tool_holds_a_recording_of_its_own_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -318,16 +253,6 @@ def test_the_effect_that_removes_most_is_to_be_named(answer: Marked, right: bool
     assert answer.open_right == right
 
 
-def test_each_answer_has_its_word() -> None:
-    words = {
-        marked("explained", "stribeck-friction").open_answer: "leader",
-        marked("explained", "leak", "dead-time").open_answer: "lesser",
-        marked("ambiguous", "dead-time", "offset").open_answer: "wrong",
-        marked("unknown-effect").open_answer: "left-open",
-    }
-    assert tuple(words) == tuple(words.values()) == OPEN_ANSWERS
-
-
 @pytest.mark.parametrize(
     ("remainder", "reported"),
     [
@@ -341,20 +266,6 @@ def test_each_answer_has_its_word() -> None:
 def test_the_remainder_has_a_size_and_a_place(remainder: dict[str, Any], reported: bool) -> None:
     answer = marked("partly-explained", "coulomb-friction", remainder=remainder or {"real": True})
     assert answer.remainder_reported == answer.open_right == reported
-
-
-def test_the_same_effect_elsewhere_is_another_answer() -> None:
-    """A lag of the amplifier is not one of the ammeter, unless the fault has no place."""
-    named = marked("explained", "dead-time", there=("coulomb-friction",))
-    for fault, right in (("coulomb-friction@ammeter", False), ("coulomb-friction", True)):
-        named.result["acting"][0].update(fault=fault, exact=["dead-time"], family="sensor-dynamics")
-        assert (replace(named).open_answer == "leader") == right
-
-
-def test_nothing_removes_less_than_claimed() -> None:
-    assert not marked("explained", "coulomb-friction", forecast=(0.5, 0.4)).open_right
-    assert marked("explained", "coulomb-friction", forecast=(0.5, 0.5)).open_right
-    assert marked("explained", "coulomb-friction", forecast=None).open_right
 
 
 def test_an_effect_without_a_name_is_not_blamed_on_lesser_ones() -> None:
@@ -398,26 +309,3 @@ def test_open_cases_are_counted() -> None:
     assert "both_of_two" not in found.rates
     text = trial_text(json.loads(json.dumps(found.as_json())))
     assert "in an open world" in text and ">= 88 %" in text
-
-
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    def examine(case: Any, place: Path) -> dict[str, Any]:
-        assert case.world == OPEN
-        m = marked("no-structural-gap", there=tuple(FAMILIES)[: len(case.planted)], forecast=None)
-        wanted = ("diagnosis", "visibility", "visibility_each", "seconds", "acting", "shrinkage")
-        return {k: m.result[k] for k in wanted}
-
-    monkeypatch.setattr(trial_cases, "examine", examine)
-    words = ["trial", "--output", str(tmp_path / "run"), "--cases", "5", "--jobs", "1"]
-    words += ["--rig", QUICK[0], "--resume"]
-    assert frame.run([*words, "--world", "open"]) == 0
-    assert "in an open world" in capsys.readouterr().out
-    for name in ("trial.json", "labels.json"):
-        assert read_json(tmp_path / "run" / name)["world"] == OPEN
-    assert frame.run(words) == 3, "a folder holds one trial"
-
-
-def test_a_recorded_case_names_what_the_tool_may_name(tmp_path: Path) -> None:
-    recorded: RecordedCase = machine(QUICK[0], 2).recorded(tmp_path, fresh=0)
-    assert recorded.fresh == () and "leak" in recorded.catalogue
-    assert not any(name.startswith(NAMELESS) for name in recorded.catalogue)

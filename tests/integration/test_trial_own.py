@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.base.errors import FileError, UsageError
+from pamid.base.errors import UsageError
 from pamid.base.json_file import read_json
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
@@ -30,30 +30,13 @@ from pamid.trial.own_forms import (
     FORM_SETTLING,
     FORM_SKEW,
     NAMELESS_EFFECTS,
-    SIGNAL_SIZE,
     in_another_form,
 )
-from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_given, machine_of
+from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_of
 
 CART = str(Path(__file__).parents[2] / "data" / "rigs" / "cart.py")
 STARTER = "two-masses"
 RIGS = (CART, STARTER)
-
-BROKEN = """from pamid import Rig
-class Broken(Rig):
-    outputs = {"position_m": undefined}
-"""
-BARE = """from pamid import Parameter, Rig, State
-class Bare(Rig):
-    inputs = {"force_n": "N"}
-    outputs = {"position_m": "m"}
-    states = (State("position", "m"), State("velocity", "m/s"))
-    parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
-    def rates(self, x, u, p, port):
-        return {"position": x.velocity, "velocity": u.force_n / p.mass_kg}
-    def measure(self, x, u, p, port):
-        return {"position_m": x.position}
-"""
 
 
 def short(rig: str, samples: int = 1200) -> Recording:
@@ -98,18 +81,6 @@ def test_a_case_does_not_depend_on_how_many_are_drawn(machine: OwnMachine) -> No
     assert {c.stratum for c in many} == {"single", "double", "no-gap", "withheld", "nameless"}
 
 
-def test_another_rig_or_excitation_is_another_trial(tmp_path: Path) -> None:
-    here = machine_of(CART)
-    other = tmp_path / "cart.py"
-    other.write_text(Path(CART).read_text().replace("1.0, low=0.1", "1.1, low=0.1"))
-    assert (
-        len({here.sha256, machine_of(str(other)).sha256, machine_of(CART, short(CART)).sha256}) == 3
-    )
-    assert machine_of(CART).sha256 == here.sha256
-    one, two = (draw_cases("test", 1, 0, m)[0] for m in (here, machine_of(str(other))))
-    assert one.planted == two.planted and one.sha256 != two.sha256
-
-
 def test_labels_are_plain_and_tell_the_answer(machine: OwnMachine) -> None:
     families = {e.name: e for e in effects().values()}
     for case in draw_cases("calibration", 30, 2, machine):
@@ -133,25 +104,6 @@ def test_a_machine_is_drawn_again_from_its_seed(machine: OwnMachine) -> None:
     for column in machine.rig.outputs:
         np.testing.assert_array_equal(one[column], two[column])
         assert not np.array_equal(one[column], other[column])
-
-
-def test_parameters_stay_within_the_prior_and_readings_are_coarse(machine: OwnMachine) -> None:
-    c = draw_cases("test", 1, 0, machine)[0].conditions
-    c = replace(c, background=0.02)
-    plain = {b.key: b for b in Assembly(machine.rig).parameters}
-    for seed in range(3):
-        drawn = draw_specimen(machine, np.random.default_rng(seed), c)
-        assert drawn.values and drawn.waves
-        for key, value in drawn.values.items():
-            b = plain[key]
-            far = b.value * np.expm1(b.spread) if b.log else b.spread
-            assert b.low <= value <= b.high and abs(value - b.value) <= 1.0001 * far
-        for name, step in drawn.steps.items():
-            assert 0.2 <= step / drawn.rig.noise[name] / c.noise <= 2.0
-    columns = drawn.record({}, machine.excitation(c, None, 0, 0), 1)
-    for name, step in drawn.steps.items():
-        levels = columns[name] / step
-        np.testing.assert_allclose(levels, np.round(levels), atol=1e-6)
 
 
 # ---- what the tool is shown --------------------
@@ -238,20 +190,6 @@ def test_the_other_form_is_another_and_stays_even_in_the_change() -> None:
     assert np.abs(change - 0.1 * plain).max() > 0.1 * np.abs(0.1 * plain).max()
 
 
-def test_signals_are_bent_by_their_size() -> None:
-    rig, sent = rig_named(CART), short(CART, 400)
-    bent = Attachment(
-        in_another_form(effects()["viscous-friction"], ("velocity",))(), ("force",), "bent"
-    )
-    assembly = Assembly(rig, (bent,))
-    u, p = input_table(assembly, sent), assembly.values()
-    p[assembly.index_of("bent:" + SIGNAL_SIZE + "velocity")] = 0.1
-    straight = free_run(assembly, u, p, 0.01).outputs
-    p[assembly.index_of(f"bent:{FORM_SKEW}")] = 0.1
-    skewed = free_run(assembly, u, p, 0.01).outputs
-    assert np.abs(skewed - straight).max() > 1e-3 * np.ptp(straight)
-
-
 def test_nameless_effects_are_in_no_catalogue_and_vanish_at_their_null() -> None:
     rig, sent = rig_named(CART), short(CART, 400)
     assert not set(NAMELESS_EFFECTS) & set(effects())
@@ -297,64 +235,7 @@ def test_what_is_sent_is_long_enough_and_within_the_rigs_ranges(rig: str) -> Non
         np.testing.assert_array_equal(column, again[name])
 
 
-def test_a_rig_that_integrates_is_brought_back() -> None:
-    """A free mass under random levels would end metres away; here the sums come back to 0."""
-    made = rig_named(CART)
-    force, period = made_excitation(made, "open", 1.0, 1)["force_n"], sampled(made)[0]
-    speed = np.cumsum(force) * period
-    assert abs(np.cumsum(speed) * period).max() < 0.1 * len(force) * period
-    assert abs(speed.mean()) < 0.1 * abs(speed).max()
-
-
-def test_the_users_own_excitation_is_what_is_sent() -> None:
-    machine = machine_of(CART, short(CART))
-    c = draw_cases("test", 1, 0, machine)[0].conditions
-    assert (c.loop, c.seconds) == ("open", pytest.approx(12.0))
-    sent = machine.excitation(c, None, 7, 7)
-    np.testing.assert_array_equal(sent["force_n"], short(CART).columns["force_n"])
-
-
 # ---- commands --------------------
-
-
-def test_the_scanned_machine_goes_first() -> None:
-    assert machine_given("one-dof") == "one-dof"
-    assert isinstance(machine_given(CART), OwnMachine)
-    assert isinstance(machine_given("two-masses", short("two-masses")), OwnMachine)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (BROKEN, ("line 3", "undefined")),
-        (BARE, ("nothing can be planted", "bare")),
-        ("", ("no rig",)),
-    ],
-)
-def test_a_rig_file_that_fails(
-    text: str,
-    words: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(text)
-    asked = ["trial", "--rig", "mine.py", "--cases", "1", "--output", "run", "--json"]
-    assert frame.run(asked) in (2, 3)
-    said = json.loads(capsys.readouterr().out)
-    assert said["code"] != "unexpected" and all(word in said["message"] for word in words)
-
-
-@pytest.mark.parametrize("command", [["trial", "--cases", "1"], ["demo"]])
-def test_a_wrong_name_is_answered_with_the_nearest(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked = [*command, "--rig", "two-mases", "--output", str(tmp_path / "run"), "--json"]
-    assert frame.run(asked) == 3
-    assert "two-masses" in json.loads(capsys.readouterr().out)["hint"]
-    with pytest.raises(FileError, match="no such file"):
-        machine_given("./nowhere.py")
 
 
 def test_a_demo_of_any_rig_withholds_what_it_says(machine: OwnMachine, tmp_path: Path) -> None:

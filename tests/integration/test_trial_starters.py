@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 import pamid
-from pamid.base.errors import UsageError
 from pamid.base.units import unit
 from pamid.model.attachment import attachments
 from pamid.model.registry import catalogue_rig, effects
@@ -111,12 +110,6 @@ def test_a_healthy_machine_is_its_rig(name: str, tmp_path: Any) -> None:
         assert np.ptp(columns[column]) > 50.0 * noise, "there is something to reproduce"
 
 
-@pytest.mark.parametrize("name", STARTERS)
-def test_half_the_step_changes_next_to_nothing(name: str) -> None:
-    own = machine(name)
-    assert change(name, healthy(name), recorded(name, {}, steps=2 * own.steps)) < 1.0
-
-
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
 def test_a_fault_shows_and_vanishes(name: str, fault: str) -> None:
     planted = sizes(name, fault)
@@ -148,22 +141,6 @@ def test_two_faults_never_set_the_same_size(name: str) -> None:
             own.planted({f.name: drawn[f.name] for f in (one, other)})
 
 
-@pytest.mark.parametrize("name", STARTERS)
-def test_what_cannot_be_planted_is_said(name: str) -> None:
-    with pytest.raises(UsageError, match="cannot be planted"):
-        machine(name).planted({"leek": {}})
-
-
-@pytest.mark.parametrize("name", STARTERS)
-def test_noise_steps_and_channels(name: str) -> None:
-    """The logger's noise has its size, and a column that a case may lack is one that is logged."""
-    own = machine(name)
-    noisy, still = recorded(name, {}, noise=1.0), healthy(name)
-    for column, one in own.log.items():
-        assert np.std(noisy[column] - still[column]) == pytest.approx(one.noise, rel=0.15)
-    assert set(own.without) <= set(own.logged) < set(own.log) == set(own.logged) | set(own.sent)
-
-
 @pytest.mark.parametrize("name", [n for n in STARTERS if machine(n).clock])
 def test_readings_stamped_early_are_those_to_come(name: str) -> None:
     """By two samples, up to the last one; what is sent is on time."""
@@ -174,21 +151,6 @@ def test_readings_stamped_early_are_those_to_come(name: str) -> None:
         assert early[column][:-2] == pytest.approx(still[column][2:], abs=1e-6)
         assert not np.array_equal(early[column][-2:], np.repeat(still[column][-1], 2))
     assert all(np.array_equal(early[column], still[column]) for column in own.sent)
-
-
-@pytest.mark.parametrize("name", STARTERS)
-def test_the_errors_of_a_map_have_their_size(name: str) -> None:
-    """Off by so much in all, by no more than that in level and slope, which parameters take up;
-    a case without background has none."""
-    random = np.random.default_rng(SEED)
-    for span in machine(name).maps:
-        waves = draw_map(random, 0.02, span)
-        s = np.linspace(-span, span, 2001)
-        error = (waves[:, 0] * np.cos(np.outer(s, waves[:, 1]) + waves[:, 2])).sum(axis=1)
-        assert np.sqrt(np.mean(error**2)) == pytest.approx(0.02, rel=0.02)
-        line = np.polynomial.polynomial.polyfit(s / span, error, 1)
-        assert np.abs(line).max() < 0.02
-        assert not draw_map(random, 0.0, span)[:, 0].any()
 
 
 @pytest.mark.parametrize("name", STARTERS)

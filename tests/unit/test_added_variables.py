@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +15,12 @@ from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.grey_box import model_with
-from pamid.estimation.linear_rows import LinearRows, left_over, linear_rows
+from pamid.estimation.linear_rows import left_over, linear_rows
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects
 from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
 from pamid.schemas.model import read
-from pamid.verdict import added_variables as module
 from pamid.verdict.added_variables import added_variables
 from pamid.verdict.diagnosis_run import diagnose_into
 
@@ -93,22 +91,6 @@ def test_slope_is_the_gauss_newton_estimate_of_the_amount(
     assert plot_of(found, effect).slope * fitted == pytest.approx(expected, rel=0.06)
 
 
-def test_a_planted_effect_explains_the_residual_at_its_refitted_size(found: Diagnosis) -> None:
-    plot = plot_of(found, "coulomb-friction")
-    assert plot.share > 0.98 and plot.slope == pytest.approx(1.0, abs=0.03)
-    assert plot.low < plot.slope < plot.high and plot.channel == "position_m"
-    added, residual = np.array(plot.added), np.array(plot.residual)
-    assert residual == pytest.approx(plot.slope * added, abs=0.1 * np.abs(residual).max())
-    assert plot.share > plot_of(found, "quadratic-drag").share
-
-
-def test_at_half_its_size_the_slope_doubles(found: Diagnosis) -> None:
-    model = ranked(found, "coulomb-friction")
-    level = float(model.fit.p[model.assembly.keys["coulomb-friction:level"]])
-    half = with_value(found, "coulomb-friction", "level", 0.5 * level)
-    assert plot_of(half, "coulomb-friction").slope == pytest.approx(2.0, rel=0.1)
-
-
 def test_an_effect_that_is_not_there_has_no_slope(tmp_path: Path) -> None:
     whole = diagnose(cart_evidence(record_cart(tmp_path, ())), CATALOGUE)
     assert not whole.ranking, "nothing is missing"
@@ -126,40 +108,6 @@ def test_an_effect_that_is_not_there_has_no_slope(tmp_path: Path) -> None:
 def test_a_candidate_that_was_refitted_to_nothing_has_no_plot(found: Diagnosis) -> None:
     gone = with_value(found, "coulomb-friction", "level", 0.0)
     assert added_variables(gone).plots == ()
-
-
-def test_every_candidate_costs_two_runs_without_derivatives(
-    found: Diagnosis, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    runs: list[bool] = []
-
-    def counted(*point: Any, derivatives: bool = True, **more: Any) -> LinearRows:
-        runs.append(derivatives)
-        return linear_rows(*point, derivatives=derivatives, **more)
-
-    monkeypatch.setattr(module, "linear_rows", counted)
-    added_variables(found)
-    assert runs.count(True) == 1 and runs.count(False) == 2 * len(found.ranking)
-
-
-def test_causes_are_shown_next_to_each_other(tmp_path: Path) -> None:
-    recording = record_cart(tmp_path, ("coulomb-friction", "dead-time:delay_s=0.05"), 20.0)
-    two = diagnose(cart_evidence(recording), CATALOGUE)
-    assert {c.label for c in two.cause.attached} == {"coulomb-friction", "dead-time"}  # type: ignore[union-attr]
-    beside = {one.effect: one for one in added_variables(two).plots if one.beside}
-    assert {k: one.beside for k, one in beside.items()} == {
-        "coulomb-friction": ("dead-time",),
-        "dead-time": ("coulomb-friction",),
-    }
-    for one in beside.values():
-        assert one.slope == pytest.approx(1.0, abs=0.05) and one.share > 0.95
-
-
-def test_points_are_thinned_and_rounded(found: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "PLOT_POINTS", 40)
-    for plot in added_variables(found).plots:
-        assert len(plot.added) == len(plot.residual) == 40
-        assert all(float(f"{x:.4g}") == x for x in (*plot.added, *plot.residual))
 
 
 def test_the_run_folder_holds_them_whole(recording: Path, tmp_path: Path) -> None:

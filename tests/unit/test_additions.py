@@ -12,14 +12,13 @@ import pytest
 from made_models import comparison, effect, model
 
 import pamid.diagnosis.selection as selection_module
-from pamid.diagnosis.guards import _that_act
 from pamid.diagnosis.screening import starting_points
 from pamid.diagnosis.selection import compared, with_needed_ports, with_plainer_effects
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, additions_of, attachments
 from pamid.model.effect import State
-from pamid.model.registry import effects, rig_named
+from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
 
 NO_HINTS = GapHints((), {})
@@ -66,14 +65,6 @@ def test_ports_of_one_kind_and_unit_take_an_effect_together() -> None:
         "coupling-play@coupling_1",
         "coupling-play@coupling_2",
     ]
-
-
-def test_the_arm_rubs_in_both_joints_and_kin_keep_one_set_of_parameters() -> None:
-    arm = rig_named("two-link")
-    (friction,) = additions(arm, "coulomb-friction")
-    assert friction.ports == ("joint_1", "joint_2") and friction.group(arm) == "joint_1 + joint_2"
-    leaks = {a.label for a in additions(arm, "leak")}
-    assert "leak@pressure" in leaks and "leak@pressure_11" in leaks
 
 
 def test_candidates_grow_with_effects_not_with_joints() -> None:
@@ -139,17 +130,6 @@ def test_joints_that_do_not_need_it_are_dropped(monkeypatch: pytest.MonkeyPatch)
     assert reduced(monkeypatch, {2: 0.8}, (4, 1, 3)) == ["joint_2"]
 
 
-def test_many_small_losses_do_not_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each joint's friction is 2 % of the gap: one may go, not all of them."""
-    assert len(reduced(monkeypatch, dict.fromkeys(range(1, 5), 0.02), (1, 2, 3, 4))) == 3
-
-
-def test_of_an_effect_that_does_nothing_anywhere_one_port_is_left(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert len(reduced(monkeypatch, {})) == 1
-
-
 def test_only_what_would_be_named_is_reduced() -> None:
     """It costs refits."""
     seen = []
@@ -164,16 +144,6 @@ def test_only_what_would_be_named_is_reduced() -> None:
     step = compared(found, guards, found.budget.baseline, [both, leak], reduce)
     assert seen == [both.label] and [c.label for c in step.tied] == ["coulomb-friction@joint_1"]
     assert step.reduced == {both: step.tied[0]} and step.candidates == (step.tied[0], leak)
-
-
-def test_guards_look_at_the_ports_where_an_effect_acts(monkeypatch: pytest.MonkeyPatch) -> None:
-    import pamid.diagnosis.guards as guards
-
-    gone = {RUBS[1].label}
-    monkeypatch.setattr(guards, "vanished", lambda m, label: ("level",) if label in gone else ())
-    assert _that_act(leaving(0.1, *RUBS[:3], LEAK)) == [RUBS[0], RUBS[2], LEAK]
-    gone.update(a.label for a in RUBS)
-    assert _that_act(leaving(0.1, *RUBS[:3])) == RUBS[:3]
 
 
 # ---- the plainest of a family ------------------------------------------------------------------

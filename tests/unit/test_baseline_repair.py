@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,7 +113,3 @@ def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
     restored = grey_box_restored(healthy.evidence, grey_box_plain(dropped))
     assert restored.assembly.keys == good.assembly.keys and restored.remark == good.remark
     np.testing.assert_array_equal(restored.fit.p, good.fit.p)
-
-
-def test_the_rig_of_a_file_is_not_changed(tmp_path: Path) -> None:
-    assert not rig_named(RIG).background

@@ -67,19 +67,6 @@ def test_normal_equations_equal_elmans(device, inputs, hidden, washout):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize(
-    ("samples", "block"), [(1, 256), (5, 256), (256, 256), (257, 256), (30, 1), (300, 7)]
-)
-def test_any_length_of_record_and_block(device, samples, block):
-    network = Elman(2, 3)
-    u, target = record(2, samples)
-    weights = lively(network)
-    found = BatchedElman(network, device, block).normal_equations(weights, u, target)
-    for one, other in zip(found, one_by_one(network, weights, u, target), strict=True):
-        assert_alike(one, other)
-
-
-@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("washout", [0, 130, 467, 600])
 def test_little_memory_leaves_no_seam(device, washout):
     network = Elman(2, 5)
@@ -123,18 +110,6 @@ def test_a_wild_start_leaves_the_others_alone(device):
     assert np.isnan([sse[1], jtj[1, 0, 0], jte[1, 0]]).all() and np.isfinite([sse[0], sse[2]]).all()
 
 
-def test_growing_sensitivities_overflow_silently():
-    network = Elman(1, 2)
-    u, target = np.zeros((2000, 1)), np.zeros(2000)
-    layers = network.layers(np.zeros(network.n_weights))
-    layers.context[:], layers.output[:] = np.diag([3.0, 3.0]), 1.0
-    unstable = network.flatten(layers)
-    sse, jtj, _ = BatchedElman(network, "cpu").normal_equations(unstable[None], u, target)
-    # at rest for ever, but 3^2000 away from it after a nudge
-    assert sse[0] == 0.0 and not np.isfinite(jtj).all()
-    assert not np.isfinite(network.normal_equations(unstable, u, target)[1]).all()
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -173,11 +148,3 @@ def test_absent_cuda_is_told(monkeypatch):
             require_device(name)
     with pytest.raises(UsageError, match=NO_CUDA):
         BatchedElman(Elman())
-
-
-def test_devices_are_counted(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
-    assert [require_device(name) for name in ("cuda", "cuda:1")] == ["cuda", "cuda:1"]
-    with pytest.raises(UsageError, match="'cuda:2': torch sees cuda:0 to cuda:1"):
-        require_device("cuda:2")

@@ -5,7 +5,6 @@ import pytest
 
 import pamid.networks.levenberg_marquardt as steps
 from pamid.networks.elman import Elman, ElmanLayers
-from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
 
 
@@ -54,15 +53,6 @@ def test_growth_is_what_becomes_of_a_neighbour():
     assert grown(network, weights, u) == pytest.approx(total, rel=1e-4)
 
 
-def test_without_a_memory_nothing_grows():
-    network = Elman(2, 3)
-    layers = network.layers(network.initial(0))
-    layers.context[:] = 0.0
-    assert grown(network, network.flatten(layers), np.ones((5, 2))) == -np.inf
-    narx = Narx(2, 3)
-    assert grown(narx, narx.initial(0), np.ones((5, 2))) == -np.inf
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_training_keeps_the_context_bounded(seed, monkeypatch):
     (u, y), network = latch(seed), Elman(1, 3)
@@ -74,29 +64,7 @@ def test_a_training_keeps_the_context_bounded(seed, monkeypatch):
     assert grown(network, free.weights, u) > 2.0 * steps.GROWTH
 
 
-def test_a_training_that_comes_no_further_says_so(monkeypatch):
-    u, y = latch(1)
-    monkeypatch.setattr(steps, "_bounded", lambda *_: False)
-    found = train(Elman(1, 3), u, y, iterations=40, seed=1)
-    assert "no step lowers the objective with a bounded context" in found.why
-
-
 def test_as_in_the_paper_nothing_is_bounded(monkeypatch):
     u, y = latch(0)
     monkeypatch.setattr(Elman, "growth", lambda *_: pytest.fail("the paper does not ask"))
     assert train(Elman(1, 3), u, y, iterations=3, plain=True).trace["iteration"][-1] == 3
-
-
-def test_several_recordings_count_together(monkeypatch):
-    """A disturbance may grow along one, where it dies out more along the other."""
-    (u, y), network = latch(0), Elman(1, 3)
-    asked = []
-    inner = Elman.growth
-
-    def growth(self, weights, features):
-        asked.append(len(features))
-        return inner(self, weights, features)
-
-    monkeypatch.setattr(Elman, "growth", growth)
-    train(network, [u[:400], u[400:]], [y[:400], y[400:]], iterations=2)
-    assert asked[:2] == [400, 200]

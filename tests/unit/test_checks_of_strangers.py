@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,14 +11,10 @@ from numpy.typing import NDArray
 
 import pamid
 from pamid import Gain
-from pamid.api.given import unknown_columns
 from pamid.base.errors import FileError
-from pamid.base.units import known_symbols, split_column, to_si
 from pamid.checks.conformance import rig_findings
 from pamid.checks.recording_quality import examine
-from pamid.checks.slips import Slip
-from pamid.model.port_guide import driven_by_speed
-from pamid.model.registry import rig_named, rigs
+from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, match_column, recording_of
 from pamid.verdict.notes import _signs as notes_of
 
@@ -62,35 +57,6 @@ def test_a_rate_written_as_a_product_is_told_how_to_be_named(tmp_path: Path, rig
         match_column(list(made.columns), "speed_rad_per_s")
 
 
-def test_a_signal_that_stands_in_unlocks_nothing_that_acts_already(rig: Path) -> None:
-    found = pamid.check(rig)
-    assert max(map(len, found.summary().splitlines())) <= 110
-    (axle,) = found.to_dict()["ports"]
-    assert "signal-dependent-friction" in axle["effects"]  # `load` serves as its `level`
-    assert not [one for one in axle["unlocks"] if "signal-dependent-friction" in one["effects"]]
-
-
-def test_each_of_a_few_inputs_is_told_between_its_samples(rig: Path) -> None:
-    time = 0.01 * np.arange(2000)
-    drive, brake = (np.repeat(np.random.default_rng(s).normal(size=40), 50) for s in (1, 2))
-    speed = np.concatenate([[0.0], np.cumsum(drive - brake)[:-1] * 0.01 / 0.1])
-    made = recording_of(time, {"drive_n_m": drive, "brake_n_m": brake, "speed_rad_per_s": speed})
-    lines = [s for s in pamid.check(made, rig=rig).summary().splitlines() if "ok     between" in s]
-    assert ["drive_n_m" in line for line in lines] == [True, False]
-    assert ["brake_n_m" in line for line in lines] == [False, True]
-
-
-def test_a_noisy_force_that_repeats_now_and_then_has_lost_nothing() -> None:
-    time = 0.005 * np.arange(8000)
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        swing = 300.0 * np.sin(2.0 * np.pi * 0.7 * time + rng.uniform(0.0, 6.0))
-        force = 0.5 * np.round(2.0 * (swing + 2.0 * rng.standard_normal(time.size)))
-        assert (np.diff(force) == 0.0).sum() > 100
-        made = recording_of(time, {"command": swing / 400.0, "force_n": force})
-        assert not [issue for issue in examine(made) if issue.kind == "dropped"]
-
-
 BENCH = """
 from pamid import Parameter, Port, Rig
 from pamid.equations import rate_of
@@ -129,32 +95,6 @@ def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_pat
         SimpleNamespace(evidence=SimpleNamespace(rig=rig_named(str(path))), opposite=())
     )
     assert len(told) == notes
-
-
-def test_no_rig_that_is_shipped_lets_its_damping_drive() -> None:
-    wrong = {name: driven_by_speed(kind()) for name, kind in rigs().items()}
-    assert len(wrong) > 5 and not {name: ports for name, ports in wrong.items() if ports}
-
-
-def test_the_page_names_every_unit_and_what_it_says_of_names_holds() -> None:
-    page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
-    listed = page.partition("Units are written with these: ")[2].partition(".")[0].split()
-    assert sorted(listed) == sorted(known_symbols())
-    told = {
-        "torque_n_m": "N m",
-        "speed_rad_per_s": "rad/s",
-        "drag_n_s_per_m": "N s/m",
-        "gain_mm_per_s_per_v": "mm/(s V)",
-        "flow_l_per_h": "l/h",
-    }
-    for name, symbol in told.items():
-        assert f"`{name}`" in page and split_column(name)[1] == symbol
-
-
-def test_turns_per_minute_are_an_angular_velocity() -> None:
-    assert to_si(60.0, "rpm") == pytest.approx(2.0 * np.pi)
-    made = recording_of(0.01 * np.arange(400), {"speed_rpm": np.arange(400.0)})
-    assert match_column(list(made.columns), "speed_rad_per_s") == "speed_rpm"
 
 
 BLIND = """
@@ -218,13 +158,6 @@ def test_a_blind_sensor_is_not_taken_for_a_wrong_sign(way: str, tmp_path: Path) 
     assert ("opposite sign" in said) == (way == "turned")
 
 
-def test_a_slip_of_a_column_is_told_with_the_unit_that_it_looks_like() -> None:
-    words = Slip("scale", ("position_m",), 0.001).words
-    assert words == "the column position_m times 0.001 (as if written in mm)"
-    assert Slip("scale", ("force_n",), -10.0).words == "the column force_n times -10"
-    assert Slip("parameter", ("count",), 100.0).words.startswith("the parameter count")
-
-
 def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
     code = page.partition("```python\nfrom pamid import")[2].partition("```")[0]
@@ -234,20 +167,6 @@ def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:
     assert said.to_dict()["ok"], said.summary()
     assert [f for f in said.to_dict()["findings"] if f["advice"] and not f["ok"]] == []
     assert Gain("all", tolerance=0.02).parameters[0].spread == 0.02
-
-
-def test_a_unit_that_is_refused_is_told_once(tmp_path: Path) -> None:
-    path = tmp_path / "warm.py"
-    path.write_text('from pamid import Parameter\n\nParameter("room_degc", 20.0, 10.0, 30.0)\n')
-    assert pamid.check(path).summary().count("Give it in K") == 1
-
-
-def test_a_coil_comes_before_the_load_that_it_presses() -> None:
-    """The damper bench offers both: its friction follows the current."""
-    from pamid.effects.signal_dependent_friction import SignalDependentFriction as Friction
-
-    assert Friction.offered_as("level", {"load", "current", "velocity"}) == "current"
-    assert Friction.offered_as("level", {"load", "position"}) == "load"
 
 
 FAST = '''
@@ -285,43 +204,6 @@ def test_a_machine_that_is_faster_than_its_clock_is_told_of_it(
     assert any("states no period_s" in one for one in bad) == (not stated)
 
 
-def encoder_moves(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position (mm) of a stage that runs from stop to stop, and a reading of its encoder: counts of
-    0.5 um, less noise than a count."""
-    random, rest, places = np.random.default_rng(seed), np.zeros(200), random_stops(seed)
-    ramp = np.linspace(0.0, 1.0, 300)
-    smooth = 10.0 * ramp**3 - 15.0 * ramp**4 + 6.0 * ramp**5
-    way = np.concatenate(
-        [np.concatenate([a + (b - a) * smooth, b + rest]) for a, b in pairwise(places)]
-    )
-    return way, np.round((way + 2e-4 * random.standard_normal(way.size)) / 5e-4) * 5e-4
-
-
-def random_stops(seed: int) -> list[float]:
-    return [0.0, *np.random.default_rng(seed + 1).uniform(-100.0, 100.0, 10).tolist()]
-
-
-def encoder_recording(values: NDArray[np.float64]) -> Recording:
-    time = 1e-3 * np.arange(values.size)
-    return Recording("stage", Path("stage.csv"), "", time, {"position_mm": values}, 1e-3, "open")
-
-
-def test_an_encoder_that_stands_still_has_lost_nothing() -> None:
-    """Its counts repeat at rest and where it turns; the same file with rows that were filled while
-    it ran is told, and where."""
-    for seed in range(5):
-        way, reading = encoder_moves(seed)
-        assert np.mean(reading[1:] == reading[:-1]) > 0.2
-        assert not [
-            i for i in examine(encoder_recording(reading)) if i.kind in ("dropped", "frozen")
-        ]
-    filled = reading.copy()
-    for start in (150, 1150, 3150):
-        filled[start : start + 8] = filled[start]
-    (issue,) = (i for i in examine(encoder_recording(filled)) if i.kind == "dropped")
-    assert issue.figures["samples"] == 21 and len(issue.windows_s) == 3
-
-
 def test_a_winch_that_is_let_rest_is_neither_clipped_nor_frozen() -> None:
     """While nothing is sent its encoder stands still at either end; rows that were filled while it
     was driven are told."""
@@ -340,13 +222,3 @@ def test_a_winch_that_is_let_rest_is_neither_clipped_nor_frozen() -> None:
     for start in (3, 82, 161, 240):
         filled[start : start + 4] = filled[start]
     assert told(filled) == {"dropped"}
-
-
-def test_a_column_that_is_there_is_not_proposed_for_another(rig: Path) -> None:
-    made = rig_named(str(rig))
-    time = np.arange(60.0)
-    there = {"drive_n_m": time, "speed_rad_per_s": time}
-    (said,) = unknown_columns(made, recording_of(time, {**there, "drive_2_n_m": time}))
-    assert "'drive_2_n_m'" in said and "'drive_n_m'" not in said
-    (said,) = unknown_columns(made, recording_of(time, {"driv_n_m": time, "speed_rad_per_s": time}))
-    assert said.endswith("Did you mean 'drive_n_m'?")

@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pamid.effects.force_compensator import ForceCompensator
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig
-from pamid.rigs.muscle import LAWS
-from pamid.rigs.two_link import COMPENSATED, TwoLink
 
 STRETCHED = {"clamped_1": 1.0, "initial_angle_1_deg": -40.0}
-OWN = ("compensator_opening", "compensator_limit_n", "compensator_blend_n")
 
 
 def run(variant: str, **known: float) -> dict[str, np.ndarray]:
@@ -25,23 +21,6 @@ def run(variant: str, **known: float) -> dict[str, np.ndarray]:
     y, _, bad = a.program.run(memory, u, p, period_s=0.003, stepping=Stepping(4))
     assert bad == -1
     return dict(zip(a.rig.outputs, y.T, strict=True))
-
-
-def test_every_law_can_have_it_and_the_plain_arm_has_none() -> None:
-    assert {f"{law}{COMPENSATED}" for law in LAWS} < set(TwoLink.variants)
-    plain, fitted = (catalogue_rig(f"two-link{v}") for v in ("", ":exponential-compensated"))
-    names = {q.outside_name for q in plain.parameters}
-    assert {q.outside_name for q in fitted.parameters} - names == set(OWN)
-    sheet = {q.name: q for q in fitted.parameters}
-    for q in ForceCompensator.parameters:
-        own = sheet[f"compensator_{q.name}"]
-        assert (own.value, own.unit, own.fitted) == (q.value, q.unit, False)
-
-
-def test_another_law_keeps_the_compensators() -> None:
-    rig = TwoLink("polynomial-compensated")
-    rig.static_force = LAWS["three-element"]
-    assert {q.outside_name for q in rig.parameters} >= {*OWN, "spring_low"}
 
 
 @pytest.mark.parametrize("law", ["exponential", "polynomial"])

@@ -70,13 +70,6 @@ def test_going_on_from_a_probe_equals_not_having_stopped(probe: int) -> None:
     assert (parts.damping, parts.steps, parts.settled) == (whole.damping, whole.steps, True)
 
 
-def test_a_settled_iteration_takes_no_further_step() -> None:
-    problem = Valley()
-    ended = iterate(problem, begun(problem), 60)
-    again = Valley()
-    assert iterate(again, ended, 100) is ended and again.tried == 0
-
-
 def test_where_the_model_cannot_be_run_the_step_is_shortened() -> None:
     problem = Valley(wall=0.5)
     ended = iterate(problem, begun(problem), 400)

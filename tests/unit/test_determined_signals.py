@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 
 from pamid.model.attachment import attachments
-from pamid.model.determined_signals import determined, undetermined_states
+from pamid.model.determined_signals import determined
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects, rig_named
+from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
-from pamid.model.trace import trace
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 
 ON_THE_ANGLE = {"linear-stiffness", "cubic-stiffness", "gravity", "cogging"}
 ON_INCREMENTS = {"coulomb-friction", "dahl-friction", "maxwell-slip-hysteresis"}
-PISTON = str(Path(__file__).parents[2] / "data" / "rigs" / "piston_bench.py")
 
 
 class Shaft(Rig):
@@ -48,24 +46,6 @@ class Shaft(Rig):
         return {"speed_rad_per_s": x.speed, "angle_rad": port("encoder", x.angle)}
 
 
-class BareShaft(Shaft):
-    """The same without an angle: what needs one integrates the speed."""
-
-    outputs: ClassVar = {"speed_rad_per_s": "rad/s"}
-    states = (State("speed", "rad/s"),)
-    ports: ClassVar = {
-        "amplifier": Port("command", "A"),
-        "shaft": Port("motion", "N m", {"velocity": "rad/s"}),
-    }
-
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
-        torque = port("shaft", u.torque_n_m + port("amplifier", u.current_a), velocity=x.speed)
-        return {"speed": torque / p.inertia_kg_m2}
-
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
-        return {"speed_rad_per_s": x.speed}
-
-
 def kept_and_left(rig: Rig, *outputs: str, still: tuple[str, ...] = ()) -> Any:
     kept, reasons = determined(rig, outputs, still, attachments(rig, effects().values()))
     return {a.effect.name for a in kept}, {a.label for a in kept}, reasons
@@ -85,12 +65,6 @@ def test_an_angle_that_nobody_records_does_not_act_but_friction_does() -> None:
     assert not any(label.endswith("@encoder") for label in labels)
 
 
-def test_an_integrated_speed_has_no_zero_either() -> None:
-    names, _, reasons = kept_and_left(BareShaft(), "speed_rad_per_s")
-    assert not names & ON_THE_ANGLE and "coulomb-friction" in names
-    assert reasons["gravity"] == "nothing determines the position at shaft"
-
-
 def test_an_input_at_rest_drives_nothing() -> None:
     sensors = "speed_rad_per_s", "angle_rad"
     _, driven, none = kept_and_left(Shaft(), *sensors)
@@ -101,14 +75,6 @@ def test_an_input_at_rest_drives_nothing() -> None:
     assert "coulomb-friction" in labels
     # its level is the current, for want of another
     assert "signal-dependent-friction" in driven and "signal-dependent-friction" not in labels
-
-
-def test_a_filter_of_what_is_recorded_is_determined() -> None:
-    """Its start is forgotten, though no output shows it."""
-    bench = rig_named(PISTON)
-    traced = trace(bench, lambda port, place: [], {})
-    assert not undetermined_states(traced, tuple(bench.outputs))
-    assert undetermined_states(trace(Shaft(), lambda *_: [], {}), ("speed_rad_per_s",)) == {"angle"}
 
 
 @pytest.mark.parametrize("recorded", [False, True])

@@ -49,24 +49,6 @@ def test_every_setting_is_read() -> None:
     assert [f.name for f in fields(Settings) if f.name not in read] == []
 
 
-def test_a_number_at_the_head_of_a_module_has_its_reason() -> None:
-    """In a comment on its line, or above it."""
-    bare = []
-    for name, tree in SOURCES.items():
-        lines = TEXTS[name].splitlines()
-        for node in tree.body:
-            if not isinstance(node, ast.Assign) or isinstance(node.value, ast.Call | ast.Subscript):
-                continue
-            numbers = any(
-                isinstance(value, ast.Constant) and isinstance(value.value, int | float)
-                for value in ast.walk(node.value)
-            )
-            near = "".join(lines[node.lineno - 2 : node.end_lineno])
-            if numbers and "#" not in near:
-                bare.append(f"{name}: {ast.unparse(node)}")
-    assert bare == []
-
-
 def test_an_unknown_name_is_refused_with_the_nearest() -> None:
     with pytest.raises(UsageError, match="Did you mean 'floor_margin'"):
         settings_from({"floor_margins": 0.2})
@@ -177,15 +159,3 @@ def test_a_run_notes_what_it_was_asked_for(
         pamid.diagnose(
             recording, RIG, without=left_out, settings={"refits": 5}, output=folder, resume=True
         )
-
-
-def test_the_command_names_what_it_does_not_know(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["diagnose", str(recording), "--rig", RIG]
-    assert frame.run([*words, "--setting", "refit=5"]) == 2
-    assert "Did you mean 'refits'" in capsys.readouterr().err
-    assert frame.run([*words, "--setting", "refits"]) == 2
-    assert "NAME=VALUE" in capsys.readouterr().err
-    assert frame.run([*words, "--horizon", "long"]) == 2
-    assert "seconds above 0" in capsys.readouterr().err

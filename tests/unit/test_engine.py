@@ -32,7 +32,6 @@ from pamid.simulation.free_runs import choose_stepping, free_run
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
 from pamid.symbolic.expression import symbol
-from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import (
     ZERO,
     Expr,
@@ -117,19 +116,6 @@ def test_sdirk2_damps_any_rate(exponent: int) -> None:
     assert (np.diff(found) <= 0.0).all() and found[-1] < 1e-12
 
 
-def test_sdirk2_solves_a_stiff_oscillator() -> None:
-    """Van der Pol's, mu = 1e4, away from its jumps: x on the slow manifold v = x / (1 - x^2) /
-    mu."""
-    made = program({"x": V, "v": 1e4 * (1.0 - X * X) * V - X}, {"x": X, "v": V})
-    found = run(made, np.zeros(1000), x=[2.0, 0.0], stepping=IMPLICIT)[2:]
-    np.testing.assert_allclose(found[:, 1], found[:, 0] / (1.0 - found[:, 0] ** 2) / 1e4, rtol=1e-3)
-    time = (np.arange(1000) * PERIOD_S)[2:]
-    x = found[:, 0]
-    np.testing.assert_allclose(
-        (np.log(2.0) - np.log(x)) - (4.0 - x**2) / 2.0, -time / 1e4, atol=1e-6
-    )
-
-
 @pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-4])
 def test_sdirk2_sticks_where_friction_is_a_steep_tanh(width: float) -> None:
     """A push of at most 100 against a friction of 1000: the speed stays within a tenth of the
@@ -149,17 +135,6 @@ def test_an_input_acts_from_its_sample_on(implicit: bool) -> None:
     np.testing.assert_allclose(found[:, 0], expected, rtol=0.0, atol=1e-14)
     np.testing.assert_array_equal(found[:, 1], u)
     assert found[7, 0] == 1.0 and found[8, 0] > 1.0
-
-
-def test_time_is_that_of_the_recording() -> None:
-    made = program(
-        {"x": sin(symbol("tick", "time"))},
-        {"x": X, "t": symbol("tick", "time"), "h": symbol("tick", "period")},
-    )
-    memory = begin(made, [0.0], EXPLICIT)
-    first, _, _ = made.run(memory, np.zeros((5, 1)), np.zeros(0), period_s=PERIOD_S, time_s=1.0)
-    np.testing.assert_allclose(first[:, 1], 1.0 + np.arange(5) * PERIOD_S, rtol=1e-15)
-    assert (first[:, 2] == PERIOD_S).all()
 
 
 def test_a_run_that_blows_up_names_its_sample() -> None:
@@ -263,46 +238,6 @@ def test_sensitivities_equal_central_differences(name: str, implicit: bool) -> N
     assert (size.max(axis=0) > 0.0).all(), "every column acts on some output"
     error = np.abs(exact - apart).max(axis=0) / (size + 1e-12)
     assert error.max() < 2e-6, error
-
-
-def _closed_loop(implicit: bool) -> tuple[Program, Array, list[float], list[float]]:
-    """A PD with filtered derivative, once per sample, around the oscillator; gains are
-    parameters."""
-    error, last, slope = U - X, symbol("past", "last"), symbol("past", "slope")
-    raw = (error - last) / PERIOD_S
-    cells = (
-        Cell("slope", slope + (raw - slope) * 0.4, 0.0 * error, sampled=True),
-        Cell("last", error, error, sampled=True),
-        Cell("command", A * error + B * symbol("cell", "slope"), A * error, sampled=True),
-    )
-    made = program(
-        {"x": V, "v": 50.0 * symbol("cell", "command") - 40.0 * X - 3.0 * V},
-        {"x": X, "command": symbol("cell", "command")},
-        ["a", "b"],
-        cells=cells,
-    )
-    return made, steps(13, 120, hold=25), [2.0, 0.07], [0.2, 0.0]
-
-
-@BOTH
-def test_sensitivities_through_a_controller(implicit: bool) -> None:
-    made, u, p, x = _closed_loop(implicit)
-    stepping = Stepping(3, implicit)
-    exact, apart = sensitivities(made, u, p, x, stepping), differences(made, u, p, x, stepping)
-    assert (np.abs(exact - apart).max(axis=0) / np.abs(apart).max(axis=0)).max() < 2e-6
-
-
-def test_a_controller_acts_once_per_sample() -> None:
-    made, u, p, x = _closed_loop(False)
-    found = run(made, u, p, x, Stepping(4))
-    slope, last, command = 0.0, u[0] - x[0], []
-    for k in range(len(u)):
-        error = u[k] - found[k, 0]
-        if k:
-            slope += ((error - last) / PERIOD_S - slope) * 0.4
-        last = error
-        command.append(p[0] * error + p[1] * slope)
-    np.testing.assert_allclose(found[:, 1], command, rtol=1e-12, atol=1e-13)
 
 
 def test_sensitivities_of_the_joint_in_its_own_loop() -> None:
@@ -441,24 +376,6 @@ def test_two_calls_equal_one(cut: int, implicit: bool) -> None:
     np.testing.assert_allclose(J2, J, rtol=1e-9, atol=1e-11)
 
 
-@BOTH
-def test_a_run_without_sensitivities_is_the_same_run(implicit: bool) -> None:
-    rates, outputs, p, x = MODELS["memories of memories"]()
-    made, u, stepping = (
-        program(rates, outputs, ["a", "b"]),
-        steps(16, 120)[:, None],
-        Stepping(2, implicit),
-    )
-    plain, with_, values = begin(made, x, stepping, 4), begin(made, x, stepping, 4), np.array(p)
-    y, _, _ = made.run(plain, u, values, period_s=PERIOD_S, stepping=stepping)
-    y2, J, _ = made.run(
-        with_, u, values, period_s=PERIOD_S, stepping=stepping, columns=np.arange(2, dtype=np.int64)
-    )
-    np.testing.assert_allclose(y2, y, rtol=1e-11, atol=1e-13)
-    np.testing.assert_allclose(with_.cells, plain.cells, rtol=1e-11, atol=1e-13)
-    assert J.shape[:2] == y.shape
-
-
 def _stuck() -> tuple[Runner, Array]:
     rig = Sprung()
     friction = attach(rig, "coulomb-friction", effects())
@@ -492,21 +409,6 @@ def test_a_new_window_keeps_what_effects_remember() -> None:
     driven.x[0] += 0.05
     runner.run(driven, Window(90, 91), p, False)
     assert np.abs(driven.cells[kept] - before).max() > 1e-6
-
-
-def test_entering_where_one_stands_changes_nothing() -> None:
-    from pamid.simulation.windows import Window
-
-    runner, p = _stuck()
-    once, joined = runner.memory(p), runner.memory(p)
-    y, _, _ = runner.run(once, Window(0, 200), p, False)
-    first, _, _ = runner.run(joined, Window(0, 100), p, False)
-    runner.enter(joined, joined.x.copy())
-    second, J, fine = runner.run(joined, Window(100, 200), p, True)
-    assert fine
-    # the step at the join moves the position once more than the memory sees: one step's travel
-    np.testing.assert_allclose(np.concatenate([first, second]), y, atol=0.02 * np.abs(y).max())
-    assert J.reshape(100, 1, -1)[0, 0, 2:4].tolist() == [1.0, 0.0]
 
 
 @pytest.mark.parametrize(

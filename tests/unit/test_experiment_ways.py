@@ -3,7 +3,6 @@ sent again."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import MENU, Experiment, menu
+from pamid.excitation.experiments import Experiment, menu
 from pamid.excitation.washout import washed_out
-from pamid.excitation.waveforms import amplitude_sweep, odd_multisine, slow_reversals, speed_runs
 from pamid.model.registry import rig_named
 from pamid.planning import experiment_ways
 from pamid.planning.experiment_ways import (
@@ -32,37 +30,12 @@ from pamid.planning.experiment_ways import (
 from pamid.planning.next_experiment import bench_of
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 
 PERIOD_S, SAMPLES = 0.005, 4000
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
-DAMPER = '''"""A damper on a bench that imposes the speed."""
-from pamid import Parameter, Port, Rig
-
-
-class Damper(Rig):
-    """Force in proportion to the speed, with a voltage at its coil and the heat of the oil."""
-
-    inputs = {"velocity_mm_per_s": "m/s", "voltage_v": "V", "oil_degc": "K"}
-    inputs["external_force_n"] = "N"
-    optional = {"voltage_v": 0.0, "oil_degc": 293.15, "external_force_n": 0.0}
-    between = {"velocity_mm_per_s": "linear"}
-    outputs = {"force_n": "N"}
-    noise = {"force_n": 1.0}
-    ports = {"rod": Port("motion", "N", {"velocity": "m/s", "voltage": "V", "heat": "K"})}
-    parameters = (
-        Parameter("damping", 900.0, 50.0, 20000.0, "N s/m", spread=1.5, log=True, source="sheet"),
-    )
-    period_s = 0.005
-
-    def measure(self, x, u, p, port):
-        v = u.velocity_mm_per_s
-        force = -p.damping * v + u.external_force_n
-        return {"force_n": port("rod", force, velocity=v, voltage=u.voltage_v, heat=u.oil_degc)}
-'''
 
 
 def split(folder: Path, rig: str, columns: dict[str, Array]) -> DataSplit:
@@ -81,21 +54,6 @@ def pushed(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Any]:
     wave = washed_out(aprbs(SAMPLES * PERIOD_S, PERIOD_S, 1.0, (0.1, 0.4), seed=1), 0.05)
     evidence = split(tmp_path_factory.mktemp("cart"), CART, {"force_n": 4.0 * wave})
     return evidence, fit_model(evidence, ())
-
-
-@pytest.fixture(scope="module")
-def imposed(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
-    """A damper moved to and fro by 60 mm, its voltage in steps, its oil at one temperature."""
-    folder = tmp_path_factory.mktemp("damper")
-    (folder / "damper.py").write_text(DAMPER)
-    t = PERIOD_S * np.arange(SAMPLES)
-    columns = {
-        "velocity_mm_per_s": 30.0 * 2.0 * np.pi * np.sin(2.0 * np.pi * t),
-        "voltage_v": np.floor(t / 5.0),
-        "oil_degc": np.full(SAMPLES, 40.0),
-        "external_force_n": 3.0 * np.sin(t),
-    }
-    return split(folder, str(folder / "damper.py"), columns)
 
 
 def multisine(evidence: DataSplit) -> Experiment:
@@ -126,27 +84,6 @@ def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) 
         assert "recorded were" in predicted_text(predictions, way, [model])
 
 
-def test_predictions_are_recordings_without_noise(pushed: tuple[DataSplit, Any]) -> None:
-    """Of every way by itself, and None where the model blows up in that way alone."""
-    evidence, model = pushed
-    bench, e = bench_of(evidence), multisine(evidence)
-    shares = (0.25, 1.0, 1e30, 0.5)
-    ways = [
-        Way(replace(bench, driven={k: (c, s * h) for k, (c, h) in bench.driven.items()}), e)
-        for s in shares
-    ]
-    made = Predictions(evidence).of_all(model, ways)
-    for share, way, (recording,) in zip(shares, ways, made, strict=True):
-        assert (recording is None) == (share == 1e30)
-        if recording is None:
-            continue
-        sent = replace(recording, columns=way.columns)
-        alone = virtual_recording(model.assembly, sent, model.fit.p, noise=0.0, fineness=1)
-        assert list(alone) == list(recording.columns)
-        for name, values in alone.items():
-            np.testing.assert_allclose(recording.columns[name], values, rtol=1e-9, atol=1e-12)
-
-
 def test_a_model_that_would_run_off_forbids_it(
     pushed: tuple[DataSplit, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,50 +98,6 @@ def test_a_model_that_would_run_off_forbids_it(
     monkeypatch.setattr(experiment_ways, "WAYS", ((20.0, 1),))
     assert not ways_to_run(predictions, bench, [e], [model])
     assert "position_m from 0 to" in led_away(predictions, bench, e, [model])
-
-
-def test_the_way_of_an_imposed_speed_counts(imposed: DataSplit) -> None:
-    model: Any = fit_model(imposed, ())
-    bench = bench_of(imposed)
-    predictions = Predictions(imposed)
-    for way in ways_to_run(predictions, bench, menu(bench), [model]):
-        speed = way.columns["velocity_mm_per_s"]
-        assert np.ptp(np.cumsum(speed) * PERIOD_S) < 1.15 * 60.0, way.experiment.name
-    plain = np.cumsum(multisine(imposed).signals(bench)["velocity_mm_per_s"]) * PERIOD_S
-    assert np.ptp(plain) > 1.15 * 60.0
-    assert ways_to_run(predictions, bench, [multisine(imposed)], [model])
-
-
-def test_what_was_recorded_beside_is_sent_again(imposed: DataSplit) -> None:
-    """Not a force from outside, which nothing on the bench sends."""
-    bench, e = bench_of(imposed), multisine(imposed)
-    recorded, sent = imposed.recordings[0], e.columns(bench)
-    assert set(sent) == {"velocity_mm_per_s", "voltage_v", "oil_degc"}
-    for name in ("voltage_v", "oil_degc"):
-        np.testing.assert_array_equal(sent[name], recorded.signal(name)[: len(sent[name])])
-    assert carried_texts(bench) == [
-        "sent: velocity_mm_per_s",
-        "voltage_v varies as recorded (0 .. 3); a column that nothing sends need not be sent",
-        "oil_degc stays at 40, as recorded",
-    ]
-
-
-@pytest.mark.parametrize("shape", [odd_multisine, slow_reversals, speed_runs, amplitude_sweep])
-def test_what_is_washed_out_adds_up_to_little(shape: Callable[[Array], Array]) -> None:
-    """Within +-1, and its sum within what a running mean of that length can leave."""
-    wave, share = shape(15.0 / SAMPLES * np.arange(SAMPLES)), 0.1
-    left = washed_out(wave, share)
-    assert left.shape == wave.shape and np.abs(left).max() <= 1.0
-    assert np.ptp(np.cumsum(left)) < share * SAMPLES
-    assert abs(left.sum()) < 1e-6
-
-
-def test_an_experiment_is_described_without_the_words_of_one_domain() -> None:
-    """The menu serves an oven and a tank as it serves a shaft."""
-    driven = [e for e in MENU if e.name not in ("aprbs-other-inertia",)]
-    words = {word.strip(",:;") for e in driven for word in e.why.split()}
-    assert words
-    assert not words & {"dry", "sticks", "play", "torque", "compliance", "friction", "joint"}
 
 
 OVEN = '''"""An oven: power, the temperature of the room and a flow of water."""

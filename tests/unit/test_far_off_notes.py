@@ -5,8 +5,6 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.background import Gain
 from pamid.verdict import notes
@@ -23,20 +21,6 @@ def test_a_background_that_stands_far_off_is_named_with_what_looks_like_it() -> 
     )
     assert told(Settings(far_off=3.1)) == []
     assert len(told(Settings(far_off=1.0))) == 2, "force_map_2 stands at 1.2"
-
-
-def test_a_parameter_that_was_moved_far_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    moved = {"": 4.1, "leak": 4.0, "length-asymmetry": 0.4, "force-asymmetry": 2.0, "gravity": 4.1}
-    d = pulled(DEFAULT)
-    for model in (d.budget.baseline, *d.ranking):
-        model.fit.strains = {"contraction_0": moved[model.label], "mass_kg": 0.2}
-    monkeypatch.setattr(notes, "_strains", lambda fitted: fitted.strains)
-    assert notes._strained(d) == [
-        "contraction_0 was moved 4.1 standard deviations of its prior: length-asymmetry (with it "
-        "0.4) or force-asymmetry (with it 2.0) would look like this."
-    ]
-    d.ranking = ()
-    assert "no effect of the ranking brings it back" in notes._strained(d)[0]
 
 
 def pulled(settings: Settings) -> Any:

@@ -3,7 +3,6 @@ a recording, a rig that was forgotten, and what to do after a check."""
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 from pathlib import Path
 
@@ -14,10 +13,8 @@ import pytest
 import pamid
 from cli.frame import run
 from pamid.base.errors import UsageError
-from pamid.model.registry import effects
 from pamid.symbolic.vocabulary import FUNCTIONS
 
-ROOT = Path(__file__).resolve().parents[2]
 PENDULUM = '''
 IMPORT
 from pamid import Parameter, Port, Rig, State
@@ -70,34 +67,6 @@ def test_a_rig_with_another_sine_is_told_the_functions(
     assert not found.ok
     said = " ".join(found.summary().split())
     assert "pamid.equations" in said and not [n for n in FUNCTIONS if n not in said]
-
-
-def test_the_page_of_the_face_lists_the_functions_of_equations() -> None:
-    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs/hooks/reference.py")
-    assert spec is not None and spec.loader is not None
-    reference = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(reference)
-    lines = reference._face_page().splitlines()
-    for name in FUNCTIONS:
-        (row,) = [line for line in lines if line.startswith(f"| `{name}(")]
-        assert len(row.split("|")[2].strip()) > 10, name
-
-
-def test_the_name_of_a_family_lists_its_effects(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["effects", "friction"]) == 0
-    said = capsys.readouterr().out
-    of_it = {name for name, kind in effects().items() if kind.family == "friction"}
-    assert len(of_it) > 5 and not [name for name in of_it if f"  {name} " not in said]
-    assert "dead-time" not in said
-    assert run(["effects", "friction", "--rig", "thermal-block"]) == 0
-    assert "coulomb-friction" not in capsys.readouterr().out
-
-
-def test_a_table_is_read_as_a_recording() -> None:
-    recording = pamid.read_recording(table())
-    assert recording.columns.keys() == {"drive_n_m", "angle_rad"} and len(recording) == 600
-    with pytest.raises(UsageError, match="no column 'time_s'"):
-        pamid.read_recording(table().drop(columns="time_s"))
 
 
 def test_a_rig_that_was_forgotten_is_one_error(

@@ -16,22 +16,19 @@ from virtual_joint import KNOWN, SPECIMEN, record
 
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
-from pamid.estimation.grey_box import COARSE, GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import bootstrap, estimates
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import attachments
 from pamid.model.bound_parameter import Bound
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects, rig_named
+from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.schemas.estimates import Estimate
-from pamid.schemas.model import read
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.tracks import track_of
@@ -78,35 +75,6 @@ def test_planted_parameters_lie_within_their_intervals() -> None:
     assert inside >= 0.8 * count, f"{inside} of {count}: intervals of 95 % promise more"
 
 
-def test_fit_json_holds_the_estimates_of_the_fit() -> None:
-    """One record from the fit to the file, and back to the same."""
-    model = fit_model(split_recordings(JOINT, [recorded(1)], []))
-    found = by_name(estimates(model.fit))
-    written = fit_json(model, 0)["parameters"]
-    assert set(SPECIMEN) <= set(written)
-    assert written == {name: found[name].as_json() for name in written}
-    assert {name: read(Estimate, one) for name, one in written.items()} == {
-        name: found[name] for name in written
-    }
-    assert all(one["source"] and one["prior"] is not None for one in written.values())
-
-
-def test_intervals_are_narrow_where_the_word_is_settled() -> None:
-    fitted = estimates(fitted_joint())
-    found = by_name(fitted)
-    assert found["damping_m2_s"].word == found["scale"].word == "settled"
-    for b, e in fitted.items():
-        assert e.strain == pytest.approx(abs(_prior_sd(b, e)), rel=1e-9)
-        if e.word == "settled" and not b.log:
-            assert (e.high - e.low) / (2 * 1.96) <= 0.3 * b.spread / b.factor * 1.001
-
-
-def _prior_sd(b: Bound, e: Estimate) -> float:
-    if b.log:
-        return float(np.log(e.value / e.prior) / b.spread)
-    return (e.value - e.prior) * b.factor / b.spread
-
-
 def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
     """The prior's mean stays the data sheet, wherever the search begins."""
     done = fitted_joint(2)
@@ -129,14 +97,6 @@ def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
     )
     assert apart.max() < 0.1
     assert other.cost == pytest.approx(one.cost, rel=1e-4)
-
-
-@pytest.mark.parametrize("seed", [1, 3])
-def test_an_exact_model_converges_quickly(seed: int) -> None:
-    """Gauss-Newton with exact derivatives on a model that is right: a handful of steps in the last
-    round."""
-    done = fitted_joint(seed)
-    assert done.converged and not done.why and done.iterations <= 15
 
 
 def dense(fitted: Fit) -> Array:
@@ -192,52 +152,12 @@ def test_bootstrap_is_reproducible_and_of_the_jacobians_order() -> None:
     assert all(e.low <= e.high for e in told.values()) and list(told) == list(estimates(done))
 
 
-def test_the_angle_alone_is_enough_to_fit_and_says_less() -> None:
-    alone = fit_robustly(problem_of(JOINT, recorded(1, columns=("command", "angle_deg"))))
-    assert alone.residuals and alone.residuals[0].shape[1] == 1 and np.isfinite(alone.cost)
-    less, more = by_name(estimates(alone)), by_name(estimates(fitted_joint()))
-    assert set(less) == set(more)
-    width = {n: (less[n].high - less[n].low) / (more[n].high - more[n].low) for n in less}
-    assert np.median(list(width.values())) > 3.0
-    assert sum(less[n].word == "settled" for n in less) < sum(
-        more[n].word == "settled" for n in more
-    )
-    truth = {n: (less[n].low <= SPECIMEN[n] <= less[n].high) for n in less}
-    assert sum(truth.values()) >= 6, truth
-
-
 # ---- the whole command's ground: evidence, background, replays --------------------
 
 
 @cache
 def joint_model() -> GreyBox:
     return fit_model(split_recordings(JOINT, [recorded(7, 15.0)], []))
-
-
-def test_the_data_sheet_knows_nothing_of_an_effect() -> None:
-    """Whatever size an effect begins with: the figure is that of the rig alone."""
-    attached = attachments(JOINT, [effects()["coulomb-friction"]])[:1]
-    with_friction = fit_model(split_recordings(JOINT, [recorded(7, 15.0)], []), attached)
-    for alone, beside in zip(joint_model().data_sheet, with_friction.data_sheet, strict=True):
-        np.testing.assert_allclose(beside.model, alone.model, rtol=1e-6, atol=1e-9)
-
-
-def test_doubled_substeps_change_nothing() -> None:
-    g = joint_model()
-    assert 0.0 < g.recheck <= COARSE
-    fine = fit(
-        g.fit.problem,
-        p=g.fit.p,
-        starts=g.fit.starts,
-        weights=g.fit.weights,
-        stepping=g.fit.stepping.doubled(),
-        iterations=10,
-    )
-    scale, free = g.fit.problem.scale, list(g.fit.problem.free)
-    moved = np.abs(scale.inside(fine.p[free]) - scale.inside(g.fit.p[free])) / np.sqrt(
-        g.fit.covariance.diagonal()
-    )
-    assert moved.max() < 1.0
 
 
 def test_a_fit_reaches_the_noise_floor_on_what_it_has_not_seen() -> None:
@@ -367,21 +287,6 @@ def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path: Path) -
         assert found[name].word == "settled" and found[name].value == pytest.approx(value, rel=0.03)
 
 
-def test_a_parameter_without_data_keeps_the_width_of_its_prior_in_the_bootstrap(
-    tmp_path: Path,
-) -> None:
-    """Windows drawn anew never move it: what is drawn anew is the data sheet."""
-    done = fit_robustly(problem_of(Cart(), cart_record(tmp_path, brake=False, **TRUTH)))
-    grip = by_name(estimates(done, bootstrap(done, 60, seed=2)))["grip_n_s_per_m"]
-    assert grip.high - grip.low == pytest.approx(2.0 * 1.96 * 2.0, rel=0.35)
-
-
-def test_it_speaks_once_the_data_do(tmp_path: Path) -> None:
-    r = cart_record(tmp_path, brake=True, grip_n_s_per_m=9.0, **TRUTH)
-    grip = by_name(estimates(fit_robustly(problem_of(Cart(), r))))["grip_n_s_per_m"]
-    assert grip.word == "settled" and grip.low <= 9.0 <= grip.high
-
-
 def test_a_parameter_at_its_bound_is_said(tmp_path: Path) -> None:
     """The specimen is stiffer than the data sheet's bounds allow."""
     soft = Cart()
@@ -402,15 +307,6 @@ def test_two_sampling_periods_in_one_fit(tmp_path: Path) -> None:
     found = by_name(estimates(fit_robustly(problem_of(Cart(), fast, slow))))
     for name, value in TRUTH.items():
         assert found[name].value == pytest.approx(value, rel=0.03)
-
-
-def test_priors_weigh_against_few_data(tmp_path: Path) -> None:
-    """With residuals counted as if a million times less certain, every parameter stays at its data
-    sheet."""
-    problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
-    deaf = fit(problem, weights=Weights(np.array([1e3]), np.ones(1)))
-    assert {e.word for e in estimates(deaf).values()} == {"silent"}
-    np.testing.assert_allclose(deaf.p, problem.assembly.values(), rtol=1e-4)
 
 
 def test_no_convergence_is_a_value_with_a_reason(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@ way to where exact steps lead."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,16 +14,13 @@ from pamid.engine.damped_gauss_newton import Iteration, iterate
 from pamid.estimation.frozen_jacobian import (
     ChordShooting,
     FrozenJacobian,
-    PaddedWindows,
     begin_chords,
 )
 from pamid.estimation.grey_box import fit_model, model_with
-from pamid.estimation.linear_rows import linear_rows, moved_rows
 from pamid.estimation.multiple_shooting import ShootingPoint, begin, fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
-from pamid.simulation.windows import Window
 
 SLIGHT = 0.1  # of the typical friction: where a candidate begins near the fitted model
 
@@ -134,36 +130,3 @@ def test_chord_steps_lead_where_exact_steps_lead(candidate: Candidate) -> None:
     assert f.cost - reached == pytest.approx(gain, rel=0.02)
     # the prediction of one step is below what is reached, and of its size
     assert shooting.predicted_cost(begun.point) < begun.point.cost
-
-
-def test_a_lane_that_runs_away_leaves_the_point(candidate: Candidate) -> None:
-    """A difference that cannot be computed has no column; the cost is that of the point."""
-    shooting, begun = chords(candidate)
-    wild = replace(shooting, moves=tuple(np.full_like(m, 1e300) for m in shooting.moves))
-    point = wild.at(begun.point.s, begun.point.starts)
-    assert point.normal.fine and point.cost == begun.point.cost
-
-
-def test_columns_follow_the_keys_of_a_problem(candidate: Candidate) -> None:
-    held = replace(candidate.fitted.problem, free=candidate.fitted.problem.free[1:])
-    part = candidate.frozen.of_shared(held)
-    assert part.keys == candidate.frozen.keys[1:]
-    np.testing.assert_array_equal(part.tracks[0].ends, candidate.frozen.tracks[0].ends[:, :, 1:])
-
-
-def test_windows_of_unequal_length_are_padded_with_zeros() -> None:
-    padded = PaddedWindows([Window(0, 2), Window(2, 5)])
-    rows = padded.rows(np.arange(1.0, 6.0)[:, None])
-    np.testing.assert_array_equal(rows, [[1.0, 2.0, 0.0], [3.0, 4.0, 5.0]])
-
-
-def test_rows_of_lanes_are_those_of_sensitivities(candidate: Candidate) -> None:
-    f, k = candidate.fitted, len(candidate.problem.free)
-    own = np.array([k - 2, k - 1])
-    point = (candidate.problem, candidate.p, f.starts, f.weights, f.continuity, f.stepping, 400)
-    rows = linear_rows(*point)
-    away, by_own = moved_rows(*point, own)
-    sheet = len(rows.away) - k
-    np.testing.assert_allclose(away, rows.away[:sheet], rtol=1e-9, atol=1e-9)
-    expected = rows.by_parameters[:sheet, own]
-    np.testing.assert_allclose(by_own, expected, rtol=0.0, atol=1e-3 * np.abs(expected).max())

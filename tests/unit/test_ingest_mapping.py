@@ -18,9 +18,7 @@ from pamid.ingest.mapping import (
     Mapping,
     load_mapping,
     mapping_of,
-    named_by_units,
     settle,
-    unknown_to,
 )
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
@@ -37,106 +35,6 @@ def load(folder: Path, text: str, pressures: str | None = None) -> Mapping:
 
 
 # ---- keys --------------------
-
-WRONG_KEYS = {
-    "[signals": "not TOML: Expected ']'",
-    'rig = "one-dof"\n[time]\nunit = ms\n': "line 3",
-    "": "signals is missing",
-    "[signals]\n": "at least one [signals.NAME] is needed",
-    'rg = "one-dof"\n' + ANGLE: "rg is not a key of a mapping. Did you mean 'rig'?",
-    'loop = "shut"\n' + ANGLE: 'loop is "shut"; allowed: "open", "closed".',
-    ANGLE + "sgn = -1": "signals.angle_deg.sgn is not a key of a mapping. Did you mean 'sign'?",
-    ANGLE + "sign = 2": "signals.angle_deg.sign is 2; allowed: 1, -1.",
-    ANGLE + 'offset = "3"': 'signals.angle_deg.offset is "3"; a number is needed.',
-    ANGLE + "offset = nan": "signals.angle_deg.offset is nan; a finite number is needed.",
-    ANGLE + "offset = " + "9" * 5000: "holds a whole number of more than 19 digits",
-    ANGLE
-    + 'interpolation = "linear"': 'signals.angle_deg.interpolation is "linear"; allowed: "hold", '
-    '"smooth".',
-    ANGLE + '[time]\nrepair = "late-stamp"': 'time.repair is "late-stamp"; allowed: "ask", '
-    '"late-stamps", "jittered-'
-    'sampling", "none". Did you mean \'late-stamps\'?',
-    ANGLE + "[time]\nperiod_s = 0": "time.period_s is 0; a number above 0 is needed.",
-    ANGLE
-    + "[time]\nmax_gap = 1": "time.max_gap is not a key of a mapping. Did you mean 'max_gap_s'?",
-    ANGLE + "[known]\ninertia_kg_m2 = 'x'": 'known.inertia_kg_m2 is "x"; a number is needed.',
-    ANGLE + "[between]\nangel_deg = 'held'": "between.angel_deg is no column that the mapping "
-    "makes. Did you mean 'angle_deg'?",
-    ANGLE + "[between]\nangle_deg = 'straight'": 'between.angle_deg is "straight"; allowed: '
-    '"held", "linear", "before".',
-    "[signals.angle_deg]\nunit = 'deg'": "signals.angle_deg.source is missing.",
-    "signals = 3": "signals is 3; a table is needed.",
-    PRESSURE
-    + 'pressure = "abs"': 'signals.pressure_1_kpa.pressure is "abs"; allowed: "gauge", "absolute".',
-    PRESSURE
-    + 'pressure = "?"': 'signals.pressure_1_kpa.pressure is "?"; allowed: "gauge", "absolute".',
-    '[signals.time_s]\nsource = "t"': "signals.time_s: the time is not a signal.",
-    '[signals."a,b"]\nsource = "t"': "signals has the name 'a,b'",
-    '[signals.pressure_1_psi]\nsource = "p1"\nunit = "psi"': "'psi' is no unit of pamid's columns",
-}
-
-
-@pytest.mark.parametrize("text", WRONG_KEYS, ids=[str(i) for i in range(len(WRONG_KEYS))])
-def test_a_wrong_key_is_named_with_its_path(text: str, tmp_path: Path) -> None:
-    with pytest.raises(FileError) as caught:
-        load(tmp_path, text)
-    assert str(caught.value).startswith(str(tmp_path / "map.toml"))
-    assert WRONG_KEYS[text] in str(caught.value)
-
-
-def test_a_missing_mapping_names_its_neighbour(tmp_path: Path) -> None:
-    (tmp_path / "mapping.toml").write_text(ANGLE)
-    with pytest.raises(FileError, match=r"does not exist\. Did you mean 'mapping\.toml'\?"):
-        load_mapping(tmp_path / "maping.toml")
-
-
-WRONG_UNITS = {
-    ANGLE.replace(
-        "rad", "bar"
-    ): "signals.angle_deg.unit is 'bar': 'bar' does not measure what 'deg' measures (angle)",
-    ANGLE.replace("rad", "counts"): "give scale, the made unit per count",
-    ANGLE.replace("rad", "grad"): "write deg or gon",
-    ANGLE.replace("rad", "?"): 'signals.angle_deg.unit is "?": say in which unit the log holds it.',
-    ANGLE.replace("rad", "radd"): "'radd' is unknown. Did you mean 'rad'?",
-    ANGLE.replace(
-        'unit = "rad"', ""
-    ): "signals.angle_deg.unit is missing. The log does not say it either.",
-    ANGLE + 'pressure = "gauge"': "signals.angle_deg.pressure is 'gauge', but 'angle_deg' is no "
-    "pressure.",
-    ANGLE + "scale = 0.0": "signals.angle_deg.scale is 0",
-    PRESSURE: 'signals.pressure_1_kpa.pressure is missing; allowed: "gauge", "absolute".',
-    PRESSURE + "scale = 2.0": "signals.pressure_1_kpa.pressure is missing",
-    PRESSURE.replace("bar", "barg") + 'pressure = "absolute"': "the unit 'barg' says gauge",
-    '[signals.pressure_1]\nsource = "p1"\nunit = "bar"': "without a unit",
-}
-
-
-@pytest.mark.parametrize("text", WRONG_UNITS, ids=[str(i) for i in range(len(WRONG_UNITS))])
-def test_a_wrong_unit_is_named_with_its_path(text: str, tmp_path: Path) -> None:
-    with pytest.raises(FileError) as caught:
-        settle(load(tmp_path, text), ONE_DOF, {}, "map.toml")
-    assert str(caught.value).startswith("map.toml: ") and WRONG_UNITS[text] in str(caught.value)
-
-
-def test_a_scale_needs_the_unit_of_its_result(tmp_path: Path) -> None:
-    """Counts times 0.18 are degrees, or anything else."""
-    counts = '[signals.encoder]\nsource = "enc"\nunit = "counts"\nscale = 0.18\n'
-    with pytest.raises(FileError, match=r"\[signals\.encoder_deg\].*360 / \(4 \* lines\)"):
-        named_by_units(load(tmp_path, counts), None)
-    ratio = load(tmp_path, counts.replace("counts", "1"))
-    assert list(named_by_units(ratio, None).signals) == ["encoder"]
-    named = load(tmp_path, counts.replace("encoder]", "encoder_deg]"))
-    assert list(named_by_units(named, None).signals) == ["encoder_deg"]
-
-
-def test_a_unit_that_contradicts_the_log_is_refused(tmp_path: Path) -> None:
-    heater = load(tmp_path, '[signals.heater_w]\nsource = "h"\nunit = "W"\n')
-    with pytest.raises(FileError, match=r"but the log says '%'\.\s+Give scale, W per %"):
-        settle(heater, None, {"h": "%"}, "map.toml")
-    settle(heater, None, {"h": "kW"}, "map.toml")
-    share = load(tmp_path, '[signals.heater_w]\nsource = "h"\nunit = "percent"\n')
-    with pytest.raises(FileError, match="scale, W per percent"):
-        settle(share, None, {}, "map.toml")
 
 
 def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> None:
@@ -173,18 +71,6 @@ def test_what_is_held_follows_the_rig_unless_the_mapping_says(tmp_path: Path) ->
         }
     told = settle(load(tmp_path, ANGLE + 'interpolation = "hold"'), ONE_DOF, {}, "map.toml")[0]
     assert told.hold and told.events
-
-
-def test_an_unknown_column_is_kept_and_told() -> None:
-    spare = "rig 'one-dof' does not know the column 'spare'; it is kept."
-    angel = "rig 'one-dof' does not know the column 'angel_deg'; it is kept."
-    assert unknown_to(ONE_DOF, ["angel_deg", "spare"]) == [
-        f"{angel} Did you mean 'angle_deg'?",
-        spare,
-    ]
-    assert unknown_to(ONE_DOF, ["angle_rad", "angel_deg", "spare"]) == [angel, spare], (
-        "the angle is there, in another unit"
-    )
 
 
 # ---- units --------------------
@@ -268,11 +154,6 @@ def test_what_is_no_unit_is_refused(text: str) -> None:
         read_unit(text)
 
 
-def test_turns_per_time_are_no_frequency() -> None:
-    with pytest.raises(FileError, match="write rpm"):
-        in_unit(np.ones(1), read_unit("1/min"), "rad/s")
-
-
 # ---- guessing --------------------
 
 
@@ -353,13 +234,3 @@ def test_a_guess_is_a_mapping_with_open_questions() -> None:
     )
     with pytest.raises(FileError, match=r'signals\.pressure_1_kpa\.pressure is "\?"'):
         mapping_of(tables, "map.toml")
-
-
-def test_pressures_are_answered_by_the_option_or_the_unit_only() -> None:
-    text, left = guessed(pressures="absolute")
-    assert tomllib.loads(text)["signals"]["pressure_1_kpa"]["pressure"] == "absolute"
-    assert left == ("signals.force_1_n.unit",)
-    text, left = guessed(p_unit="barg")
-    assert "pressure" not in tomllib.loads(text)["signals"]["pressure_1_kpa"] and left == (
-        "signals.force_1_n.unit",
-    )

@@ -11,7 +11,6 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
-from pamid.ingest.dialect import find_dialect
 from pamid.ingest.log_reader import read_log
 
 N = 60
@@ -92,14 +91,6 @@ def test_preamble_units_czech_and_carriage_returns(tmp_path: Path) -> None:
         )
 
 
-def test_no_row_of_numbers_is_taken_for_the_names(tmp_path: Path) -> None:
-    """However long the preamble: the names are the last text above the first run of numbers."""
-    for length in range(12):
-        preamble = "".join(f"Setting {index}: {index}\n" for index in range(length))
-        log = read(tmp_path, preamble + "t;angle\n" + rows(TIME, ANGLE, delimiter=";", decimal=","))
-        holds(log, t=TIME, angle=ANGLE)
-
-
 def test_units_in_names_quotes_duplicates_and_comment_marks(tmp_path: Path) -> None:
     log = read(
         tmp_path,
@@ -157,14 +148,6 @@ def test_columns_are_numbers_or_said(tmp_path: Path) -> None:
     )
 
 
-def test_an_odd_word_in_the_first_rows_does_not_hide_them(tmp_path: Path) -> None:
-    cells = [repr(float(value)) for value in ANGLE]
-    cells[1] = "warming up"
-    log = read(tmp_path, "t,angle\n" + rows(TIME, cells))
-    np.testing.assert_allclose(log.channel("t").values, TIME)
-    assert np.flatnonzero(np.isnan(log.channel("angle").values)).tolist() == [1]
-
-
 @pytest.mark.parametrize(
     ("cells", "code"),
     [
@@ -179,20 +162,6 @@ def test_thousands_and_mixed_marks_are_refused(tmp_path: Path, cells: list[str],
     with pytest.raises(FileError) as caught:
         read(tmp_path, "n;x\n" + rows([str(index) for index in range(N)], cells, delimiter=";"))
     assert caught.value.code == code
-
-
-def test_thousands_that_come_late_are_refused(tmp_path: Path) -> None:
-    cells = [repr(float(value)) for value in np.linspace(0.0, 900.0, 2000)] + ["1,000.5", "1,001.5"]
-    with pytest.raises(FileError, match="1,000.5"):
-        read(tmp_path, "n;x\n" + rows([str(index) for index in range(2002)], cells, delimiter=";"))
-
-
-def test_three_decimals_are_decimals_where_something_shows_it(tmp_path: Path) -> None:
-    log = read(
-        tmp_path,
-        "t;x\n" + rows([f"0,{index:03d}" for index in range(N)], ["1,234"] * N, delimiter=";"),
-    )
-    holds(log, t=np.arange(N) / 1000.0, x=np.full(N, 1.234))
 
 
 def test_commas_without_names_to_count_them_are_refused(tmp_path: Path) -> None:
@@ -228,16 +197,6 @@ def test_a_log_that_was_cut_loses_its_last_row_and_says_so(tmp_path: Path) -> No
         assert kept >= N - 2 and (whole or said(log, "last line"))
 
 
-def test_footer_and_comments_between_rows_are_said(tmp_path: Path) -> None:
-    lines = rows(TIME, ANGLE).split("\n")
-    log = read(
-        tmp_path,
-        "\n".join(["t,angle", *lines[:20], "# valve opened", *lines[20:-1], "", "End of log", ""]),
-    )
-    holds(log, t=TIME, angle=ANGLE)
-    assert said(log, "1 lines of comment") and said(log, "1 lines below")
-
-
 STAMPS = np.datetime64("2024-03-01T23:59:59.950") + (np.arange(N) * 3).astype("timedelta64[ms]")
 
 
@@ -262,22 +221,6 @@ def test_dates_and_times_become_seconds(tmp_path: Path, form: str) -> None:
     assert log.channel("when").unit == "s"
     np.testing.assert_allclose(log.channel("when").values, TIME, rtol=0, atol=1e-9)
     assert said(log, "when", cells[0])
-
-
-def test_a_date_belongs_to_the_time_of_day_beside_it(tmp_path: Path) -> None:
-    cells = [str(stamp)[11:] for stamp in STAMPS]
-    log = read(
-        tmp_path, "Date,Time,angle\n" + rows([str(stamp)[:10] for stamp in STAMPS], cells, ANGLE)
-    )
-    np.testing.assert_allclose(log.channel("Time").values, TIME, rtol=0, atol=1e-9)
-    assert [c.name for c in log.channels] == ["Time", "angle"]
-    assert said(log, "Date is the date of Time") and not said(log, "midnights")
-
-
-def test_dates_whose_month_cannot_be_told_are_refused(tmp_path: Path) -> None:
-    cells = [f"0{1 + index % 2}/03/2024 10:00:00" for index in range(N)]
-    with pytest.raises(FileError, match="which number of the dates is the month"):
-        read(tmp_path, "when,angle\n" + rows(cells, ANGLE))
 
 
 # LabVIEW
@@ -352,29 +295,3 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
     for name in ("log.csv", "log.lvm"):
         with pytest.raises(FileError):
             read(tmp_path, text, name=name)
-
-
-def test_a_long_log_with_decimal_commas(tmp_path: Path) -> None:
-    count = 100_000
-    table = np.column_stack(
-        [np.arange(count) * 0.003, np.random.default_rng(0).normal(size=(count, 4))]
-    )
-    np.savetxt(
-        tmp_path / "long.csv", table, fmt="%.9g", delimiter=";", header="t;a;b;c;d", comments=""
-    )
-    text = (tmp_path / "long.csv").read_text().replace(".", ",")
-    log = read(tmp_path, text)
-    np.testing.assert_allclose(log.channel("d").values, table[:, 4], rtol=1e-8)
-
-
-def test_a_remark_in_a_few_rows_hides_no_semicolons(tmp_path: Path) -> None:
-    """Decimal commas and a column of remarks, empty but for some rows."""
-    lines = ["Zeitstempel;Heizung;T_Kessel;T_Raum;Durchfluss;Bemerkung", ";%;°C;°F;ml/min;"]
-    for k in range(200):
-        kettle = f"{22.5 + k / 4:.2f}".replace(".", ",")
-        remark = "Bezug" if k % 60 == 30 else ""
-        stamp = f"05.11.2026 14:{k // 60:02d}:{k % 60:02d},208"
-        lines.append(f"{stamp};60;{kettle};72,{k % 3};0;{remark}")
-    found = find_dialect(tmp_path / "log.csv", lines)
-    assert (found.delimiter, found.decimal) == (";", ",")
-    assert found.names[1:5] == ("Heizung", "T_Kessel", "T_Raum", "Durchfluss")

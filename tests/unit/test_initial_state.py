@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.base.errors import ConvergenceError
 from pamid.engine.program import Stepping
-from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -104,29 +102,6 @@ def test_start_is_found_far_from_the_rest_through_a_known_map() -> None:
     assert np.abs(Y - true[:120]).max() < 5.0 * NOISE
 
 
-def test_what_readings_do_not_show_stays_where_it_was_carried() -> None:
-    """Nothing leads from the outputs to the second state; the first is read."""
-
-    class Beside(Unstable):
-        states = (State("place"), State("beside"))
-
-        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-            return {**super().rates(x, u, p, port), "beside": -x.beside}
-
-    model = Assembly(Beside())
-    time = PERIOD_S * np.arange(200)
-    columns = {"push": np.sin(7.0 * time), "read": 5.0 + 0.0 * time}
-    track = track_of(model, recording_of(time, columns, name="still"), ("read",))
-    runner = Runner(model, track, Stepping(1))
-    memory = runner.memory(track.p)
-    carried = np.array([-40.0, 3.0])
-    x, _ = estimate_initial_state(
-        runner, memory, Window(0, 40), track.p, np.array([1e3]), carried, None
-    )
-    assert x[1] == pytest.approx(3.0)
-    assert abs(x[0]) < 5.0
-
-
 def held_back(rate: float, period_s: float = PERIOD_S, noise: float = NOISE) -> Recording:
     """A recording of a state of this rate, held by a controller while it is disturbed."""
     random, samples = np.random.default_rng(2), 600
@@ -164,14 +139,3 @@ def test_windows_of_a_model_whose_errors_grow_are_shorter() -> None:
     limit = 2.0 * np.log(GROWTH_LIMIT) / 30.0
     assert FIT_WINDOW * growing.timescale_s == pytest.approx(limit, abs=2.0 * PERIOD_S)
     assert FIT_WINDOW * decaying.timescale_s > 1.5 * limit
-
-
-def test_a_floor_beyond_all_that_moved_is_refused() -> None:
-    """Errors grow 1e9-fold within the shortest window, and every fit would be of no use."""
-    rig = Unstable()
-    rig.parameters = (Parameter("rate", 50.0, 1.0, 100.0, spread=0.1, source="bench"),)
-    evidence = split_recordings(rig, [held_back(50.0, 0.01, 0.05)], [])
-    with pytest.raises(ConvergenceError, match="read within .* s, but it moves by") as raised:
-        fit_model(evidence)
-    assert raised.value.exit_code == 5
-    assert "sample it faster" in raised.value.hint

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from small_cart import PERIOD_S, RIG, record_cart
+from small_cart import PERIOD_S, RIG
 
 from cli.frame import run
 from pamid.checks.recording_quality import QualityIssue, blocking
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
-from pamid.model.rig import Loop, Port, Rig
-from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.model.rig import Port, Rig
+from pamid.recording.recording import Recording, recording_of, write_recording
 from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
@@ -44,12 +44,6 @@ class StiffServo(Rig):
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         return {"position_mm": port("sensor", x.position)}
-
-
-class Regulated(StiffServo):
-    """A drive whose controller is recorded, too."""
-
-    loops = (Loop("target_mm", "reference_mm", "position_mm"),)
 
 
 def levels(count: int = 1500, seed: int = 1) -> Array:
@@ -113,29 +107,6 @@ def test_a_stiff_machine_that_follows_its_input_is_genuine(bandwidth: float, noi
     y = servo(u, bandwidth, 0.02) + noise * random.standard_normal(u.size)
     recording = recording_of(0.02 * np.arange(u.size), {"target_mm": u, "position_mm": y}, {})
     assert not issues(recording, StiffServo())
-
-
-def test_a_cart_is_genuine(tmp_path: Path) -> None:
-    assert not issues(read_recording(record_cart(tmp_path)), rig_named(RIG))
-
-
-def test_a_command_that_is_computed_from_the_reading_is_none() -> None:
-    """A proportional controller at a constant reference sends a scaled reading."""
-    y = 10.0 * np.random.default_rng(1).standard_normal(1500).cumsum()
-    columns = {"force_n": -3.0 * y, "position_m": y}
-    time = PERIOD_S * np.arange(y.size)
-    assert issues(recording_of(time, columns, {}), rig_named(RIG))
-    closed = recording_of(time, columns, {"recording": {"loop": "closed"}})
-    assert not issues(closed, rig_named(RIG))
-
-
-@pytest.mark.parametrize("copied", [True, False])
-def test_a_reading_that_equals_its_reference_is_an_echo(copied: bool) -> None:
-    u = levels()
-    y = u if copied else servo(u, 60.0, 0.02)
-    columns = {"reference_mm": u, "target_mm": u + 0.1 * (u - y), "position_mm": y}
-    found = issues(recording_of(0.02 * np.arange(u.size), columns, {}), Regulated())
-    assert [i.columns for i in found] == [("position_mm", "reference_mm")] * copied
 
 
 @pytest.mark.parametrize("command", ["check", "diagnose", "fit"])

@@ -6,19 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pamid.api.checking import check
-from pamid.diagnosis.tournament import diagnose
 from pamid.estimation.lagged_linear import lagged_share
 from pamid.excitation.aprbs import aprbs
-from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import split_recordings
-from pamid.simulation.input_effects import held_at_mean, idle_text, input_effects
-from pamid.verdict.notes import notes_of
+from pamid.recording.recording import write_recording
 
-Array = NDArray[np.float64]
 PERIOD_S = 2.0
 BOILER = '''"""A boiler: a heater, and water that takes heat away."""
 from pamid import Parameter, Port, Rig, State
@@ -89,48 +82,6 @@ def test_check_names_an_input_that_moves_nothing(made: Path, rig: str, idle: boo
     for text in found:
         assert "flow_ml_per_min (0 .. 480) changes no output by more than its noise" in text
         assert "Check its unit" in text
-
-
-def notes(made: Path, rig: str) -> list[str]:
-    evidence = split_recordings(
-        rig_named(str(made / f"{rig}.py")), [read_recording(made / "rec.csv")], []
-    )
-    return notes_of(diagnose(evidence, {"dead-time": effects()["dead-time"]}))
-
-
-def test_the_diagnosis_names_it_and_the_column_that_explains_what_remains(made: Path) -> None:
-    """Of the columns that the rig leaves out the pulses of water explain the error, the humidity
-    does not."""
-    dead, without, right = (notes(made, rig) for rig in ("dead", "without", "right"))
-    (idle,) = [note for note in dead if "changes no output by more than its noise" in note]
-    assert idle.startswith("flow_ml_per_min (0 .. 480)")
-    (unused,) = [note for note in without if note.startswith("Recorded, but not part of the rig")]
-    assert "flow_ml_per_min and humidity_percent" in unused
-    assert "regression on flow_ml_per_min explains" in unused and "of block_degc" in unused
-    assert not [note for note in right if "changes no output" in note]
-    (unused,) = [note for note in right if note.startswith("Recorded, but not part of the rig")]
-    assert unused == "Recorded, but not part of the rig: humidity_percent."
-
-
-def test_an_input_is_compared_with_its_mean() -> None:
-    u = np.array([[0.0, 5.0, 7.0], [2.0, 7.0, 7.0]])
-    assert held_at_mean(u, 1).tolist() == [[0.0, 6.0, 7.0], [2.0, 6.0, 7.0]]
-    assert held_at_mean(u).tolist() == [[1.0, 6.0, 7.0]] * 2
-    assert u[0, 1] == 5.0, "what was recorded stays"
-
-    def model(inputs: Array) -> Array:
-        return np.stack([inputs[:, 0], 1e-3 * inputs[:, 1]], axis=1)
-
-    found = input_effects(model, u, ("a_w", "b_w", "c_w"), model(u))
-    assert list(found) == ["a_w", "b_w"], "of what rests nothing is known"
-    assert found["a_w"].tolist() == [1.0, 0.0] and found["b_w"] == pytest.approx([0.0, 1e-3])
-    assert input_effects(model, u, ("a_w", "b_w", "c_w"), None) == {}
-    channels, noise = ("x_mm", "y_degc"), np.array([0.1, 0.1])
-    assert idle_text("a_w", u[:, 0], found["a_w"], channels, noise) == ""
-    assert idle_text("b_w", u[:, 1], found["b_w"], channels, noise) == (
-        "b_w (5 .. 7) changes no output by more than its noise: y_degc by 0.001 degC at most, its "
-        "noise is 0.1 degC"
-    )
 
 
 def test_a_regression_explains_what_follows_and_nothing_else() -> None:

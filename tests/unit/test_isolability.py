@@ -8,10 +8,7 @@ from itertools import combinations
 from typing import Any
 
 import pytest
-from counted import calls_of
-from rigs.carts import Carts
 
-from pamid.base.errors import UsageError
 from pamid.model.effect import State
 from pamid.model.isolability import Isolability, Split, Structure, isolability
 from pamid.model.parameter import Parameter
@@ -64,15 +61,6 @@ def test_decomposition_agrees_with_all_minimal_checks(seed: int) -> None:
         assert system.hidden_by(j) == system.part - told
 
 
-def test_random_systems_hold_every_case() -> None:
-    systems = [_random(seed) for seed in range(150)]
-    assert any(not s.part for s in systems) and any(
-        len(s.part) == len(s.equations) > 3 for s in systems
-    )
-    assert any(0 < len(s.part) < len(s.equations) for s in systems)
-    assert any(1 < len(s.hidden_by(i)) < len(s.part) for s in systems for i in s.part)
-
-
 # ---- by hand --------------------
 
 
@@ -120,44 +108,6 @@ def test_what_lies_downstream_of_the_only_gauge_is_unseen() -> None:
     assert found.places == (("pump", "pipe", "gauge_1"),)
     assert found.unseen == ("drain",) and found.unseen_places == ("outlet",)
     assert found.sensors[0] == Split("level_2_m", (("pump", "pipe", "gauge"),), ("drain",))
-
-
-def test_two_tanks_with_both_gauges() -> None:
-    """Balance of tank 1: pump, pipe, gauge 1. Of tank 2: pipe, outlet, gauges 1 and 2. Of both
-    without the pipe: pump, outlet, gauges. Of both without gauge 1: pump, pipe, outlet, gauge 2.
-    Only outlet and gauge 2 always go together."""
-    found = isolability(Cascade(), ("level_1_m", "level_2_m"))
-    assert found.redundancy == 2
-    assert found.places == (("pump",), ("pipe",), ("outlet", "gauge_2"), ("gauge_1",))
-    assert found.groups == (("pump",), ("pipe",), ("drain", "gauge"))
-    assert found.sensors == (Split("the value at port outlet", (("drain", "gauge"),), ()),)
-
-
-def test_no_outputs_show_nothing_and_any_sensor_helps() -> None:
-    found = isolability(Cascade(), ())
-    assert (
-        found.groups == () and found.redundancy == 0 and found.unseen == ("pump", "pipe", "drain")
-    )
-    assert (
-        found.sensors[0].sensor == "level_1_m and level_2_m"
-        and found.sensors[0].shows == found.unseen
-    )
-
-
-def test_uncoupled_sides_do_not_hide_behind_each_other() -> None:
-    found = isolability(Carts(), ("position_1_m", "position_2_m"))
-    names = ("amplifier", "drive", "guide", "cord", "mast", "ruler")
-    assert found.places == tuple(tuple(f"{n}_{i}" for n in names) for i in "12")
-    assert found.groups == (names,)
-    one = isolability(Carts(), ("position_1_m",))
-    assert one.places == found.places[:1] and one.unseen == ()
-    # the ruler of cart 2 is not there at all
-    assert one.unseen_places == tuple(f"{n}_2" for n in names[:-1])
-
-
-def test_an_unknown_output_is_refused_with_the_nearest() -> None:
-    with pytest.raises(UsageError, match="level_2_m"):
-        isolability(Cascade(), ("level_2",))
 
 
 # ---- the joint --------------------
@@ -283,8 +233,3 @@ def test_a_direct_measurement_splits_as_the_same_sensor_in_a_rig_does(port: str)
         g for g in before.groups if not any(set(g) <= set(a) for a in after.groups)
     )
     assert promised.splits
-
-
-def test_it_takes_little_work() -> None:
-    isolability(OneDof(), ANGLE)  # what is kept from the first time on
-    assert calls_of(lambda: isolability(OneDof(), ANGLE)) < 400_000

@@ -99,12 +99,6 @@ def test_force_in_one_recording_only_still_tells_its_parameter(
     assert gain.low < 1.3 < gain.high and gain.word == "settled"
 
 
-def test_the_order_of_files_does_not_matter(rig: Path, both: tuple[Recording, Recording]) -> None:
-    one, other = fitted(rig, *both), fitted(rig, *both[::-1])
-    assert np.array_equal(one.fit.p, other.fit.p) and one.fit.cost == other.fit.cost
-    assert fit_json(one, 0) == fit_json(other, 0)
-
-
 def test_what_is_missing_is_told_and_nothing_else_is_made_up(
     rig: Path, both: tuple[Recording, Recording]
 ) -> None:

@@ -13,14 +13,13 @@ from compiled import program as scalar_program
 
 from pamid.engine.jit_cache import addresses
 from pamid.engine.lane_ir import lane_module_text
-from pamid.engine.lane_program import LaneMemory, LaneProgram, build_lane_program
+from pamid.engine.lane_program import LaneProgram, build_lane_program
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.engine.serial_lanes import SerialLanes
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.simulation.free_runs import choose_stepping, choose_steppings
-from pamid.symbolic.expression import Expr, symbol
+from pamid.symbolic.expression import Expr
 from pamid.symbolic.memory_cells import expand_memory
 from pamid.symbolic.vocabulary import cos, delay, exp, floor, integral, log, play, sin, sqrt, tanh
 
@@ -170,21 +169,6 @@ def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
     assert len({*bad.tolist()}) > 3
 
 
-def test_windows_end_early_where_lane_0_is_lost_and_others_depend_on_it() -> None:
-    lanes, _ = _explosive()
-    edges, u = np.array([0, 20, 40, 60]), steps(1, 60)[:, None]
-    entered = np.ones((3, 1, 3))
-    a = np.array([[300.0, -1.0, -2.0]])
-    memory = lanes.memory(entered[0], period_s=PERIOD_S)
-    Y, ends, bad = lanes.run_windows(
-        memory.copy(), u, a, edges, entered, period_s=PERIOD_S, dependent=1
-    )
-    assert bad[0] >= 0 and (bad[1:] == -1).all()
-    assert np.isfinite(Y[:20, :, 1:]).all() and np.isnan(Y[20:]).all() and np.isnan(ends[1:]).all()
-    Y, ends, _ = lanes.run_windows(memory, u, a, edges, entered, period_s=PERIOD_S)
-    assert np.isfinite(Y[:, :, 1:]).all() and np.isfinite(ends[:, :, 1:]).all()
-
-
 # ---- windows -------------------------------------------------------------------------------------
 
 
@@ -272,28 +256,6 @@ def test_lanes_that_depend_on_lane_0_take_over_its_memory(dependent: int) -> Non
             np.testing.assert_allclose(ends[w, :, lane], memory_before.x, rtol=0, atol=1e-11)
 
 
-def test_lanes_may_have_their_inputs() -> None:
-    lanes, single = _remembering()
-    _, edges, p, entered = _windows_case()
-    u = np.stack([steps(k, 150, 9, 4.0) for k in range(11)], axis=1)[:, None]
-    memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)
-    Y, _ = lanes.run(memory.copy(), u[:140], p, period_s=PERIOD_S, after=u[140])
-    late, _, bad = lanes.run_windows(
-        memory.copy(), u, p, edges[1:], entered[1:], period_s=PERIOD_S, time_s=1.0
-    )
-    for lane in range(11):
-        alone = single.memory(np.zeros(3), period_s=PERIOD_S)
-        y, _, _ = single.run(
-            alone, u[:140, :, lane], p[:, lane], period_s=PERIOD_S, after=u[140, :, lane]
-        )
-        np.testing.assert_allclose(Y[:, :, lane], y, rtol=0, atol=1e-11)
-        alone = single.memory(np.zeros(3), period_s=PERIOD_S)
-        given = (u[:, :, lane], p[:, lane], edges[1:], entered[1:, :, lane])
-        outputs, _ = _single_windows(single, alone, *given)
-        np.testing.assert_allclose(late[:, :, lane], np.concatenate(outputs), rtol=0, atol=1e-11)
-    assert (bad == -1).all()
-
-
 def test_lanes_of_a_simulator_are_its_runs() -> None:
     """One after the other, through the same methods."""
     machine = rig_named(str(PENDULUM))
@@ -342,52 +304,4 @@ def test_windows_may_begin_within_a_track() -> None:
     np.testing.assert_allclose(ends, same_ends, rtol=0, atol=1e-12)
 
 
-def test_a_run_goes_on_from_a_copied_memory() -> None:
-    lanes, _ = _remembering()
-    u, _, p, _ = _windows_case()
-    memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)
-    once, _ = lanes.run(memory.copy(), u, p, period_s=PERIOD_S)
-    first, _ = lanes.run(memory, u[:70], p, period_s=PERIOD_S, after=u[70])
-    kept: LaneMemory = memory.copy()
-    for again in (memory, kept):
-        second, _ = lanes.run(again, u[70:], p, period_s=PERIOD_S, time_s=70 * PERIOD_S)
-        np.testing.assert_allclose(np.concatenate([first, second]), once, rtol=0, atol=1e-12)
-    assert np.array_equal(memory.x, kept.x) and not memory.begin
-
-
-def test_vector_functions_in_parts_are_the_same() -> None:
-    roots: list[Expr] = [X + symbol("parameter", "b"), sin(X)]
-    for k in range(900):
-        roots.append(tanh(roots[-1] - 0.5 * roots[k // 3]) + (roots[k] < roots[-1]) * 0.25)
-    values = np.linspace(-1.0, 1.0, 8)
-    text = lane_module_text({"f": roots}, lambda space, name: 0)
-    assert text.startswith("; in parts")
-    (address,) = addresses(text, ["f"])
-    out = np.empty((len(roots), 8))
-    call = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 7)(address)
-    call(*[values.ctypes.data] * 6, out.ctypes.data)
-    expected = [2.0 * values, np.sin(values)]
-    for k in range(900):
-        jump = expected[k] < expected[-1]
-        expected.append(np.tanh(expected[-1] - 0.5 * expected[k // 3]) + jump * 0.25)
-    np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-12)
-
-
 # ---- length of steps -----------------------------------------------------------------------------
-
-
-def test_steppings_side_by_side_are_those_of_each_run() -> None:
-    """From one explicit step in a sample to implicit ones, in one call."""
-    assembly = Assembly(rig_named("servo-pendulum"))
-    factors, nominal = 10.0 ** np.arange(0.0, 3.6, 0.4), assembly.values()
-    p = np.repeat(nominal[:, None], len(factors), axis=1)
-    p[assembly.index_of("damping_n_m_s")] *= factors
-    u = np.stack([steps(k, 400, 20, 3.0) for k in range(len(factors))], axis=1)[:, None]
-    x = np.stack([assembly.start(q) for q in p.T], axis=1)
-    chosen = choose_steppings(assembly.lane_program, u, p, 0.005, x)
-    alone = [
-        choose_stepping(assembly, u[:, :, lane], p[:, lane], 0.005, x[:, lane])
-        for lane in range(len(factors))
-    ]
-    assert chosen == alone
-    assert len({*chosen}) > 2 and any(s.implicit for s in chosen)

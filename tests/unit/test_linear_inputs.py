@@ -23,8 +23,6 @@ from pamid.model.attachment import attachments
 from pamid.model.between_samples import as_recorded
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
-from pamid.simulation.tracks import track_of
-from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import expand_memory
 from pamid.symbolic.vocabulary import Expr, delay, lag, play
@@ -111,20 +109,6 @@ def test_a_delayed_line_is_the_line_delayed(seconds: float) -> None:
     assert np.abs(y[:, 1] - area).max() < 1e-12 * N
 
 
-@pytest.mark.parametrize("seconds", [1e-9 * H, 0.2 * H, H, 7.0 * H])
-def test_a_lag_of_a_line_is_solved_exactly(seconds: float) -> None:
-    y = run(made({"x": lag(u, a)}, {"y": lag(u, a)}), seconds, 0.0, Stepping())
-    assert y[:, 0] == pytest.approx(lagged(1.0 / seconds, U[0]), abs=1e-10)
-
-
-def test_a_held_input_compiles_to_what_it_did() -> None:
-    rates, outputs = {"x": lag(u, a) - x}, {"y": delay(u, a, H)}
-    plain, with_none = expand_memory(rates, outputs), expand_memory(rates, outputs, (), ())
-    assert plain == with_none
-    assert not any("part" in str(e) or "along" in str(e) for e in plain.rates)
-    assert made(rates, outputs, False).linear == ()
-
-
 def cart(way: str) -> tuple[Assembly, Recording]:
     recording = recorded(way)
     return Assembly(as_recorded(rig_named(CART), [recording])), recording
@@ -135,19 +119,6 @@ def recorded(way: str, samples: int = 900) -> Recording:
     t = 0.004 * np.arange(samples)
     columns = {"force_n": random.standard_normal(samples), "position_m": np.sin(t)}
     return recording_of(t, columns, {"between": {"force_n": way}} if way else {})
-
-
-def test_windows_meet_where_one_run_would_be() -> None:
-    """The sample behind a window belongs to its last step."""
-    assembly, recording = cart("linear")
-    track = track_of(assembly, recording, ("position_m",))
-    runner = Runner(assembly, track, Stepping())
-    p = assembly.values()
-    whole, parts = runner.memory(p), runner.memory(p)
-    y, _, _ = runner.run(whole, Window(0, 900), p, False)
-    first, _, _ = runner.run(parts, Window(0, 450), p, False)
-    second, _, _ = runner.run(parts, Window(450, 900), p, False)
-    assert np.concatenate([first, second]) == pytest.approx(y, rel=1e-12)
 
 
 def test_a_recording_says_it_for_its_rig() -> None:
@@ -174,28 +145,3 @@ def test_effects_vanish_and_slope_exactly_there_too(spec: str) -> None:
     attachment = min(fit, key=lambda a: a.ports != ("command",))
     assert null_error(rig, attachment, draws=1) < NULL_TOLERANCE
     assert sensitivity_error(rig, attachment) < SAME_SLOPE
-
-
-def test_a_linear_input_that_is_told_not_to_rise_is_held() -> None:
-    """One model then serves both ways, and a mixture: rises that stand beside the inputs count."""
-    equations = {"x": -a * x + u * u}, {"y": x}
-    linear, held = made(*equations), made(*equations, linear=False)
-    rises = np.diff(U, append=U[-1])
-    for stepping in STEPPINGS:
-        runs = [
-            program.run(
-                begin(program, [0.3], stepping, 1),
-                told,
-                np.array([2.0]),
-                period_s=H,
-                stepping=stepping,
-            )[0]
-            for program, told in [
-                (linear, np.column_stack([U, 0.0 * U])),
-                (held, U[:, None]),
-                (linear, np.column_stack([U, rises])),
-                (linear, U[:, None]),
-            ]
-        ]
-        assert np.allclose(runs[0], runs[1], rtol=1e-12, atol=1e-15)
-        assert np.array_equal(runs[2], runs[3]) and not np.allclose(runs[0], runs[2], rtol=1e-3)

@@ -59,12 +59,3 @@ def test_derivatives_are_those_of_differences(fitted: Fit) -> None:
     ):
         assert np.linalg.norm(by) > 0.0
         assert np.linalg.norm(by - difference) < 1e-4 * np.linalg.norm(by)
-
-
-def test_thinned_rows_weigh_as_much(fitted: Fit) -> None:
-    whole = rows_of(fitted)
-    thin = rows_of(fitted, most=len(whole.away) // 4)
-    assert len(thin.away) < 0.3 * len(whole.away)
-    # by half a per cent of what the parameters change: neighbours say the same
-    everything, some = (r.by_parameters.T @ r.by_parameters for r in (whole, thin))
-    assert some == pytest.approx(everything, rel=0.05)

@@ -11,14 +11,10 @@ from small_cart import PERIOD_S, RIG, cart_evidence, record_cart
 
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import diagnose
-from pamid.estimation import memory_needed as memory
-from pamid.model.assembly import Assembly
-from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, recording_of, write_recording
 from pamid.simulation import data_split
 from pamid.simulation.data_split import STRETCHES, DataSplit, Span, split_recordings
-from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict.notes import notes_of
 
@@ -92,43 +88,3 @@ def test_a_diagnosis_of_stretches_finds_the_cause_and_says_what_was_used(
     assert used_s < 0.5 * all_s
     assert sum(len(t) for t in found.budget.model.fit.problem.tracks) < 0.5 * 0.7 * 100.0 * all_s
     assert any(f"{used_s:.4g} s were used" in note for note in notes_of(found))
-
-
-def test_memory_is_that_of_the_stretches(whole: DataSplit) -> None:
-    part = whole.excerpt(9.0, 6.0)
-    assert memory.memory_needed(part, 1) < memory.memory_needed(whole, 1)
-
-
-def test_a_track_holds_the_samples_of_its_span_alone(whole: DataSplit) -> None:
-    part, plain = whole.excerpt(9.0, 6.0), Assembly(whole.rig)
-    recording = whole.recordings[0]
-    everything = track_of(plain, recording, part.channels, part.jump, part.timescale_s)
-    for held_out, spans in ((False, part.fit), (True, part.held_out)):
-        for track, span in zip(part.tracks(plain, held_out), spans, strict=True):
-            same = everything.part(span.start, span.stop, track.lead)
-            assert np.array_equal(track.u, same.u) and np.array_equal(track.y, same.y)
-            assert (track.first, len(track)) == (same.first, len(same))
-            assert (track.lead > 0) == held_out
-            assert all(a.base is None or a.base.size <= a.size for a in (track.u, track.y))
-
-
-def test_models_of_the_same_inputs_share_the_samples(whole: DataSplit) -> None:
-    damped = Assembly(whole.rig, (attach(whole.rig, "viscous-friction", effects()),))
-    for held_out in (False, True):
-        pairs = zip(
-            whole.tracks(Assembly(whole.rig), held_out),
-            whole.tracks(damped, held_out),
-            strict=True,
-        )
-        for one, other in pairs:
-            assert len(one.p) < len(other.p)
-            assert one.u is other.u and one.y is other.y
-
-
-def test_the_lead_of_a_stretch_is_bounded_for_what_keeps_memories_too(whole: DataSplit) -> None:
-    rubbing = Assembly(whole.rig, (attach(whole.rig, "coulomb-friction", effects()),))
-    assert rubbing.keeps_memories
-    assert [t.lead for t in whole.tracks(rubbing, True)] == [s.start for s in whole.held_out]
-    part = whole.excerpt(9.0, 6.0)
-    leads = [t.lead * PERIOD_S / part.timescale_s for t in part.tracks(rubbing, True)]
-    assert leads == pytest.approx([9.0 / STRETCHES] * len(part.held_out), rel=0.02)

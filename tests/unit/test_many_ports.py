@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pamid.base.errors import FileError
-from pamid.diagnosis.screening import _free
-from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import candidates_to_screen
 from pamid.estimation.port_evidence import (
     MANY_PORTS,
@@ -16,10 +13,8 @@ from pamid.estimation.port_evidence import (
     _found_at,
     _Smoothing,
 )
-from pamid.estimation.problem import free_parameters
 from pamid.estimation.smoother import Smoothed
-from pamid.model.assembly import Assembly
-from pamid.model.attachment import attach, attachments
+from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.parallel.jobs import WorkerPool
 
@@ -29,13 +24,6 @@ EVERY = attachments(ARM, effects().values())
 
 def located(gains: dict[str, float]) -> PortEvidence:
     return PortEvidence({name: gains.get(name, 0.0) for name in ARM.ports}, (), {}, {})
-
-
-def test_few_candidates_are_all_screened() -> None:
-    joint = rig_named("one-dof")
-    few = attachments(joint, effects().values())
-    nothing = PortEvidence(dict.fromkeys(joint.ports, 0.0) | {"joint": 9.0}, (), {}, {})
-    assert candidates_to_screen(few, joint.ports, nothing) == few
 
 
 def test_of_many_those_where_something_is_missing() -> None:
@@ -71,18 +59,6 @@ def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
     assert {"clock-skew", "chain-stretch@chain_11", "leak@pressure_11"} <= kept
 
 
-def test_evidence_is_compared_among_ports_of_a_kind() -> None:
-    """Evidence at the amplifier and at both shafts is no reason to leave out the only gear."""
-    motor = rig_named("geared-motor")
-    every = attachments(motor, effects().values())
-    gains = dict.fromkeys(motor.ports, 0.0) | {"amplifier": 67.0, "motor": 16.0, "load": 2.0}
-    kept = candidates_to_screen(every, motor.ports, PortEvidence(gains, (), {}, {}))
-    labels = {a.label for a in kept}
-    assert len(every) > DEFAULT.held_background_from
-    assert "coupling-play" in labels and "coulomb-friction@motor" in labels
-    assert "coulomb-friction@load" not in labels
-
-
 def _found(log_evidence: float) -> Smoothed:
     return Smoothed(log_evidence, 1.0, 1.0, np.zeros(0), (), (), True)
 
@@ -114,22 +90,3 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     assert len(looked) == (count if count <= MANY_PORTS else 2)
     if count > MANY_PORTS:  # the rest keep their share of the largest
         assert found["p5"] == pytest.approx(share * 80.0)
-
-
-def test_a_crowded_screening_holds_the_background() -> None:
-    a = Assembly(ARM, (next(k for k in EVERY if k.label == "leak@pressure_21"),), background=True)
-    free = free_parameters(a, ())
-    assert free == ()  # nothing is free without a recording
-    every = tuple(i for i, b in enumerate(a.parameters) if b.fitted)
-    held = {a.parameters[i].owner for i in _free(a, every, True)}
-    assert held == {"", "leak@pressure_21"}
-    assert _free(a, every, False) == every
-
-
-def test_the_name_of_all_like_ports_is_a_place() -> None:
-    assert len(attach(ARM, "leak@pressure", effects()).ports) == 4
-    assert attach(ARM, "leak@pressure_21", effects()).ports == ("pressure_21",)
-    with pytest.raises(FileError, match="fits several ports"):
-        attach(ARM, "leak", effects())
-    with pytest.raises(FileError, match="cannot act at 'pressure_23'"):
-        attach(ARM, "leak@pressure_23", effects())

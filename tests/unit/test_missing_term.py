@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pamid.report.reading import read_columns
-from pamid.verdict.remainder import MISSING_ROWS, Missing, missing_csv, parity, regressors
+from pamid.verdict.remainder import MISSING_ROWS, Missing, missing_csv
 
 
 def missing(count: int) -> Missing:
@@ -48,14 +48,3 @@ def test_long_recordings_are_thinned_evenly(tmp_path: Path) -> None:
     found = read_columns(tmp_path / "missing.csv")
     assert found is not None and 0.5 < len(found["time_s"]) / MISSING_ROWS <= 1.0
     np.testing.assert_allclose(np.diff(found["time_s"]), 3 * 0.05)
-
-
-def test_terms_of_the_formula_name_their_units_once() -> None:
-    """A signal of one sign is its own absolute value."""
-    m = missing(300)
-    names, columns = regressors(m.signals, m.units)
-    assert len(set(names)) == len(names) == columns.shape[1]
-    assert "|contraction/0.163|" not in names and any(n.startswith("|velocity/(") for n in names)
-    assert all(" deg/s)" in name for name in names if "velocity/" in name)
-    assert np.linalg.matrix_rank(columns) == len(names)
-    assert parity(m) == "odd"

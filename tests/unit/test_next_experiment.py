@@ -4,7 +4,6 @@ says."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,29 +21,22 @@ from pamid.excitation.experiments import (
     MENU,
     Bench,
     Experiment,
-    amplitude_sweep,
     external_columns,
-    menu,
-    odd_multisine,
-    slow_reversals,
-    speed_runs,
 )
-from pamid.model.registry import effects, rig_named, rig_of, rigs
+from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.planning import experiment_ways
-from pamid.planning.experiment_ways import NEXT_FILES, Predictions, Way, ways_to_run
+from pamid.planning.experiment_ways import NEXT_FILES, Predictions, Way
 from pamid.planning.next_experiment import (
     Proposal,
     Proposing,
     WithheldExperiment,
     bench_of,
-    models_to_keep,
     next_experiment,
     pairs_to_separate,
     separations,
 )
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict import diagnosis_run
@@ -145,41 +137,6 @@ def test_what_it_expects_is_what_comes(
     assert met < 0.2 * missed
 
 
-def test_the_bounds_only_fall(rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal]) -> None:
-    _, _, _, d, _ = rubbing
-    bench, predictions = bench_of(d.evidence), Predictions(d.evidence)
-    for e in menu(bench):
-        bounds = separations(predictions, Way(bench, e), pairs_to_separate(d))
-        found = [float((a**2).mean()) for a in bounds]
-        assert found == sorted(found, reverse=True)
-
-
-def test_no_other_entry_is_better(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
-    """What was passed over by its bound would not have won."""
-    _, _, _, d, p = rubbing
-    models = models_to_keep(d, pairs_to_separate(d))
-    scores, bench = dict[str, float](), bench_of(d.evidence)
-    for way in ways_to_run(Predictions(d.evidence), bench, menu(bench), models):
-        name = way.experiment.name
-        score = apart(d, way) / np.sqrt(way.minutes)
-        scores[name] = max(scores.get(name, 0.0), score)
-    assert max(scores, key=lambda name: scores[name]) == p.experiment.name
-    expected = p.experiment.expected_separation / np.sqrt(p.experiment.minutes)
-    assert scores[p.experiment.name] == pytest.approx(expected)
-
-
-def test_a_cart_is_offered_no_air(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
-    _, _, made, d, p = rubbing
-    offered = {e.name for e in menu(bench_of(d.evidence))}
-    assert offered == {"odd-multisine", "slow-reversals", "constant-rate-ramps", "amplitude-sweep"}
-    assert p.experiment.name in offered and set(p.columns) == {"force_n"}
-    assert np.abs(p.columns["force_n"]).max() <= np.abs(made.signal("force_n")).max()
-
-
 def test_the_file_reads_back_and_simulates(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
     monkeypatch: pytest.MonkeyPatch,
@@ -253,35 +210,6 @@ def test_no_experiment_separates_what_the_recordings_have_separated(
     assert with_experiment(diagnosis_file(explained), withheld).withheld == withheld.why
 
 
-def test_a_remainder_is_no_reason_to_separate_what_is_separate(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
-    _, _, _, d, _ = rubbing
-    assert d.answer is not None
-    partly = replace(d.answer, verdict="partly-explained", causes=d.answer.causes[:1])
-    withheld = next_experiment(replace(d, answer=replace(partly, material_rest=True)))
-    assert isinstance(withheld, WithheldExperiment)
-    assert withheld.why.endswith("and what remains is taken up by no candidate.")
-
-
-def test_every_pair_of_a_set_is_in_question_whatever_leads_the_ranking(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
-    """A model of the second family may lead the ranking and yet be set aside."""
-    _, _, _, d, _ = rubbing
-    assert d.answer is not None
-    friction, drag = ({c.label: c for c in d.ranking}[name] for name in RIVALS)
-    cause, *_ = d.answer.causes
-    tied = replace(
-        d.answer,
-        verdict="ambiguous",
-        causes=(cause, replace(cause, effect=drag.attached[0], model=drag)),
-    )
-    for ranking in ((friction, drag), (drag, friction)):
-        pairs = pairs_to_separate(replace(d, answer=tied, ranking=ranking))
-        assert [(one.label, other.label) for one, other in pairs] == [RIVALS]
-
-
 def test_nothing_is_proposed_that_leads_away(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
     monkeypatch: pytest.MonkeyPatch,
@@ -295,52 +223,6 @@ def test_nothing_is_proposed_that_leads_away(
     assert Proposing().restored(d, vars(found)) == found
     said = with_experiment(diagnosis_file(d), found)
     assert said.next_experiment is None and found.why in said.notes
-
-
-def joint(known: dict[str, float]) -> Bench:
-    return Bench(
-        rig_named("one-dof"),
-        {"reference_deg": (0.0, 40.0)},
-        0.003,
-        ("command",),
-        ("external_torque_nm",),
-        known,
-    )
-
-
-def test_the_joint_is_offered_all_but_a_swing() -> None:
-    bench = joint({})
-    offered = menu(bench)
-    assert [e.name for e in (*EXPERIMENTS, *MENU) if e not in offered] == ["gravity-test"]
-    for e in offered:
-        columns = e.signals(bench)
-        lengths = {len(v) for v in columns.values()}
-        assert len(lengths) == 1 and 10.0 <= lengths.pop() * bench.period_s <= 30.0, e.name
-        assert np.abs(columns.get("command", np.zeros(1))).max() <= 1.0
-        assert np.abs(columns.get("reference_deg", np.zeros(1))).max() <= 40.0 + 1e-9
-        assert np.abs(columns.get("external_torque_nm", np.zeros(1))).max() <= 10.0
-        assert any(np.ptp(v) > 0.0 for v in columns.values())
-
-
-MECHANICAL = re.compile(r"friction|play|compliance|inertia|load|torque|joint|speed|motion|dry")
-
-
-@pytest.mark.parametrize("rig", ["thermal-block", "pump-tank", "static-map"])
-def test_reasons_for_a_rig_without_moving_parts_name_none(rig: str) -> None:
-    for e in MENU:
-        assert not MECHANICAL.search(f"{e.name} {e.reason(rig_named(rig))}"), e.name
-    moving = " ".join(e.reason(rig_named("geared-motor")) for e in MENU)
-    assert "compliance" in moving and "dry friction" in moving and "play" in moving
-
-
-def test_another_inertia_is_another_one() -> None:
-    e = next(e for e in MENU if e.name == "aprbs-other-setting")
-    assert (
-        e.settings(joint({}))
-        == e.settings(joint({"inertia_kg_m2": 0.014}))
-        == ({"inertia_kg_m2": 0.0896},)
-    )
-    assert e.settings(joint({"inertia_kg_m2": 0.0896})) == ({"inertia_kg_m2": 0.014},)
 
 
 def test_a_rig_says_what_can_be_changed_at_it_and_what_acts_from_outside() -> None:
@@ -365,22 +247,3 @@ def test_a_rig_says_what_can_be_changed_at_it_and_what_acts_from_outside() -> No
     assert settings(arm, {"payload_kg": 0.2}) == ({"payload_kg": 0.0},)
     assert external_columns(Changed()) == {"external_force_n": 20.0}
     assert set(external_columns(arm).values()) == {8.0}
-
-
-def test_one_rig_of_the_catalogue_is_the_usual_one() -> None:
-    assert [name for name, kind in rigs().items() if vars(kind).get("usual")] == [rig_of([])]
-
-
-@pytest.mark.parametrize("shape", [odd_multisine, slow_reversals, speed_runs, amplitude_sweep])
-def test_shapes_keep_the_range_at_any_pace(shape: Callable[[Array], Array]) -> None:
-    for samples in (400, 5000):
-        t = 15.0 / samples * np.arange(samples)
-        value = shape(t)
-        assert value.shape == t.shape and np.abs(value).max() <= 1.0 + 1e-12
-        assert np.abs(value).max() > 0.7
-
-
-def test_a_multisine_holds_odd_lines_only() -> None:
-    wave = odd_multisine(0.003 * np.arange(5000))[:2500]
-    power = np.abs(np.fft.rfft(wave)) ** 2
-    assert power[0::2].sum() < 1e-12 * power[1::2].sum()

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pamid
-from pamid.authoring.column_match import examples
-from pamid.base.errors import FileError
-from pamid.effects.play import Play
-from pamid.model.attachment import attach, attachments, fits
+from pamid.model.attachment import attachments
 from pamid.model.catalogue import rig_story, rig_text
 from pamid.model.no_place import no_places
 from pamid.model.registry import effects, rig_named, rigs
@@ -70,11 +66,6 @@ def test_it_follows_from_ports_and_quantities_alone() -> None:
     assert lacking(Other()) == {}  # nothing else takes that
 
 
-@pytest.mark.parametrize("name", ["one-dof", "two-link", "switched-joint"])
-def test_a_rig_with_a_catalogue_of_its_own_is_left_alone(name: str) -> None:
-    assert lacking(rig_named(name)) == {}
-
-
 def test_new_rig_states_it(tmp_path: Path) -> None:
     levels = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 20), 20)
     given = recording_of(
@@ -83,35 +74,3 @@ def test_new_rig_states_it(tmp_path: Path) -> None:
     made = pamid.new_rig(given, like="dc-motor", output=tmp_path / "motor.py")
     assert "It has no place for coupling-play" in made.summary()
     assert "which geared-motor has." in made.summary()
-
-
-@pytest.mark.parametrize("name", sorted(examples()))
-def test_every_port_is_a_place_for_something(name: str) -> None:
-    """And every effect that the story names fits."""
-    rig = rig_named(name)
-    fit = attachments(rig, effects().values())
-    taken = {port for a in fit for port in a.ports}
-    assert taken == set(rig.ports)
-    named = set(re.findall(r"`([a-z-]+)`", rig.story()["Typically missing"])) & set(effects())
-    assert named <= {a.effect.name for a in fit}
-
-
-def test_the_error_names_the_port_that_an_effect_takes() -> None:
-    with pytest.raises(FileError, match="takes a transmission port offering stretch"):
-        attach(rig_named("dc-motor"), "coupling-play", effects())
-
-
-def test_no_play_is_offered_for_heat_or_for_a_speed() -> None:
-    for name in rigs():
-        rig = rig_named(name)
-        placed = [a for a in attachments(rig, effects().values()) if a.effect.name == "play"]
-        units = {rig.ports[port].unit for a in placed for port in a.ports}
-        assert not units & {"K", "W", "m/s", "rad/s"}, name
-    assert any(fits(Play, port) for port in rig_named("two-masses").ports.values()), (
-        "a length has play"
-    )
-
-
-def test_play_at_a_heater_is_refused_with_the_reason() -> None:
-    with pytest.raises(FileError, match="not in K or W or m/s or rad/s"):
-        attach(rig_named("thermal-block"), "play@heater", effects())

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.noise import (
-    hold_error,
     noise_level,
     plateau_spacing,
-    plateaus,
     quantisation_step,
     sensor_noise,
 )
-from pamid.recording.recording import read_recording, write_recording
+from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.tracks import stated_noise, track_of
+from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
@@ -107,31 +103,6 @@ def test_a_tone_is_no_noise(pace: float, share: float, samples: int) -> None:
     assert sensor_noise([y[:, None]], np.array([1.0])).used[0] == pytest.approx(off, rel=0.2)
 
 
-def test_smooth_motion_has_no_steps() -> None:
-    """Neither equations solved without noise, nor a line, nor what repeats itself exactly."""
-    line = np.abs((0.0123456789 * np.arange(SAMPLES)) % 2.0 - 1.0)
-    again = np.tile(np.clip(np.sin(0.0231 * np.arange(1000)), -0.4, 0.7), 5)
-    for y in (*MOTIONS.values(), line, again, np.exp(-TIME), TIME):
-        assert quantisation_step(digits(y)) < 1e-6 * y.std()
-        assert noise_level(digits(y)[:, None])[0] < 1e-3 * y.std()
-
-
-def test_few_levels_far_apart() -> None:
-    """A channel that leaps between two rests meets no two neighbouring levels of its converter."""
-    step = RANGE / 2**12
-    leaps = 100.0 * np.clip(np.sin(2.0 * np.pi * 0.2 * TIME), 0.6, 0.8)
-    assert quantisation_step(digits(np.floor(leaps / step) * step)) == pytest.approx(step, rel=1e-3)
-    assert quantisation_step(np.array([0.0, 0.0, 1.0])) == 1.0
-    assert quantisation_step(np.full(50, 3.0)) == 0.0
-
-
-def test_recordings_with_steps_of_their_own() -> None:
-    """Two converters of one sensor: together they have no common step, and each still rounds."""
-    coarse, fine = (np.round(MOTIONS["slow"][:, None] / step) * step for step in (0.5, 0.0371))
-    both = sensor_noise([coarse, fine], np.zeros(1)).used
-    assert both[0] == pytest.approx(ROUNDING * np.sqrt((0.5**2 + 0.0371**2) / 2.0), rel=0.02)
-
-
 def test_what_the_rig_states_is_the_least_where_neither_noise_nor_steps_show() -> None:
     random = np.random.default_rng(5)
     smooth = MOTIONS["slow"][:, None]
@@ -187,40 +158,6 @@ def test_a_gauge_that_clings_lags_by_as_much_as_it_leaps(step: float, averaged: 
     assert sensor_noise([reading[:, None]], np.array([2.0 * off])).used[0] == 2.0 * off
 
 
-def test_a_machine_at_rest_does_not_cling() -> None:
-    """Position of a machine that goes from level to level as it is sent, without noise."""
-    sent = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 60), 50)
-    position = np.round(sent + 1e-4 * np.sin(np.arange(sent.size)) * (sent > 0.5), 7)
-    assert hold_error(position) > 0.1
-    assert hold_error(position, sent[:, None]) == 0.0
-    moving = np.sin(0.01 * np.arange(sent.size))
-    assert hold_error(position, np.stack([sent, moving], axis=1)) > 0.1
-    assert hold_error(position, np.zeros((sent.size, 1))) == hold_error(position)
-
-
-def test_repeated_readings_leave_the_stated_noise() -> None:
-    """A camera whose frames come more slowly than the log: differences from sample to sample tell
-    nothing of the error of a reading, and the stated one is used, on every part of the log."""
-    time, random = 0.025 * np.arange(600), np.random.default_rng(2)
-    frames = np.floor(time / 0.033)
-    angle = (
-        20.0 * np.sin(1.1 * 0.033 * frames)
-        + 0.02 * random.standard_normal(frames.size)[frames.astype(int)]
-    )
-    assert 0.1 < np.mean(np.diff(angle) == 0.0) < 0.5
-    for stop in (600, 400, 360, 300):
-        noise = sensor_noise([angle[:stop, None]], np.array([0.5]), [time[:stop, None]])
-        assert noise.used[0] == 0.5 and not noise.contradicts[0]
-
-
-def test_a_stated_noise_that_the_samples_contradict_is_told() -> None:
-    white = MOTIONS["slow"] + 0.2 * np.random.default_rng(8).standard_normal(SAMPLES)
-    for stated, contradicted in ((0.05, True), (0.15, False), (0.3, False), (1.0, True)):
-        noise = sensor_noise([white[:, None]], np.array([stated]))
-        assert noise.used[0] == pytest.approx(0.2, rel=0.1)
-        assert noise.contradicts[0] == contradicted
-
-
 @pytest.mark.parametrize("share", [0.2, 0.45, 0.7])
 def test_a_channel_at_its_limit_shows_the_noise_it_has_elsewhere(share: float) -> None:
     """Clipped again and again, and at rest where the sensor was switched off."""
@@ -253,28 +190,6 @@ def test_floors_of_real_gauges(folder: str, channel: str, least: float, most: fl
             assert least < noise < most, channel
 
 
-def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:
-    """A cart whose encoder counts 0.5 mm, on its way through a file and into a fit."""
-    step = 5e-4
-    position = 0.02 * MOTIONS["slow"]
-    write_recording(
-        tmp_path / "cart.csv",
-        TIME,
-        {"force_n": np.sign(np.sin(TIME)), "position_m": np.round(position / step) * step},
-    )
-    recording = read_recording(tmp_path / "cart.csv")
-    rig = rig_named(CART)
-    assert split_recordings(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
-
-    from pamid.estimation.problem import Problem, free_parameters
-
-    assembly = Assembly(rig)
-    tracks = (track_of(assembly, recording, ("position_m",)),)
-    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-    assert problem.noise == pytest.approx([ROUNDING * step], rel=0.1)
-    assert replace(problem, window_s=1.0).noise == pytest.approx(problem.noise)
-
-
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("recorded", [0.0, 0.01])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
@@ -286,41 +201,6 @@ def test_plateaus_are_seen_through_the_noise_behind_them(
     y = step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
     y = recorded * np.round(y / recorded) if recorded else y
     assert plateau_spacing(unit * y) == pytest.approx(unit * step, rel=3e-3)
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_plateaus_tell_where_one_of_them_is(motion: str) -> None:
-    """On a scale whose zero is none, as of steps of a temperature that is told in kelvin."""
-    step, zero, noise = 4.0, 1.3, np.random.default_rng(5).normal(size=SAMPLES)
-    y = zero + step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
-    spacing, level = plateaus(y)
-    assert spacing == plateau_spacing(y) == pytest.approx(step, rel=3e-3)
-    assert (level - zero) / step == pytest.approx(round((level - zero) / step), abs=0.02)
-    assert y.min() <= level <= y.max()
-
-
-@pytest.mark.parametrize(("levels", "first"), [(10, 7), (12, 0)])
-def test_of_a_few_clean_levels_the_spacing_is_told_and_no_part_of_it(
-    levels: int, first: int
-) -> None:
-    """What rests on a few levels most of the time, with next to no noise, looks regular at many
-    finer steps, too, the more so where they are not quite even."""
-    random, often = np.random.default_rng(0), 0.5 ** np.arange(levels)
-    on = first + np.repeat(random.choice(levels, size=60, p=often / often.sum()), 40)
-    on[:40] = first + levels - 1
-    y = 4.0 * (on + 0.1 * np.sin(2.4 * on)) + 0.016 * random.normal(size=on.size)
-    assert plateau_spacing(y) == pytest.approx(4.0, rel=0.03)
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("channel", CHANNELS)
-def test_a_recorders_own_step_is_no_plateau(motion: str, channel: str) -> None:
-    step, rounded = CHANNELS[channel]
-    noise = np.random.default_rng(5).normal(size=SAMPLES)
-    for more in (0.0, 0.3, 3.0):
-        assert plateau_spacing(rounded(MOTIONS[motion] + more * step * noise, step)) == 0.0
-    assert plateau_spacing(MOTIONS[motion] + 0.05 * noise) == 0.0
-    assert plateau_spacing(np.zeros(SAMPLES)) == 0.0
 
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])

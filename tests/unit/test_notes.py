@@ -11,19 +11,13 @@ from made_models import comparison, effect, model
 
 from pamid.diagnosis.settings import DEFAULT
 from pamid.model.registry import rig_named
-from pamid.model.rig import Port
 from pamid.recording.recording import recording_of
-from pamid.schemas.diagnosis_file import Reach, Remainder
+from pamid.schemas.diagnosis_file import Reach
 from pamid.verdict.notes import (
     _between,
-    _fits,
     _instead,
-    _no_place,
     _row_order,
     _set_aside,
-    _split,
-    _windows,
-    roughness,
     unexplained,
 )
 
@@ -52,15 +46,6 @@ def test_half_a_sample_points_to_what_inputs_do_between_samples(late: float) -> 
     assert f'between = {{"{column}": "{way}"}}' in said
 
 
-@pytest.mark.parametrize("late", [-0.9, 0.0, 0.3, 2.0])
-def test_other_delays_do_not(late: float) -> None:
-    assert told(late, {"slope_rad": "linear"}) == []
-
-
-def test_nor_where_no_input_is_taken_so() -> None:
-    assert told(0.5, {}) == []
-
-
 @pytest.mark.parametrize(
     ("periods", "noted"), [(1.0, True), (-0.98, True), (1.2, False), (2.0, False), (0.0, False)]
 )
@@ -82,26 +67,6 @@ def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
     told = _row_order(d)
     assert ["this is the log, not the machine" in note for note in told] == [True] * noted
     assert not noted or f"{abs(periods):.2f} sampling periods" in told[0]
-
-
-@pytest.mark.parametrize("verdict", ["explained", "partly-explained", "unknown-effect"])
-def test_what_the_rig_cannot_express_is_stated_where_something_is_left(verdict: str) -> None:
-    evidence = SimpleNamespace(rig=rig_named("dc-motor"))
-    d: Any = SimpleNamespace(answer=SimpleNamespace(), verdict=verdict, evidence=evidence)
-    told = _no_place(d)
-    assert len(told) == (verdict != "explained")
-    assert all("dc-motor has no place for coupling-play" in note for note in told)
-    assert all("which geared-motor has" in note for note in told)
-
-
-@pytest.mark.parametrize("remark", ["", "The data sheet predicts better: it is the baseline."])
-def test_a_mended_refit_is_told(remark: str) -> None:
-    budget = SimpleNamespace(
-        baseline=SimpleNamespace(fit=SimpleNamespace(converged=True)),
-        model=SimpleNamespace(remark=remark),
-    )
-    d: Any = SimpleNamespace(budget=budget, settings=DEFAULT, cause=None)
-    assert _fits(d) == ([remark] if remark else [])
 
 
 def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told() -> None:
@@ -139,70 +104,6 @@ def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
     ]
     d.silent = ("angle_deg",)
     assert _set_aside(d) == []
-
-
-@pytest.mark.parametrize(("count", "few"), [(4, True), (11, True), (12, False)])
-def test_few_held_out_windows_are_counted(count: int, few: bool) -> None:
-    for whole in (False, True):
-        evidence = SimpleNamespace(whole_held_out=whole)
-        d: Any = SimpleNamespace(half=np.ones(count, bool), evidence=evidence)
-        notes = _windows(d)
-        assert [f"rests on {count} held-out windows" in note for note in notes] == [True] * few
-        assert ["--held-out" in note for note in notes] == [not whole] * few
-
-
-@pytest.mark.parametrize("whole", [False, True])
-def test_no_option_is_recommended_that_is_in_use(whole: bool) -> None:
-    evidence = SimpleNamespace(whole_held_out=whole, held_out_rests=True)
-    d: Any = SimpleNamespace(evidence=evidence)
-    (note,) = _split(d)
-    assert "Hold out a recording that moves as much" in note and ("--held-out" in note) != whole
-
-
-LEFT = Remainder(
-    share=1.0,
-    low=1.0,
-    high=1.0,
-    floors=8.0,
-    real=True,
-    port="shaft",
-    missing_rms=0.3,
-    passing_rms=10.0,
-    unit="N m",
-)
-
-
-def of_roughness(background: dict[str, Any], **changes: Any) -> list[str]:
-    rig = SimpleNamespace(
-        background=background,
-        group_of=lambda port: port.rstrip("12"),
-        ports={
-            "shaft1": Port("motion", "N m", ("position",)),
-            "shaft2": Port("motion", "N m", ("position",)),
-            "motor": Port("command", "V"),
-        },
-    )
-    d: Any = SimpleNamespace(evidence=SimpleNamespace(rig=rig), settings=DEFAULT)
-    return roughness(d, LEFT.model_copy(update=changes))
-
-
-def test_what_a_rough_map_would_leave_as_well_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pamid.model.port_guide._of", lambda rig, name: "")  # no balance
-    (said,) = of_roughness({"motor": object()})
-    assert "3 % of what passes" in said
-    assert '"shaft2": RoughMap("shaft2_map", "position", tolerance=0.02)}' in said
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"missing_rms": 1.0}, {"real": False}, {"missing_rms": None}, {"passing_rms": 0.0}],
-)
-def test_what_is_larger_or_not_real_or_not_known_is_no_roughness(changes: dict[str, Any]) -> None:
-    assert of_roughness({}, **changes) == []
-
-
-def test_nor_is_it_where_the_rig_states_its_own() -> None:
-    assert of_roughness({"shaft2": object()}) == []
 
 
 @pytest.mark.parametrize(

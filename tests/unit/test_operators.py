@@ -71,16 +71,6 @@ def slope(node: Expr, by: Expr, point: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_derivatives_equal_finite_differences(name: str) -> None:
-    node, h = root(name), 1e-6
-    for a, b in POINTS:
-        by_a = (at(node, (a + h, b)) - at(node, (a - h, b))) / (2.0 * h)
-        by_b = (at(node, (a, b + h)) - at(node, (a, b - h))) / (2.0 * h)
-        found = [slope(node, by, (a, b)) for by in (A, B)]
-        np.testing.assert_allclose(found, [by_a, by_b], rtol=1e-7, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_plain_text_and_numpy_mean_the_same(name: str) -> None:
     operator = OPERATORS[name]
     for a, b in POINTS:

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-import pamid
-from pamid.base.errors import FileError
 from pamid.ingest.channels import Channel
 from pamid.ingest.guessed_mapping import guess_of
 from pamid.ingest.log_reader import read_log
 from pamid.ingest.own_names import own_columns
-from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 
 COUNT = 900
@@ -81,75 +78,6 @@ def test_from_a_strangers_log_to_a_rig_of_ones_own(
     said = json.loads(capsys.readouterr().out)
     assert said["like"] == "servo-axis" and said["unused"] == []
     assert [c["stands_for"] for c in said["columns"]] == ["torque_nm", "angle_deg"]
-
-
-def oven_log(folder: Path) -> Path:
-    """Records of an oven: an epoch stamp, a heater in percent, a thermocouple in Fahrenheit."""
-    heat = np.repeat([0.0, 100.0, 40.0], 60)
-    degf = 70.0 + np.cumsum(heat) / 50.0
-    records = [
-        {"timestamp": 1717416000.0 + 2.0 * k, "heater_pct": q, "tc_degF": round(t, 1)}
-        for k, (q, t) in enumerate(zip(heat.tolist(), degf.tolist(), strict=True))
-    ]
-    path = folder / "oven.json"
-    path.write_text(json.dumps(records), encoding="utf-8")
-    return path
-
-
-def test_percent_and_fahrenheit_are_units_of_a_name(tmp_path: Path) -> None:
-    log = oven_log(tmp_path)
-    alone = guess_of(read_log(log))
-    assert alone.open == ()
-    mapping = tmp_path / "map.toml"
-    mapping.write_text(alone.text, encoding="utf-8")
-    words = ["ingest", str(log), "--mapping", str(mapping), "--output", str(tmp_path / "rec.csv")]
-    assert frame.run(words) == 0
-    recording = read_recording(tmp_path / "rec.csv")
-    assert set(recording.columns) == {"heater_percent", "tc_degf"}
-    assert recording.columns["tc_degf"][0] == pytest.approx(70.0)
-    assert recording.columns["heater_percent"].max() == pytest.approx(100.0)
-
-
-def test_a_duty_is_mapped_to_the_power_with_a_question(tmp_path: Path) -> None:
-    guessed = guess_of(read_log(oven_log(tmp_path)), rig_named("thermal-two-mass"))
-    assert guessed.mapped == 2 and guessed.open == ("signals.power_w.unit",)
-    assert 'or scale = W per "percent"' in guessed.text
-    # the room's temperature is optional, and comes last
-    assert (
-        "ambient_degc" not in guessed.text and "[signals.element_temperature_degc]" in guessed.text
-    )
-
-
-def test_only_a_rig_that_is_named_is_mapped_to(tmp_path: Path) -> None:
-    joint = Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv"
-    guessed = pamid.guess_mapping(joint)
-    assert '\nrig = "one-dof"' not in guessed.text and guessed.mapped == guessed.channels == 7
-    log = strangers_log(tmp_path)
-    guessed = pamid.guess_mapping(log, "one-dof")
-    assert 'rig = "one-dof"' in guessed.text and "M_soll" in guessed.notes[-1]
-    with pytest.raises(FileError):
-        pamid.new_rig(log, output=tmp_path / "mine.py")
-
-
-def test_errors_on_the_way_name_the_cure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Another dialect is one problem, not three; a rig file is named by its path; columns that fit
-    no rig may have one written."""
-    monkeypatch.chdir(tmp_path)
-    text = strangers_log(tmp_path).read_text(encoding="utf-8")
-    Path("de.csv").write_text(text.replace(",", ";").replace(".", ","), encoding="utf-8")
-    assert frame.run(["check", "de.csv", "--json"]) == 3
-    findings = json.loads(capsys.readouterr().out)["findings"]
-    assert len(findings) == 1 and "pamid ingest --guess de.csv" in findings[0]["detail"]
-    Path("belt.py").write_text("", encoding="utf-8")
-    with pytest.raises(FileError) as caught:
-        pamid.diagnose("rec.csv", "belt", output=tmp_path / "run")
-    assert "./belt.py" in caught.value.hint
-    recorded = "time_s,m_soll_n_m,winkel_deg\n" + text.partition("\n")[2]
-    Path("rec.csv").write_text(recorded, encoding="utf-8")
-    assert frame.run(["fit", "rec.csv", "--rig", "one-dof", "--output", "run"]) == 3
-    assert "pamid new-rig rec.csv" in capsys.readouterr().err
 
 
 def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:

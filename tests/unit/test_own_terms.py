@@ -126,29 +126,8 @@ def test_what_no_parameter_of_the_rig_does_is_an_effect(
     assert duplicated(recorded, name, **amounts) == ()
 
 
-def test_what_a_data_sheet_rules_out_is_an_effect(
-    recorded: tuple[DataSplit, CandidateModel],
-) -> None:
-    """Drag once more, by many times what the rig's own is uncertain by."""
-    name = "viscous-friction"
-    assert duplicated(recorded, name, damping=4.0)
-    assert duplicated(recorded, name, damping=20.0) == ()
-
-
 @pytest.mark.parametrize("name", list(rigs()))
 def test_every_rig_is_asked_what_acts_beside_its_ports(name: str) -> None:
     """Also where nothing may pass a port without dividing by zero."""
     rig = catalogue_rig(name)
     assert set(_acting_elsewhere(rig)) == set(rig.ports)
-
-
-def test_what_leaves_one_tank_for_the_next_acts_elsewhere_too() -> None:
-    tanks = _acting_elsewhere(catalogue_rig("cascaded-tanks"))
-    assert (
-        tanks["upper"] and "loss" not in _acting_elsewhere(catalogue_rig("thermal-block"))["block"]
-    )
-
-
-def test_what_a_sensor_reads_acts_in_the_machine_as_well() -> None:
-    """The current of a motor passes its ammeter, and drives it."""
-    assert "resistance" in _acting_elsewhere(catalogue_rig("dc-motor"))["ammeter"]

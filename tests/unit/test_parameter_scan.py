@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag
 from small_cart import RIG, cart_evidence
 
-from pamid.diagnosis import parameter_scan
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
 from pamid.diagnosis.parameter_scan import SCAN_STARTS, Scanned, scan_grid, scanned_values
 from pamid.diagnosis.screening import ScreeningBaseline, advance, screen
@@ -71,47 +68,6 @@ def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateMo
     told = advance(evidence, reference, told)
     assert told.p is not None
     assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
-
-
-def test_misfits_side_by_side_are_those_of_exact_slopes(
-    cogged: tuple[DataSplit, CandidateModel],
-) -> None:
-    """Slopes by the amounts are differences there, and the bases of all windows stand apart."""
-    evidence, base = cogged
-    whole, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
-    parameters = whole.problem.assembly.parameters
-    owned = [i for i in whole.problem.free if parameters[i].owner == "cogging"]
-    amounts = tuple(i for i in owned if i != place)
-    common = replace(whole.problem, free=tuple(i for i in whole.problem.free if i not in owned))
-    at, values = whole.p.copy(), scan_grid(parameters[place])[5::60]
-    at[list(amounts)] = 0.0
-    _, slopes = parameter_scan._linearised(whole, common, at)
-    free = parameter_scan._Orthogonal.to(slopes, len(common.free))
-    misfits = parameter_scan._misfits(whole, at, place, values, amounts, free)
-    assert len(amounts) == 2 and len(values) > 4
-    for value, misfit in zip(values, misfits, strict=True):
-        at[place] = value
-        residual, further = parameter_scan._linearised(
-            whole, replace(whole.problem, free=amounts), at
-        )
-        shared = np.concatenate([part[:, : len(common.free)] for part in slopes])
-        added = np.concatenate([part[:, : len(amounts)] for part in further])
-        starts = block_diag(*(part[:, len(common.free) :] for part in slopes))
-        basis = np.linalg.qr(np.concatenate([shared, added, starts], axis=1))[0]
-        left = residual - basis @ (basis.T @ residual)
-        assert misfit == pytest.approx(left @ left, rel=1e-5)
-
-
-def test_amounts_make_no_difference(cogged: tuple[DataSplit, CandidateModel]) -> None:
-    """They are projected out, whatever the fit before has made of them."""
-    evidence, base = cogged
-    whole, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
-    p = whole.p.copy()
-    for i, b in enumerate(whole.problem.assembly.parameters):
-        if b.owner == "cogging" and b.null is not None:
-            p[i] = 0.3 * b.high
-    other = whole._replace(p=p)
-    assert scanned_values(other, other, place) == scanned_values(whole, whole, place)
 
 
 def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
@@ -196,15 +152,6 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     where = Scanned(problem, at, told.starts, weights, told.stepping, beside=True)
     best, *_ = scanned_values(where, where, place)
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
-
-
-def test_where_no_value_helps_on_a_part_none_is_tried_on_the_whole(
-    cogged: tuple[DataSplit, CandidateModel], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evidence, base = cogged
-    where, place = scanned(evidence, base, attach(evidence.rig, "cogging", effects()))
-    monkeypatch.setattr(parameter_scan, "scan_grid", lambda _: np.zeros(0))
-    assert scanned_values(where, where, place) == []
 
 
 def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path: Path) -> None:

@@ -58,14 +58,6 @@ def test_where_a_part_rests_tenths_spread_over_the_recording_are_held_out(
     assert not evidence.held_out_rests
 
 
-def test_each_recording_is_looked_at_by_itself_and_one_that_is_held_out_is_whole() -> None:
-    swings, fades = moved(SWINGS), moved(FADES * SWINGS, "fades", 2)
-    both = split_recordings(rig_named(RIG), [swings, fades], [])
-    assert both.spread == [fades]
-    given = split_recordings(rig_named(RIG), [swings], [fades])
-    assert given.spread == [] and parts(given) == ([(0, 1000)], [(0, 1000)])
-
-
 @pytest.mark.parametrize(("sent", "rests"), [(0.0, True), (1.0, True), (SWINGS, False)])
 def test_what_is_sent_rests_too_and_what_never_moves_says_nothing(
     sent: float | Array, rests: bool
@@ -102,22 +94,3 @@ def test_a_step_response_is_judged(tmp_path: Path) -> None:
     columns = dict(zip(header, rows.T, strict=True))
     assert (np.diff(columns["time_s"]) > 0.0).all() and len(rows) == len(time)
     assert np.unique(np.diff(columns["part"])).tolist() == [-1.0, 0.0, 1.0]
-
-
-def test_what_was_held_out_and_rests_is_said_to_judge_little(tmp_path: Path) -> None:
-    random = np.random.default_rng(2)
-    push = np.repeat(random.choice([-1.0, 1.0], 40) * random.uniform(2.0, 6.0, 40), 25)
-    write_recording(tmp_path / "push.csv", TIME, {"force_n": push})
-    sent = read_recording(tmp_path / "push.csv")
-    made = simulate_virtual_rig(RIG, sent, ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, 1)
-    fitted = recording_of(TIME, made.columns, made.meta)
-    still = 1e-4 * random.standard_normal((2, len(TIME)))
-    columns = {c: v.std() * still[i] for i, (c, v) in enumerate(made.columns.items())}
-    evidence = split_recordings(
-        rig_named(RIG), [fitted], [recording_of(TIME, columns, made.meta, name="still")]
-    )
-    assert evidence.held_out_rests and evidence.spread == []
-    assert evidence.whole_held_out
-    found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
-    assert any(note.startswith("The held-out part moves by less") for note in notes_of(found))
-    assert remark(found) == "", "the model follows what it was fitted to"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.grey_box import fit_model
-from pamid.estimation.port_evidence import PortEvidence, locate, shapley_value
-from pamid.estimation.smoother import Smoother, SmoothingProblem
+from pamid.estimation.port_evidence import PortEvidence, locate
+from pamid.estimation.smoother import Smoother
 from pamid.model.registry import rig_named
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -36,12 +35,6 @@ def test_elimination_equals_the_dense_solution() -> None:
         np.linalg.solve(dense, rhs.reshape(-1, m)), rel=1e-9, abs=1e-12
     )
     assert log_det == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
-
-
-def test_two_classes_share_what_they_explain_together() -> None:
-    values = shapley_value(3.0, 1.0, 3.5), shapley_value(1.0, 3.0, 3.5)
-    assert values == (2.75, 0.75) and sum(values) == 3.5
-    assert shapley_value(3.0, 3.0, 3.0) == 1.5, "what either explains is shared equally"
 
 
 def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
@@ -84,26 +77,6 @@ def test_nothing_missing_finds_nothing(tmp_path: Path) -> None:
     assert found.most < 0.05 * samples
 
 
-def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Path) -> None:
-    base, _ = located(tmp_path, "")
-    evidence = split_recordings(
-        rig_named("one-dof"),
-        [
-            record(
-                tmp_path / "again.csv",
-                15.0,
-                seed=7,
-                columns=SENSORS,
-                known={"inertia_kg_m2": 0.014},
-            )
-        ],
-        [],
-    )
-    smoother = Smoother(evidence, base, ("joint",))
-    tight, loose = (smoother.smoothed(None, size, 0.1).log_evidence for size in (0.003, 1.0))
-    assert tight > loose + 10.0
-
-
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
     """A joint with friction that its baseline does not know: its parameters have bent to it."""
@@ -126,24 +99,6 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Candidate
     return evidence, candidate_from(model.assembly, model.fit, model.held_out)
 
 
-def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, CandidateModel]) -> None:
-    """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
-    over states, latent values, joints and parameters is that of the cost."""
-    smoother = Smoother(*bent, ("joint",))
-    s, x = smoother.fitted, tuple(track.start for track in smoother.tracks)
-    solver = SmoothingProblem(smoother, smoother._priors(x, 0.03, 0.1), True)
-    point = solver.point(s, x, smoother._linearised(s, x, True))
-    step = solver.step(point, 1e-3)
-
-    def cost(share: float) -> float:
-        part = step._replace(s=share * step.s, x=[share * d for d in step.x])
-        return solver.moved(point, part).cost
-
-    slope = (cost(1e-5) - cost(-1e-5)) / 2e-5
-    assert np.abs(step.s).max() > 0.01, "the parameters take part"
-    assert slope == pytest.approx(-2.0 * step.gain, rel=2e-3)
-
-
 def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -> None:
     """With a latent torque the data are explained down to the noise; with a latent flow they are
     not."""
@@ -156,18 +111,3 @@ def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -
             / len(bent[1].replays[0].track)
         )
     assert left["joint"] < 1.3 < 1.6 < left["valve"]
-
-
-def test_what_was_widened_for_the_fit_stays_wide(bent: tuple[DataSplit, CandidateModel]) -> None:
-    """A parameter that a fit led beyond its first range keeps its value while latent values are
-    smoothed; cut off at the range, the difference would be taken for something missing."""
-    evidence, base = bent
-    place = base.fit.problem.free[0]
-    bound = base.assembly.parameters[place]
-    wide = replace(base.assembly, ranges={bound.key: (bound.low, 4.0 * bound.high)})
-    p = base.fit.p.copy()
-    p[place] = 2.0 * bound.high
-    led = replace(base, assembly=wide, fit=replace(base.fit, p=p))
-    smoother = Smoother(evidence, led, ("joint",))
-    kept = smoother.parameters(smoother.fitted)[smoother.assembly.keys[bound.key]]
-    assert kept == pytest.approx(2.0 * bound.high)

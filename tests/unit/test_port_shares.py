@@ -44,15 +44,6 @@ def shares(removed: float, **causes: float) -> dict[str, float]:
     return {s.port: s.share for s in _port_shares(d)}
 
 
-def test_an_effect_at_ports_that_are_kin_counts_at_each_of_them() -> None:
-    """Both carriages rub alike: it is reported under what their names have in common."""
-    kin = attach(RIG, "coulomb-friction@carriage", effects())
-    assert kin.group(RIG) not in {RIG.group_of(name) for name in RIG.ports}
-    found = shares(0.8, coulomb_friction_at_carriage=0.8)
-    assert sum(found.values()) == pytest.approx(1.0)
-    assert found["carriage_1"] == found["carriage_2"] == pytest.approx(0.5)
-
-
 def test_causes_share_what_is_removed_and_the_evidence_what_remains() -> None:
     found = shares(0.8, coulomb_friction_at_carriage_1=0.6, coulomb_friction_at_carriage_2=0.2)
     assert found["carriage_1"] == pytest.approx(0.8 * 0.75 + 0.1)

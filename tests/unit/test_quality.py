@@ -13,13 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.frame import run
-from pamid.base.errors import DataError
-from pamid.checks.channel_quality import quantisation_step
 from pamid.checks.recording_quality import QualityIssue, channel_figures, examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import FEWEST_SAMPLES, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
@@ -28,7 +25,6 @@ Make = Callable[..., Recording]
 
 ROOT = Path(__file__).resolve().parents[2]
 CART = str(ROOT / "data" / "rigs" / "cart.py")
-EFFECT = str(ROOT / "pamid" / "effects" / "leak.py")
 EXAMPLE = ROOT / "data" / "example" / "joint.csv"
 PERIOD = 0.003
 P1, P2, ANGLE = "pressure_1_kpa", "pressure_2_kpa", "angle_deg"
@@ -127,16 +123,6 @@ def test_nothing_is_claimed_of_a_good_recording(make: Make, name: str, bits: int
     assert examine(recording) == ()
 
 
-def test_a_vented_arm_at_rest_has_no_dead_sensors(make: Make) -> None:
-    still = np.zeros(10000)
-    vented = make(
-        "vented",
-        "two-link",
-        {"command_1": still, "command_2": aprbs(30.0, PERIOD, 0.6, (0.4, 1.6), seed=3)},
-    )
-    assert {i.kind for i in examine(vented, library.rig_named("two-link"))} <= {"noisy"}
-
-
 # ---- planted defects --------------------
 
 
@@ -208,48 +194,6 @@ def test_a_planted_defect_is_found(joint: Recording, defect: str, with_rig: bool
         assert issue.windows_s[0] == pytest.approx(window, abs=0.01)
 
 
-def test_clipping_is_told_with_level_and_places(joint: Recording) -> None:
-    spoilt = changed(joint, **{P2: np.minimum(joint.columns[P2], 500.0)})
-    issue = only(examine(spoilt), "clipped")
-    above = joint.columns[P2] >= 500.0
-    assert issue.figures["level"] == 500.0 and issue.figures["share"] == pytest.approx(
-        above.mean(), rel=0.02
-    )
-    inside = np.any([(joint.time >= a) & (joint.time <= b) for a, b in issue.windows_s], axis=0)
-    assert above[inside].mean() > 0.95 and inside[above].mean() > 0.95
-
-
-def test_lost_rows_are_counted(joint: Recording) -> None:
-    rows = np.arange(len(joint))
-    for start in (1000, 3000, 6000):
-        rows[start : start + 7] = start
-    measured = {
-        c: v[rows] for c, v in joint.columns.items() if c not in ("command", "reference_deg")
-    }
-    for rig in (None, library.rig_named("one-dof")):
-        issue = only(examine(changed(joint, **measured), rig), "dropped")
-        assert issue.figures["samples"] == 18 and len(issue.windows_s) == 3
-        assert issue.windows_s[1] == pytest.approx((9.003, 9.018))
-
-
-def test_a_frozen_encoder_is_found_without_noise(joint: Recording) -> None:
-    angle = rounded(joint.columns[ANGLE], 0.09)
-    start = 500 * int(np.argmax(np.abs(angle[500::500] - angle[:-500:500]))) + 250
-    issue = only(examine(changed(joint, **{ANGLE: held(angle, start, start + 250)})), "frozen")
-    assert issue.windows_s[0][1] == pytest.approx(PERIOD * (start + 249), abs=0.01)
-
-
-def test_pressures_that_cannot_be_gauge_are_told_without_a_rig(
-    joint: Recording, make: Make
-) -> None:
-    issues = examine(changed(joint, **{P1: joint.columns[P1] / 100.0}))
-    assert only(issues, "unit").columns == (P1,)
-    assert only(examine(changed(joint, **{P1: -joint.columns[P1]})), "pressure").columns == (P1,)
-    opened = make("open", "one-dof", SENT["open"][1])
-    rests = only(examine(changed(opened, **{P1: opened.columns[P1] + 101.3})), "absolute-pressure")
-    assert rests.columns == (P1,) and rests.windows_s and 97.0 < rests.figures["floor_kpa"] < 103.0
-
-
 @pytest.mark.parametrize(
     ("sent", "kind", "word"),
     [
@@ -265,19 +209,6 @@ def test_pressures_that_cannot_be_gauge_are_told_without_a_rig(
 def test_a_poor_excitation_is_told(joint: Recording, sent: Array, kind: str, word: str) -> None:
     issues = examine(changed(joint, reference_deg=sent), library.rig_named("one-dof"))
     assert word in only(issues, kind).message
-
-
-def test_a_recording_is_short_if_a_fit_would_refuse_it(joint: Recording) -> None:
-    for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
-        part = joint.slice(1000, 1000 + samples)
-        short = samples < FEWEST_SAMPLES
-        assert ("short" in [i.kind for i in examine(part)]) == short
-        try:
-            split_recordings(library.rig_named("one-dof"), [part], [])
-        except DataError:
-            assert short
-        else:
-            assert not short
 
 
 @pytest.mark.parametrize(
@@ -357,14 +288,6 @@ def test_what_contradicts_the_rig_is_found(
         assert abs(issue.figures["delay_s"]) == pytest.approx(12 * PERIOD, abs=1.1 * PERIOD)
 
 
-def test_bar_are_told_by_name(joint: Recording) -> None:
-    issue = only(
-        examine(changed(joint, **{P1: joint.columns[P1] / 100.0}), library.rig_named("one-dof")),
-        "unit",
-    )
-    assert "like bar, not kPa" in issue.message and 'unit = "bar"' in issue.hint
-
-
 @pytest.mark.parametrize(
     ("a", "b"),
     [
@@ -384,33 +307,7 @@ def test_an_exchange_on_the_arm_is_found(make: Make, a: str, b: str) -> None:
     assert set(issue.columns) == {a, b}
 
 
-def test_a_sign_is_found_on_a_rig_of_ones_own(make: Make) -> None:
-    rig, sent, effects, noise = SENT["cart"]
-    cart = make("cart", rig, sent, *effects, noise=noise)
-    issue = only(
-        examine(changed(cart, position_m=-cart.columns["position_m"]), library.rig_named(rig)),
-        "sign",
-    )
-    assert "force_n" in issue.message and "position_m" in issue.message
-
-
-def test_two_faults_are_told_one_by_one(joint: Recording) -> None:
-    c = joint.columns
-    spoilt = changed(joint, **{P1: c[P2], P2: c[P1], ANGLE: np.radians(c[ANGLE])})
-    found = {i.kind: i for i in examine(spoilt, library.rig_named("one-dof"))}
-    assert set(found) == {"exchanged", "unit"}
-    assert set(found["exchanged"].columns) == {P1, P2} and found["unit"].columns == (ANGLE,)
-
-
 # ---- figures, command, picture --------------------
-
-
-def test_step_and_noise_are_measured(joint: Recording) -> None:
-    shown = channel_figures(changed(joint, **{ANGLE: rounded(joint.columns[ANGLE], 360.0 / 4096)}))
-    assert shown[ANGLE]["step"] == pytest.approx(360.0 / 4096, rel=1e-6)
-    assert shown[P1]["noise"] == pytest.approx(1.0, rel=0.1) and shown[P1]["step"] == 0.0
-    assert quantisation_step(np.array([0.0, 0.0, 1.0])) == 1.0
-    assert quantisation_step(np.random.default_rng(0).standard_normal(5000)) == 0.0
 
 
 @pytest.fixture(scope="module")
@@ -452,13 +349,6 @@ def test_check_tells_the_issues_and_writes_nothing(
     assert text.rstrip().splitlines()[-1] == f"Next: pamid diagnose {spoilt}"
 
 
-def test_exchanged_pressures_make_the_check_fail(joint: Recording, tmp_path: Path) -> None:
-    columns = {**joint.columns, P1: joint.columns[P2], P2: joint.columns[P1]}
-    write_recording(tmp_path / "rec.csv", joint.time, columns, {"known": joint.known})
-    assert run(["check", str(tmp_path / "rec.csv"), "--rig", "one-dof"]) == 3
-    assert run(["check", str(tmp_path / "rec.csv")]) == 0  # without the rig nobody can know
-
-
 def test_the_card_is_drawn_on_request(
     spoilt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -472,51 +362,6 @@ def test_the_card_is_drawn_on_request(
         run(["check", str(spoilt), "--figure", str(card), "--overwrite"]) == 0
         and card.read_bytes() == png
     )
-
-
-def test_a_rig_is_drawn_as_blocks_and_an_effect_is_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    drawn = tmp_path / "new" / "rig.png"
-    assert run(["check", CART, "--figure", str(drawn), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["figure"] == str(drawn)
-    assert drawn.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    again = tmp_path / "again.png"
-    assert run(["rigs", CART, "--figure", str(again)]) == 0
-    assert f"Figure: {again}" in capsys.readouterr().out
-    assert again.read_bytes() == drawn.read_bytes()
-    assert run(["rigs", CART, "--figure", str(again)]) == 3
-    for words in (["check", EFFECT, "--figure", "x.png"], ["rigs", "--figure", "x.png"]):
-        assert run(words) == 2 and not Path("x.png").exists()
-        assert "--figure draws" in capsys.readouterr().err
-    assert run(["check", CART, "--figure", str(tmp_path / "rig.svg")]) == 2
-    assert "rig.png" in capsys.readouterr().err and not (tmp_path / "rig.svg").exists()
-
-
-def test_the_title_states_what_was_found(spoilt: Path) -> None:
-    from pamid.report.quality_figure import card_title, envelope, joined
-
-    recording = read_recording(spoilt)
-    title = card_title(recording, examine(recording))
-    # what `check` calls a note is none of the problems of the card
-    assert title.startswith(
-        "rec: nothing is wrong with 7 channels over 30 s; 1 note: pressure_2_kpa is clipped at its "
-        "highest value, 540 kPa, for "
-    )
-    assert "nothing is wrong" in card_title(recording, ()) and "note" not in card_title(
-        recording, ()
-    )
-    wrong = [QualityIssue("unit", (ANGLE,), "wrong", "angle_deg is in rad")]
-    title = card_title(recording, [*wrong, *examine(recording)], ["the input 'u' is missing"])
-    assert title.startswith(
-        "2 problems and 1 note in rec: the input 'u' is missing; angle_deg is in rad; pressure_2"
-    )
-    shown = envelope(recording.time, moved(recording.columns[ANGLE], {4321: 500.0}))[1]
-    assert shown.max() > 450.0 and shown.size < 2000
-    assert joined([(1.0, 1.0), (1.05, 2.0), (5.0, 6.0)], 0.2) == [
-        (pytest.approx(0.9), 2.0),
-        (5.0, 6.0),
-    ]
 
 
 def test_two_hundred_seconds_are_clean_and_their_card_is_small(make: Make) -> None:

@@ -20,7 +20,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects, rig_named
+from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
@@ -76,12 +76,6 @@ def driven(begun: float) -> tuple[Recording, Array]:
     read = np.abs(speed) + noise
     time = PERIOD_S * np.arange(SAMPLES)
     return recording_of(time, {"torque": torque, "read": read}, name="drive"), speed
-
-
-def test_only_what_is_read_without_its_sign_is_even() -> None:
-    """Neither a state that is read with its sign nor one that is not read at all."""
-    assert Assembly(Drive()).even_states == (0,)
-    assert Assembly(rig_named("one-dof")).even_states == ()
 
 
 @pytest.mark.parametrize("begun", [-2.5, 2.5])

@@ -6,9 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pamid_cli.diagnose import diagnosis_text
 from report_pages import flat, text_of
-from synthetic_run import diagnosis_json, make_run
+from synthetic_run import make_run
 
 from pamid.report.load import load_run
 from pamid.report.tables import parameter_table, parameters_of
@@ -18,17 +17,6 @@ from pamid.verdict.refitted_parameters import refitted_parameters
 
 def estimate(value: float, *, prior: float = 0.5, half: float = 0.01, **more: Any) -> Estimate:
     return Estimate(value=value, low=value - half, high=value + half, prior=prior, **more)
-
-
-def test_of_two_parameters_only_the_one_that_moved_is_shown() -> None:
-    few = {"m2_kg": estimate(0.62, strain=1.2), "stiffness_n_per_m": estimate(0.5, strain=0.0)}
-    assert refitted_parameters(few).texts() == [
-        "m2 0.5 -> 0.62 kg (0.61 .. 0.63)",
-        "1 other not moved materially",
-    ]
-    stiffness = {"stiffness_n_per_m": few["stiffness_n_per_m"]}
-    assert refitted_parameters(stiffness).texts() == ["1 parameter not moved materially"]
-    assert refitted_parameters({}).texts() == []
 
 
 def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
@@ -45,16 +33,6 @@ def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
     assert found.texts()[-1] == f"{6} others not moved materially"
     none = refitted_parameters({**same, **resolved})
     assert none.texts() == [f"{5} parameters not moved materially"]
-
-
-def test_the_terminal_prints_them_after_the_causes() -> None:
-    lines = diagnosis_text(diagnosis_json("explained"), Path("run")).splitlines()
-    first = next(i for i, line in enumerate(lines) if line.startswith("Refitted"))
-    assert lines[first].startswith("Refitted  sonic_conductance 1.3e-08 -> 1.23e-08 m3/(s Pa) (")
-    assert lines[first + 1].strip() == "damping 0.0014 -> 0.0016 m2 s (0.0015 .. 0.0017)"
-    assert lines[first + 2].strip() == "1 other not moved materially"
-    heads = [line.split()[0] for line in lines if line[:1].strip()]
-    assert heads.index("Refitted") == heads.index("Which") + 1
 
 
 def test_page_and_table_show_the_model_of_the_answer(tmp_path: Path) -> None:

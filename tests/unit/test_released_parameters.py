@@ -9,21 +9,15 @@ import numpy as np
 import pytest
 from mechanisms import ONE, TWO
 
-from pamid.base.errors import FileError
 from pamid.model.between_samples import as_recorded
-from pamid.model.catalogue import HOLD_OR_RELEASE, rig_story, rig_text
 from pamid.model.registry import rig_named
-from pamid.recording.recording import Recording, read_recording, recording_of
+from pamid.recording.recording import Recording, recording_of
 from pamid.simulators.mechanism import ModelParameter
 from pamid.simulators.mujoco_mechanism import read_mechanism
 
 pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 
 BARE = ONE.replace('damping="0.08" armature="0.004"', "")
-DC_MOTOR = BARE.replace(
-    '<motor name="motor" joint="shoulder" gear="2" ctrlrange="-1 1"/>',
-    '<dcmotor name="motor" joint="shoulder" motorconst="0.1" resistance="2"/>',
-)
 
 
 def parameters(text: str, folder: Path) -> dict[str, ModelParameter]:
@@ -62,13 +56,6 @@ def test_what_the_file_states_keeps_its_tolerance(tmp_path: Path) -> None:
     assert found["elbow_armature"].parameter.log and found["elbow_armature"].parameter.value == 0.01
 
 
-def test_the_resistance_of_a_dc_motor_is_in_ohm(tmp_path: Path) -> None:
-    found = parameters(DC_MOTOR, tmp_path)
-    resistance = found["motor_resistance"].parameter
-    assert resistance.outside_name == "motor_resistance_ohm" and resistance.unit == "Ohm"
-    assert resistance.value == 2.0 and not resistance.fitted and "motor_gain" not in found
-
-
 # ---- [free] ------------------------------------------------------------------------------------
 
 
@@ -81,30 +68,3 @@ def test_a_recording_releases_what_its_rig_holds(tmp_path: Path) -> None:
     (before,) = (p for p in rig.parameters if p.name == "shoulder_frictionloss")
     assert one == replace(before, fitted=True, spread=0.05)
     assert as_recorded(rig, [log()]) is rig
-
-
-def test_a_name_that_is_none_is_refused_with_the_nearest(tmp_path: Path) -> None:
-    rig = rig_named("dc-motor")
-    with pytest.raises(FileError, match="no such parameter"):
-        as_recorded(rig, [log(free={"shoulder_friction": 0.05})])
-    name = rig.parameters[0].outside_name
-    with pytest.raises(FileError, match="standard deviation above 0"):
-        as_recorded(rig, [log(free={name: 0.0})])
-
-
-def test_what_is_released_stands_in_the_toml_and_in_a_table(tmp_path: Path) -> None:
-    t = 0.01 * np.arange(50)
-    (tmp_path / "log.csv").write_text(
-        "time_s,force_n\n" + "\n".join(f"{x:.2f},{np.sin(x):.5f}" for x in t) + "\n"
-    )
-    (tmp_path / "log.toml").write_text("[free]\nmass_kg = 0.2\n")
-    read = read_recording(tmp_path / "log.csv")
-    assert read.free == {"mass_kg": 0.2} and not read.warnings
-    again = Recording.from_pandas(read.to_pandas(), free=read.free)
-    assert again.free == read.free
-
-
-def test_the_rig_says_how_to_hold_and_release() -> None:
-    rig = rig_named("dc-motor")
-    text = rig_text(rig_story(rig, [], {}))
-    assert HOLD_OR_RELEASE.split()[-1] in text and "[known]" in text and "[free]" in text

@@ -16,9 +16,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import STATE_JUMP, DataSplit, split_recordings
-from pamid.simulation.free_runs import state_spread
-from pamid.simulation.replay import Replay, noise_floor, replay_track, run_windows
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.replay import Replay, noise_floor, replay_track
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 ANGLE = ("reference_deg", "command", "angle_deg")
@@ -77,44 +76,6 @@ def test_the_floor_is_the_noise_whatever_the_states_were_corrected_by(
     assert floor.losses().mean() / evidence.noise[0] == pytest.approx(
         np.sqrt(2.0 / np.pi), abs=0.12
     )
-
-
-def test_the_windows_cover_what_is_scored_and_the_lead_in_is_not(
-    angle_only: tuple[DataSplit, Assembly, np.ndarray],
-) -> None:
-    r = run(angle_only)
-    assert r.full_track.lead > 0 and len(r.track) == len(r.full_track) - r.full_track.lead == len(
-        r.model
-    )
-    assert r.windows[0].start == 0 and r.windows[-1].stop == len(r.track)
-    assert all(a.stop == b.start for a, b in zip(r.windows[:-1], r.windows[1:], strict=True))
-    assert len(r.entered) == len(r.windows) < len(r.starts)
-    assert 0.8 < r.scored.mean() < 0.9
-
-
-def test_following_a_replay_gives_its_outputs(
-    angle_only: tuple[DataSplit, Assembly, np.ndarray],
-) -> None:
-    _, assembly, p = angle_only
-    r = run(angle_only)
-    again = run_windows(assembly.program, assembly, p, r.track, r.windows, r.entered, Stepping(2))
-    assert again == pytest.approx(r.model, abs=1e-9)
-
-
-def test_spread_of_the_states(tmp_path: Path) -> None:
-    """A hundred kilopascals and some ten degrees on a joint; nothing is said of a state that does
-    not move."""
-    recording = record(tmp_path / "rec.csv", 12.0, seed=5)
-    spread = state_spread(Assembly(rig_named("one-dof")), recording)
-    assert 0.05 < spread[0] < 1.0 and np.all((spread[2:] > 2e4) & (spread[2:] < 3e5))
-    still = replace(
-        recording,
-        columns={
-            k: np.zeros_like(v) if k == "command" else v for k, v in recording.columns.items()
-        },
-    )
-    assert np.isinf(state_spread(Assembly(rig_named("one-dof")), still)).any()
-    assert STATE_JUMP < 0.1
 
 
 def test_what_travel_alone_makes_forget_is_led_in_from_the_beginning(tmp_path: Path) -> None:

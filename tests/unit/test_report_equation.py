@@ -5,18 +5,17 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as xml
-from pathlib import Path
 
 import pytest
 from markupsafe import Markup, escape
-from synthetic_run import diagnosis_json, fit_json, make_run
+from synthetic_run import diagnosis_json, make_run
 
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.report.document import Equation
-from pamid.report.equation import acting, cause_equations, model_equations, remainder_equations
+from pamid.report.equation import acting, cause_equations
 from pamid.report.formatting import SPACE
-from pamid.report.formula import FormulaError, formula_html, formula_text
+from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData, load_run
 from pamid.report.mathml import Typeset, name
 from pamid.symbolic.expression import Expr, symbol, symbols
@@ -81,13 +80,6 @@ def test_the_vocabulary_is_typeset(node: Expr, expected: str) -> None:
     read(found)
 
 
-def test_brackets_stand_where_they_must() -> None:
-    assert read(set_in_type((X + 1.0) * A)) == "(x+1)⋅a"
-    assert read(set_in_type(X - (A - 1.0))) == "x−a+1"
-    assert read(set_in_type(-(X + A) * 3.0)) in ("−3⋅(x+a)", "3⋅(−x−a)", "(−x−a)⋅3")
-    assert read(set_in_type(X + (-2.0))) == "x−2"
-
-
 @pytest.mark.parametrize("rig, label", LABELS, ids=["-".join(one) for one in LABELS])
 def test_every_effect_of_the_catalogue_has_an_equation(rig: str, label: str) -> None:
     found = acting(rig, label)
@@ -129,37 +121,7 @@ def test_the_cause_is_told_in_names_and_in_values(run: RunData) -> None:
     )
 
 
-def test_the_effects_of_a_fit_are_told_too(tmp_path: Path) -> None:
-    fit = fit_json()
-    fit["effects"] = ["dead-time"]
-    fit["parameters"]["dead-time:delay_s"] = {
-        "value": 0.012,
-        "low": 0.011,
-        "high": 0.013,
-        "unit": "s",
-    }
-    run = load_run(make_run(tmp_path / "RUN", fit=fit, without=("residual.csv", "diagnosis.json")))
-    assert "u′=delay(u,0.012s)" in read(shown(model_equations(run)))
-    assert cause_equations(run) == ()
-
-
-def test_a_rig_from_a_file_has_no_equation(tmp_path: Path) -> None:
-    marker = tmp_path / "ran"
-    (tmp_path / "cart.py").write_text(f"open({str(marker)!r}, 'w')", encoding="utf-8")
-    fit = {**fit_json(), "rig": str(tmp_path / "cart.py")}
-    run = load_run(make_run(tmp_path / "RUN", fit=fit, without=("residual.csv",)))
-    assert cause_equations(run) == () and not marker.exists()
-    assert acting("one-dof", "no-such-effect") is None
-
-
 # ---- formulas --------------------
-
-
-def test_a_formula_in_a_sentence_has_printed_signs_and_no_times_one() -> None:
-    told = "missing [V/s] = -0.25 stored/(7.1 V) -0.0753 (stored/(7.1 V))^3 -0.0379 1 -0.03 x"
-    assert formula_text(told) == (
-        "missing [V/s] = −0.25 stored/(7.1 V) − 0.0753 (stored/(7.1 V))³ − 0.0379 − 0.03 x"
-    )
 
 
 @pytest.mark.parametrize(
@@ -199,17 +161,3 @@ def test_a_formula_is_typeset(text: str, expected: str) -> None:
 def test_what_is_no_formula_is_refused(text: str) -> None:
     with pytest.raises(FormulaError):
         formula_html(text)
-
-
-def test_an_unreadable_formula_stays_text(tmp_path: Path) -> None:
-    diagnosis = diagnosis_json("unknown-effect")
-    diagnosis["unknown"]["formula"] = "<img src=x onerror=y> + 1"
-    run = load_run(
-        make_run(tmp_path / "RUN", "unknown-effect", diagnosis=diagnosis, without=("residual.csv",))
-    )
-    assert cause_equations(run) == ()
-    fine = load_run(make_run(tmp_path / "FINE", "unknown-effect", without=("residual.csv",)))
-    assert "The term that is missing at the joint port" in read(shown(cause_equations(fine)))
-    left = load_run(make_run(tmp_path / "LEFT", "partly-explained", without=("residual.csv",)))
-    assert "The equation of Coulomb friction" in read(shown(cause_equations(left)))
-    assert "The term that is missing at the muscle port" in read(shown(remainder_equations(left)))

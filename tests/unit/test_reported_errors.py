@@ -66,17 +66,3 @@ def test_a_model_that_both_halves_choose_is_reported_as_it_is() -> None:
     d = diagnosis(friction, friction, leak)
     assert (d.reported(friction) == friction.absolutes).all()
     assert d.reported(leak) is leak.absolutes, "no answer, not corrected"
-
-
-def test_models_of_another_number_of_effects_are_no_rivals() -> None:
-    both = model(losses(2.0, 5.0), FRICTION, LEAK)
-    d = diagnosis(both, model(losses(6.0, 3.0), LEAK))
-    assert (d.reported(both) == both.absolutes).all()
-
-
-def test_without_a_cause_nothing_is_removed() -> None:
-    d = Halved(cast(Any, None), comparison(BEFORE).budget)
-    assert d.cause is None and d.removed is None and d.rivals == ()
-    assert d.verdict == "no-structural-gap"
-    silent = Halved(cast(Any, None), comparison(BEFORE).budget, silent=("angle_deg",))
-    assert silent.verdict == "cannot-tell"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanisms import TREE, TWO
+from mechanisms import TWO
 
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Channel, Log, RobotValue
@@ -85,16 +85,6 @@ def test_joints_are_known_by_their_names(tmp_path: Path, shoulder: str, elbow: s
     assert scales["m1_command"].scale == 0.25  # the motor's gear is 4
 
 
-def test_numbers_alone_are_no_ending(tmp_path: Path) -> None:
-    numbered = TWO.replace("shoulder", "joint1").replace("elbow", "joint2")
-    log = of_robot(
-        ("/joint_states", "joint_1", "position", False),
-        ("/joint_states", "wheel_2", "position", False),
-    )
-    found = guess_of(log, model(tmp_path, numbered), "arm.xml")
-    assert list(sources(found, tmp_path)) == ["joint1_angle_rad"]
-
-
 @pytest.mark.parametrize(
     "names",
     [
@@ -109,16 +99,6 @@ def test_the_order_of_mujocos_own_vectors(tmp_path: Path, names: tuple[str, ...]
     columns = ("shoulder_angle_rad", "elbow_angle_rad", "m1_command", "m2_command")
     assert sources(found, tmp_path) == dict(zip(columns, names, strict=True))
     assert not found.open  # MuJoCo counts in rad
-
-
-def test_places_are_the_models_own(tmp_path: Path) -> None:
-    """Sensors that pamid cannot read, and vectors that are too short, move nothing."""
-    rig = model(tmp_path, TREE.replace("<sensor>", "<sensor><subtreecom body='cart'/>"))
-    values = [f"sensordata/{k + 1}" for k in range(rig.vector_sizes["sensordata"])]
-    found = sources(guess_of(plain(*values), rig, "arm.xml"), tmp_path)
-    assert found["clipped_rad"] == values[-1] and "sensordata/1" not in found.values()
-    with pytest.raises(FileError, match="none of its names is in the model"):
-        guess_of(plain(*values[:-1]), rig, "arm.xml")
 
 
 def test_plain_columns_say_joint_and_quantity(tmp_path: Path) -> None:
@@ -146,38 +126,6 @@ def test_strangers_are_refused_with_the_nearest_names(tmp_path: Path) -> None:
     assert "'shoulder_lift' for 'shoulder', 'elbw' for 'elbow'" in caught.value.hint
     with pytest.raises(FileError, match="the log has hip, knee"):
         guess_of(plain("hip_pos", "knee_pos"), model(tmp_path), "arm.xml")
-
-
-def test_what_is_left_over_on_either_side_is_said(tmp_path: Path) -> None:
-    log = of_robot(
-        ("/joint_states", "shoulder", "position", False),
-        ("/joint_states", "elbow_flex", "position", False),
-        ("/goals", "shoulder", "position", True),
-        ("/goals", "elbow_flex", "position", True),
-    )
-    notes = guess_of(log, model(tmp_path), "arm.xml").notes
-    assert any("m1_command" in n and "sends a position to shoulder" in n for n in notes)
-    assert any("elbow_angle_rad" in n and "'elbow_flex' for 'elbow'" in n for n in notes)
-    assert notes[-1] == "in the log, not in the model: elbow_flex."
-    servo = guess_of(log, model(tmp_path, SERVOS), "arm.xml")
-    assert sources(servo, tmp_path)["m1_command_rad"] == "/goals/position/shoulder"
-
-
-def test_two_robots_are_told_apart_by_the_user(tmp_path: Path) -> None:
-    both = [
-        (f"/{side}/joint_states", joint, "position", False)
-        for side in ("left", "right")
-        for joint in ("shoulder", "elbow")
-    ]
-    rig, log = model(tmp_path), of_robot(*both)
-    with pytest.raises(FileError, match="more than one robot") as caught:
-        guess_of(log, rig, "arm.xml")
-    assert caught.value.hint.endswith("--only left")
-    found = sources(guess_of(log, rig, "arm.xml", only="right"), tmp_path)
-    wanted = {f"/right/joint_states/position/{joint}" for joint in ("shoulder", "elbow")}
-    assert set(found.values()) == wanted
-    with pytest.raises(FileError, match="no channel's name contains 'rigth'.*'right'"):
-        guess_of(log, rig, "arm.xml", only="rigth")
 
 
 def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> None:

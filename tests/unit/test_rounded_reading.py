@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pamid_cli.job import parameter_values
 from small_cart import RIG, cart_evidence, record_cart
 
 from pamid.diagnosis.candidate_model import candidate_from, refit, replayed
@@ -18,7 +17,6 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.report.formatting import with_interval
 
 STEP_M = 0.02
 
@@ -71,12 +69,3 @@ def test_the_step_stays_where_it_was_read_and_takes_the_error_with_it(
     quantum = found.fit.p[assembly.index_of(f"{effect.label}:quantum")]
     assert quantum == pytest.approx(step, rel=0.2 * share)
     assert found.absolutes.mean() < 0.35 * base.absolutes.mean()
-
-
-def test_what_was_read_off_is_told_without_an_interval() -> None:
-    told = {"value": 0.0446, "low": 0.0446, "high": 0.0446, "unit": "rad", "word": "read off"}
-    fitted = {"value": 0.4, "low": 0.38, "high": 0.43, "unit": "N m", "word": "settled"}
-    said = parameter_values({"quantum_rad": told, "torque_n_m": fitted})
-    assert said == "quantum_rad 0.0446 (read off), torque_n_m 0.4 (0.38 .. 0.43)"
-    assert with_interval(0.0446, 0.0446, 0.0446, "rad") == with_interval(0.0446, None, None, "rad")
-    assert "interval 0.38 to 0.43" in with_interval(0.4, 0.38, 0.43, "N m")

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 
 import pamid
-from pamid.base.errors import FileError
-from pamid.checks.row_order import OF_THE_LOG, RowOrder, direct_outputs, misplaced_readings
+from pamid.checks.row_order import OF_THE_LOG, RowOrder, misplaced_readings
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import convert
 from pamid.ingest.mapping import mapping_of
 from pamid.model.between_samples import as_recorded, stated
 from pamid.model.registry import rig_named
-from pamid.model.rig import check_rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict.notes import _row_order
@@ -84,44 +82,6 @@ def test_a_current_read_before_its_command_is_cured_by_one_line(name: str) -> No
 def test_neither_right_rows_nor_a_slow_sensor_are_the_log(effect: str) -> None:
     recording = logged(driven("dc-motor", *[effect] * bool(effect)))
     assert found(recording, "dc-motor") == []
-
-
-def test_a_reading_before_its_command_is_exact() -> None:
-    """A current before the command of its row: the same speed, the voltage of the row before."""
-    plain, before = (driven_exactly(way) for way in (False, True))
-    step = np.diff(plain["voltage_v"])
-    np.testing.assert_array_equal(before["angle_deg"], plain["angle_deg"])
-    np.testing.assert_allclose(
-        before["current_a"][1:], plain["current_a"][1:] - step, rtol=0.0, atol=1e-9
-    )
-
-
-def driven_exactly(before: bool) -> dict[str, np.ndarray]:
-    rig = stated(rig_named("dc-motor"), {"current_a": "before"} if before else {})
-    voltage = np.repeat(np.random.default_rng(1).uniform(-9.0, 9.0, 20), 10)
-    t = PERIOD_S * np.arange(voltage.size)
-    made = simulate_virtual_rig(rig, recording_of(t, {"voltage_v": voltage}), (), {}, {}, 0.0, 0)
-    return made.columns
-
-
-def test_only_outputs_that_depend_on_an_input_are_tried() -> None:
-    assert direct_outputs(rig_named("geared-motor")) == {"current_a"}
-    assert direct_outputs(rig_named("static-map")) == {"force_n"}
-    assert direct_outputs(rig_named("thermal-block")) == set()
-
-
-def test_before_is_stated_of_outputs_alone() -> None:
-    recording = logged(driven("dc-motor"), voltage_v="before")
-    with pytest.raises(FileError, match='only its outputs may be "before"'):
-        as_recorded(rig_named("dc-motor"), [recording])
-
-    class Wrong(pamid.Rig):
-        inputs = {"force_n": "N"}
-        outputs = {"position_m": "m"}
-        between = {"position_m": "held"}
-
-    with pytest.raises(FileError, match="not among the inputs"):
-        check_rig(Wrong(), "wrong.py")
 
 
 @pytest.mark.parametrize("rows", [1, -1, 2])

@@ -10,14 +10,12 @@ import pytest
 from small_cart import cart_evidence, record_cart
 
 from pamid.diagnosis import input_response
-from pamid.diagnosis.candidate_model import begun_from, candidate_from
-from pamid.diagnosis.screening import Screened, advancing, by_gain, promising
+from pamid.diagnosis.candidate_model import candidate_from
+from pamid.diagnosis.screening import Screened, advancing, promising
 from pamid.diagnosis.search import _screened_plain, _screened_restored
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
-from pamid.estimation.grey_box import fit_model, model_with
-from pamid.model.attachment import attach
-from pamid.model.registry import effects
+from pamid.estimation.grey_box import fit_model
 from pamid.parallel.result_store import plain
 
 
@@ -47,23 +45,6 @@ def test_twice_as_many_leaders_and_every_family_go_on() -> None:
     assert names(promising(family_of, leading, reference())) == names(leading[: DEFAULT.refits])
 
 
-def test_a_family_that_helps_at_all_is_refitted() -> None:
-    """Friction of a free pendulum: windows restart from an estimated state before it shows."""
-    leading = [candidate(f"a{i}", 80.0 - i) for i in range(DEFAULT.refits)]
-    slight, none = candidate("b", 0.5), candidate("c", -0.5)
-    family_of = {s.added.label: s.added.label[0] for s in (*leading, slight, none)}
-    assert names(promising(family_of, [*leading, slight, none], reference())) == [
-        *names(leading),
-        "b",
-    ]
-
-
-def test_a_start_that_promises_more_counts() -> None:
-    plain_gain, hopeful = candidate("plain", 10.0), candidate("hopeful", -20.0, promised=30.0)
-    assert names(by_gain([plain_gain, hopeful])) == ["hopeful", "plain"]
-    assert names(by_gain([plain_gain, candidate("poor", -20.0)])) == ["plain", "poor"]
-
-
 def test_a_rival_start_survives_the_way_to_another_process() -> None:
     a: Any = SimpleNamespace(label="a")
     starts, p = (np.ones((2, 1)),), np.arange(3.0)
@@ -84,15 +65,6 @@ def test_a_rival_start_survives_the_way_to_another_process() -> None:
 def cart(tmp_path_factory: pytest.TempPathFactory) -> Any:
     data = cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
     return data, fit_model(data)
-
-
-def test_an_effect_that_leaves_the_readings_needs_no_run(cart: Any) -> None:
-    data, model = cart
-    made = model_with(
-        data, (attach(data.rig, "coulomb-friction", effects()),), model.assembly.sizes
-    )
-    assert begun_from(model.fit, made).starts is model.fit.starts
-    assert "program" not in vars(made)
 
 
 def test_windows_are_replayed_only_where_free_runs_leave_it_open(

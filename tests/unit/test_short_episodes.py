@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from small_cart import FEW, PERIOD_S, RIG
 from pamid.base.errors import DataError
 from pamid.checks.recording_quality import examine
 from pamid.diagnosis.tournament import diagnose
-from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import FEWEST_SAMPLES, shortfall_alone, split_recordings
@@ -54,25 +52,6 @@ def test_nine_episodes_of_100_samples_are_900_samples(tmp_path: Path) -> None:
     assert [c.effect for c in diagnosis_file(found).causes] == ["coulomb-friction"]
 
 
-def test_the_same_episodes_are_held_out_in_any_order(tmp_path: Path) -> None:
-    given = episodes(tmp_path, 9, 100)
-    rig = rig_named(RIG)
-    one, other = (split_recordings(rig, list(r), []) for r in (given, given[::-1]))
-    assert [s.recording.sha256 for s in one.held_out] == [
-        s.recording.sha256 for s in other.held_out
-    ]
-
-
-def test_one_short_file_may_be_held_out(tmp_path: Path) -> None:
-    (long,), short = episodes(tmp_path, 1, 300), episodes(tmp_path, 2, 151)[1:]
-    evidence = split_recordings(rig_named(RIG), [long], short)
-    assert [s.stop - s.start for s in evidence.held_out] == [151]
-    assert (
-        evidence.tracks(Assembly(evidence.rig, outputs=evidence.channels), held_out=True)[0].share
-        == 1.0
-    )
-
-
 def test_check_and_diagnose_draw_the_same_line(tmp_path: Path) -> None:
     rig = rig_named(RIG)
     for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
@@ -87,29 +66,3 @@ def test_check_and_diagnose_draw_the_same_line(tmp_path: Path) -> None:
             assert issues[0].message in refused.value.message
         else:
             split_recordings(rig, [recording], [])
-
-
-def test_an_episode_among_many_may_be_one_window(tmp_path: Path) -> None:
-    """Alone it is cut into three, which may be shorter than the recordings remember."""
-    evidence = split_recordings(rig_named(RIG), episodes(tmp_path, 9, 100), [])
-    track = evidence.tracks(Assembly(evidence.rig, outputs=evidence.channels), held_out=True)[0]
-    slow = track.timescale_s * 10.0
-    assert track.share == pytest.approx(1.0 / 3.0)
-    many = replace(track, share=0.1, timescale_s=slow)
-    alone = replace(track, share=1.0, timescale_s=slow)
-    assert (len(replay_windows(many)), len(replay_windows(alone))) == (1, 3)
-
-
-def test_two_long_records_give_six_windows_each(tmp_path: Path) -> None:
-    """Only records that are too short for six windows of the usual length share the count."""
-    evidence = split_recordings(rig_named(RIG), episodes(tmp_path, 9, 100), [])
-    track = evidence.tracks(Assembly(evidence.rig, outputs=evidence.channels))[0]
-    rows = np.resize(np.arange(len(track)), 310)
-    long = replace(
-        track,
-        y=track.y[rows],
-        u=track.u[np.append(rows, rows[-1:])[: len(track.u) - len(track) + 310]],
-        share=0.5,
-        timescale_s=300 * track.period_s,
-    )
-    assert len(replay_windows(long)) == 6

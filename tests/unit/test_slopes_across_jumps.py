@@ -73,14 +73,3 @@ def test_without_a_jump_the_slopes_are_forward_differences_as_they_were() -> Non
         moved[i] += by
         after, _ = ball.steps(moved[None], np.zeros((1, 1)), p[None], H)
         assert np.array_equal(found.by_state[1:, i], (after[0] - plain[0]) / by)
-
-
-def test_a_steep_slope_that_is_no_jump_stays() -> None:
-    """A stiff spring multiplies a state within a step; both sides say so."""
-
-    class Stiff(Ball):
-        def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-            return np.stack([x[:, 0], x[:, 1] - 1e4 * h * x[:, 0]], axis=1), x[:, :1]
-
-    found = slopes_of(Stiff(), np.array([0.2, 0.0]), np.zeros(1), np.zeros(1), H, NONE)
-    assert found.by_state[2, 0] == pytest.approx(-100.0)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pendulum import TRUTH, Declared, Pendulum, swing
+from pendulum import Declared, swing
 from virtual_joint import record
 
 from cli.frame import run as pamid
@@ -21,8 +20,6 @@ from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import bootstrap
 from pamid.estimation.posterior import read_posterior
-from pamid.estimation.prior import Prior, terms_of_sheet
-from pamid.estimation.problem import Problem
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
@@ -76,110 +73,7 @@ def test_one_after_the_other_is_as_good_as_both_at_once(
     np.testing.assert_allclose(ratio, 1.0, atol=0.05)
 
 
-def test_three_stages_and_their_order(tmp_path: Path) -> None:
-    parts = [swing(tmp_path / f"{i}.csv", torque=True, seed=i) for i in range(3)]
-    g, other = (
-        staged(tmp_path / "a", Declared(), *parts),
-        staged(tmp_path / "b", Declared(), *parts[::-1]),
-    )
-    away, ratio = apart(g, other)
-    assert away.max() < 0.1
-    np.testing.assert_allclose(ratio, 1.0, atol=0.05)
-    assert len(fit_json(g, 0)["from"]["recordings"]) == 2
-
-
-def test_a_straight_ridge_of_a_rig_that_declares_nothing_is_told(tmp_path: Path) -> None:
-    g = staged(
-        tmp_path / "run",
-        Pendulum(),
-        swing(tmp_path / "a.csv", torque=False),
-        swing(tmp_path / "b.csv", torque=True, seed=1),
-    )
-    assert any("too narrow" in remark for remark in fit_json(g, 0)["from"]["remarks"])
-
-
-def test_what_is_not_told_anew_stays_as_known(tmp_path: Path) -> None:
-    """After a test with a known torque a swing adds next to nothing about moment and inertia."""
-    g = staged(
-        tmp_path / "run",
-        Declared(),
-        swing(tmp_path / "a.csv", torque=True),
-        swing(tmp_path / "b.csv", torque=False, seed=1),
-    )
-    combos = fit_json(g, 0)["combinations"]
-    moment = combos["first_moment_kg_m"]
-    assert moment["word"] == "settled"
-    assert moment["value"] == pytest.approx(TRUTH["mass_kg"] * TRUTH["centre_m"], rel=1e-3)
-    assert moment["prior"] == pytest.approx(0.7 * 0.13)  # of the data sheet, as without stages
-
-
 # ---- the prior by itself --------------------
-
-
-def test_a_prior_has_the_cost_and_slope_it_was_made_from() -> None:
-    random = np.random.default_rng(3)
-    A = random.standard_normal((6, 4))
-    information, at = A.T @ A, random.standard_normal(4)
-    prior = Prior.about(at, information, information @ np.ones(4), lambda s: (s.copy(), np.eye(4)))
-    s = random.standard_normal(4)
-    cost, H, g = prior.terms(s)
-    away = s - at + np.ones(4)
-    assert cost == pytest.approx(s @ s + away @ information @ away)
-    np.testing.assert_allclose(H, np.eye(4) + information)
-    np.testing.assert_allclose(g, s + information @ away)
-
-
-def test_steps_go_straight_in_the_coordinates_of_the_prior() -> None:
-    def polar(s: Array) -> tuple[Array, Array]:
-        r = float(np.hypot(*s))
-        return np.array([r, np.arctan2(s[1], s[0])]), np.array(
-            [[s[0] / r, s[1] / r], [-s[1] / r**2, s[0] / r**2]]
-        )
-
-    prior = Prior.about(np.array([1.0, 0.0]), np.diag([1e8, 0.0]), np.zeros(2), polar)
-    np.testing.assert_allclose(
-        prior.moved(np.array([1.0, 0.0]), np.array([0.0, 0.5])),
-        [np.cos(0.5), np.sin(0.5)],
-        atol=1e-9,
-    )
-
-
-def test_no_earlier_fit_is_the_data_sheet_and_nothing_else(tmp_path: Path) -> None:
-    s = np.array([0.3, -2.0])
-    cost, H, g = terms_of_sheet(s)
-    assert cost == float(s @ s) and (np.eye(2) == H).all() and (g == s).all()
-    g0 = fit_model(split_recordings(Declared(), [swing(tmp_path / "a.csv", torque=True)], []))
-    assert g0.fit.problem.prior is None and "from" not in fit_json(g0, 0)
-
-
-def test_a_parameter_held_at_a_bound_is_pulled_beyond_it_later(tmp_path: Path) -> None:
-    """The first stage would have gone further; the second one feels that."""
-
-    class Tight(Declared):
-        parameters = tuple(
-            p if p.name != "viscous" else replace(p, value=0.004, high=0.0045)  # type: ignore[assignment]
-            for p in Declared.parameters
-        )
-
-    first, second = (
-        swing(tmp_path / f"{i}.csv", torque=True, seed=i, viscous_n_m_s=0.006) for i in range(2)
-    )
-    g = fit_model(split_recordings(Tight(), [first], []))
-    places = [g.assembly.parameters[i].name for i in g.fit.problem.free]
-    assert g.fit.held[places.index("viscous_n_m_s")] < 0.0 and np.count_nonzero(g.fit.held) == 1
-    posterior = read_posterior(kept(tmp_path / "run", g))
-    prior = posterior.prior(g.fit.problem)
-    _, information, slope = prior.terms(prior.at)
-    precision = np.linalg.inv(g.fit.covariance)
-    np.testing.assert_allclose(slope, g.fit.held, atol=1e-6 * np.abs(g.fit.held).max())
-    np.testing.assert_allclose(information, precision, atol=1e-6 * precision.max())
-    after = fit_model(split_recordings(Tight(), [second], []), earlier=posterior)
-    told = fit_json(after, 0)
-    assert told["parameters"]["viscous_n_m_s"]["at_bound"] == "high"
-    assert any("viscous was held at its high bound" in remark for remark in told["from"]["remarks"])
-    both = fit_model(split_recordings(Tight(), [first, second], []))
-    free = list(both.fit.problem.free)
-    np.testing.assert_allclose(after.fit.p[free], both.fit.p[free], rtol=0.02)
 
 
 def test_the_bootstrap_draws_what_an_earlier_fit_told(tmp_path: Path) -> None:
@@ -200,26 +94,6 @@ def test_the_bootstrap_draws_what_an_earlier_fit_told(tmp_path: Path) -> None:
 
 
 # ---- background, effects, and what cannot be built on --------------------
-
-
-def test_background_is_carried_and_drift_is_not(tmp_path: Path) -> None:
-    rig = rig_named("one-dof")
-    a, b = record(tmp_path / "a.csv", 6.0, seed=1), record(tmp_path / "b.csv", 6.0, seed=2)
-    g = fit_model(split_recordings(rig, [a], []))
-    problem: Problem = g.fit.problem
-    prior = read_posterior(kept(tmp_path / "run", g)).prior(problem)
-    information = prior.terms(prior.at)[1] - np.eye(len(problem.free))
-    keys = [problem.assembly.parameters[i].key for i in problem.free]
-    told = {key: information[k, k] for k, key in enumerate(keys)}
-    drifts = [key for key in keys if key.endswith(":drift")]
-    assert len(drifts) == 2 and all(told[key] == 0.0 for key in drifts)
-    assert told["background.force_map_1:level"] > 0.1 and told["damping"] > 100.0
-    after = fit_model(split_recordings(rig, [b], []), earlier=read_posterior(tmp_path / "run"))
-    both = fit_model(split_recordings(rig, [a, b], []))
-    rig_own = [k for k, key in enumerate(keys) if ":" not in key]
-    away, ratio = apart(after, both)
-    assert away[rig_own].max() < 1.0 and ratio[rig_own].min() > 0.8 and ratio[rig_own].max() < 1.25
-    assert any("Drifts" in remark for remark in fit_json(after, 0)["from"]["remarks"])
 
 
 @pytest.fixture(scope="module")
@@ -262,16 +136,6 @@ def test_a_damaged_posterior_is_refused(
     told = json.loads(json.dumps(fit_json(first[1], 0)["posterior"]))
     folder = kept(tmp_path / "run", first[1], posterior={**told, **change})
     with pytest.raises(FileError, match="posterior"):
-        read_posterior(folder)
-
-
-@pytest.mark.usefixtures("unchecked")
-def test_an_older_run_is_told(first: tuple[Path, GreyBox], tmp_path: Path) -> None:
-    folder = kept(tmp_path / "run", first[1])
-    content = json.loads((folder / "fit.json").read_text())
-    del content["posterior"]
-    write_json(folder / "fit.json", content)
-    with pytest.raises(FileError, match="older version"):
         read_posterior(folder)
 
 

@@ -8,14 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.resampling import hold, smooth
-from pamid.ingest.stamps import IntArray, Rows, count_samples, usable_rows
+from pamid.ingest.stamps import IntArray, Rows, usable_rows
 from pamid.ingest.time_base import (
     Cure,
     StampDiagnosis,
-    _immaterial,
     diagnose_stamps,
     reconstructed_time_base,
 )
@@ -94,22 +92,6 @@ def test_what_ails_the_stamps_is_told_from_the_data(name: str) -> None:
         assert found.period == pytest.approx(period, rel=2e-5)
 
 
-def test_without_motion_nothing_is_claimed() -> None:
-    rest = np.random.default_rng(1).standard_normal(N)
-    for stamps in (arriving(K * T), jittering()):
-        rows = usable_rows(stamps, [rest], "x")
-        found = diagnose_stamps(rows, {"angle_deg": rest})
-        assert found.cure is None and "no signal moves enough" in found.why
-
-
-def test_noise_does_not_pass_for_late_stamps() -> None:
-    """A motion hidden in noise: the slopes are noise too, and must not vote."""
-    stamps = jittering()
-    y = 0.2 * motion(stamps) + 2.0 * np.random.default_rng(2).standard_normal(N)
-    rows = usable_rows(stamps, [y], "x")
-    assert diagnose_stamps(rows, {"y": y}).cure is None
-
-
 @pytest.mark.parametrize(
     ("truth", "right", "wrong", "reached"),
     [
@@ -159,22 +141,6 @@ def test_missing_samples_are_counted_and_their_place_found(late: bool) -> None:
     assert lost == pytest.approx(N - there.sum(), abs=2 if late else 0)
     wrong = np.abs(base.instants - true) > 0.5 * T
     assert wrong.sum() <= (0.01 * N if late else 0)
-
-
-def test_rows_written_twice_are_dropped() -> None:
-    y = motion(K * T)
-    twice = np.sort(np.concatenate([K, K[100:900:100]]))
-    rows = usable_rows(twice * T, [y[twice]], "log.csv: t")
-    assert rows.keep.size == N and (rows.stamps == K * T).all()
-    assert [(r.what, r.count) for r in rows.repairs] == [("rows-repeated", 8)]
-    other = y[twice].copy()
-    other[101] += 1.0
-    rows = usable_rows(twice * T, [other], "log.csv: t")
-    assert rows.keep.size == N and 101 in rows.keep
-    assert [(r.what, r.count) for r in rows.repairs] == [
-        ("rows-repeated", 7),
-        ("stamps-repeated", 1),
-    ]
 
 
 def _repeated(share: float) -> IntArray:
@@ -231,21 +197,6 @@ def test_repeated_stamps_are_repaired_and_stretch_nothing(name: str, moving: boo
     assert np.abs(error).max() < 3.0 * T
 
 
-def test_a_sampling_that_slows_down_is_followed_and_not_stretched() -> None:
-    """A loop on a PC of changing load, with stamps in whole ms: it has no even clock."""
-    period = T * (0.6 + 0.02 * np.sin(2.0 * np.pi * K / 9000.0))
-    true = np.cumsum(period * np.random.default_rng(5).uniform(0.8, 1.2, N))
-    y = motion(true) + 0.01 * np.random.default_rng(9).standard_normal(N)
-    rows = usable_rows(np.round(true, 3), [y], "log.csv: t")
-    found = diagnose_stamps(rows, {"y": y[rows.keep]})
-    base = reconstructed_time_base(rows, found, "late-stamps", None)
-    assert [repair.what for repair in base.repairs] == ["clock-followed"]
-    assert found.period == base.period == pytest.approx(period.mean(), rel=1e-3)
-    assert np.ptp(base.instants) == pytest.approx(np.ptp(true), abs=0.01)
-    assert np.abs(base.instants - true[rows.keep]).max() < 0.01
-    assert (np.diff(base.instants) > 0.0).all()
-
-
 def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
     y, mixed = motion(K * T), K.copy()
     mixed[[50, 51]], mixed[[700, 702]] = mixed[[51, 50]], mixed[[702, 700]]
@@ -261,34 +212,6 @@ def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
         base = reconstructed_time_base(rows, diagnose_stamps(rows, {"y": y}), "none", None)
         assert [(p.start, p.stop) for p in base.pieces] == [(0, 6000), (6000, N)]
         assert (np.diff(base.instants) > 0.0).all()
-
-
-def test_stamps_so_late_that_they_overtake_each_other_leave_the_rows_in_their_order() -> None:
-    """Each row is stamped by itself, as where messages arrive over a network: the clock was never
-    set back."""
-    y, stamps = motion(K * T), K * T + np.random.default_rng(2).exponential(0.8e-3, N)
-    assert np.count_nonzero(np.diff(stamps) < 0.0) > 50
-    rows = usable_rows(stamps, [y], "x")
-    assert rows.starts == (0,) and (rows.keep == K).all() and (np.diff(rows.stamps) > 0.0).all()
-    assert [r.what for r in rows.repairs] == ["stamps-out-of-order"]
-    found = diagnose_stamps(rows, {"y": y})
-    assert found.cure == "late-stamps"
-    base = reconstructed_time_base(rows, found, "late-stamps", None)
-    assert np.abs(base.instants - base.instants[0] - K * T).max() < 0.02 * T
-
-
-def test_a_channel_that_is_no_clock_is_refused() -> None:
-    y = motion(K * T)
-    with pytest.raises(FileError, match="to and fro"):
-        usable_rows(y, [y], "log.csv: angle")
-    with pytest.raises(DataError, match="no sampling period: most rows are 0 s apart"):
-        diagnose_stamps(usable_rows(np.zeros(N), [y], "x"), {"y": y})
-    with pytest.raises(DataError, match="0 rows have a stamp"):
-        usable_rows(np.full(N, np.nan), [y], "x")
-
-
-def test_samples_are_counted_through_late_stamps() -> None:
-    assert (count_samples(arriving(K * T), T * 1.001) == K).all()
 
 
 # ---- resampling --------------------
@@ -326,13 +249,3 @@ def test_samples_that_coincide_are_kept_to_the_bit() -> None:
     there[[0, -1]] = True
     made = smooth(t[there], y[there], 17.3 + np.arange(1000) * T, T)
     assert (made[there] == y[there]).all() and np.isfinite(made).all()
-
-
-def test_stamps_that_stray_by_less_than_a_signal_shows_need_no_answer() -> None:
-    """11 ms on a clock of 2 s are 2 mK at 0.2 K/s, of a sensor that shows 0.25 K."""
-    warm = 60.0 + 30.0 * np.sin(np.arange(600) / 90.0)
-    shown = np.round(warm / 0.25) * 0.25
-    assert _immaterial([shown], 0.011, 2.0)
-    assert not _immaterial([shown], 2.0, 2.0)
-    ramp = 0.2 * np.arange(600)  # no noise and no steps in which it could hide
-    assert not _immaterial([ramp, shown], 1.5, 2.0)

@@ -8,18 +8,10 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import DataError
-from pamid.networks.bayes import (
-    Evidence,
-    effective_samples,
-    effective_weights,
-    promised_decrease,
-    solve_damped,
-)
 from pamid.networks.elman import Elman
 from pamid.networks.network import Network
 from pamid.networks.network_training import GATES, train
-from pamid.networks.trained_network import trace_csv
-from pamid.networks.training_problem import Damping, Goals, TrainingProblem, recordings
+from pamid.networks.training_problem import Goals
 
 
 @dataclass(frozen=True)
@@ -96,24 +88,6 @@ def test_gamma_alpha_beta_reach_foresee_hagans_fixed_point(seed):
     np.testing.assert_allclose(trained.weights, weights, atol=1e-7)
 
 
-def test_every_row_of_the_trace_follows_the_update_rules():
-    """gamma from the old alpha and beta and the Hessian at the new weights; alpha and beta from the
-    new gamma."""
-    u, target = linear_data(seed=4)
-    trace = train(Linear(8), u, target, iterations=6).trace
-    values = np.linalg.eigvalsh(u.T @ u)
-    first = trace["gamma"][0], trace["beta"][0] * 2.0 * trace["mse"][0] * len(target)
-    assert first == pytest.approx((8.0, len(target) - 8.0))
-    for k in range(1, len(trace["gamma"])):
-        alpha, beta = trace["alpha"][k - 1], trace["beta"][k - 1]
-        hessian = 2.0 * beta * (u.T @ u) + 2.0 * alpha * np.eye(8)
-        gamma = 8.0 - 2.0 * alpha * np.trace(np.linalg.inv(hessian))
-        assert trace["gamma"][k] == pytest.approx(gamma, rel=1e-9)
-        assert gamma == pytest.approx(np.sum(beta * values / (beta * values + alpha)), rel=1e-9)
-        sse = trace["mse"][k] * len(target)
-        assert trace["beta"][k] == pytest.approx((len(target) - gamma) / (2.0 * sse), rel=1e-9)
-
-
 def test_without_regularisation_it_is_least_squares():
     u, target = linear_data(seed=6)
     trained = train(
@@ -123,39 +97,6 @@ def test_without_regularisation_it_is_least_squares():
         trained.weights, np.linalg.lstsq(u, target, rcond=None)[0], atol=1e-8
     )
     assert np.all(trained.trace["alpha"] == 0.0) and np.all(trained.trace["beta"] == 1.0)
-
-
-def test_singular_hessians_are_solved_and_counted():
-    draw = np.random.default_rng(0)
-    half = draw.normal(size=(5, 3))
-    matrix, right = half @ half.T, half @ draw.normal(size=3)
-    np.testing.assert_allclose(matrix @ solve_damped(matrix, 0.0, right), right, atol=1e-10)
-    expected = right @ np.linalg.pinv(matrix) @ right
-    assert promised_decrease(matrix, right) == pytest.approx(expected, rel=1e-9)
-    for alpha in (1e-25, 1e-17, 1e-9):  # below, at and above the rounding error of J'J
-        assert effective_weights(Evidence(0.0, alpha, 1.0), matrix) == pytest.approx(3.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
-def test_effective_samples_of_an_autoregression(memory):
-    draw, n = np.random.default_rng(1), 200_000
-    noise, e = draw.normal(size=n), np.zeros(n)
-    for k in range(1, n):
-        e[k] = memory * e[k - 1] + noise[k]
-    assert effective_samples(e) == pytest.approx(n * (1.0 - memory) / (1.0 + memory), rel=0.1)
-
-
-def test_correlated_residuals_are_remarked():
-    u, y = teacher_data(n=1500)
-    slow = np.sin(np.arange(1500) / 60.0)
-    loud = train(Elman(2, 2), u, 0.2 * y + 0.8 * slow, iterations=5)
-    assert loud.samples == 1500 and loud.effective_samples < 150
-    assert f"{loud.effective_samples:.0f} independent" in loud.remark
-    assert 0.0 < loud.supported_weights < loud.trace["gamma"][-1]
-    assert f"{loud.supported_weights:.1f} of 13 weights" in loud.remark
-    white = train(Linear(8), *linear_data(n=400), iterations=20)
-    assert white.effective_samples > 200 and white.remark == ""
-    assert white.supported_weights == pytest.approx(white.trace["gamma"][-1], abs=0.5)
 
 
 # --- Levenberg-Marquardt --------------------
@@ -206,32 +147,6 @@ def test_mu_rises_on_rejected_and_falls_on_accepted_steps():
     assert np.all(np.diff(trace["mse"]) < 0.0)
 
 
-def test_the_damping_follows_the_gain():
-    assert [Damping().factor(g) for g in (1.0, 0.8, 0.6, 0.3, 0.1, 1e-9)] == [
-        0.1,
-        1 / 3,
-        2 / 3,
-        1.0,
-        2.0,
-        2.0,
-    ]
-
-
-def test_a_rejected_step_costs_simulations_only():
-    passes = []
-
-    @dataclass(frozen=True)
-    class Counting(Elman):
-        def normal_equations(self, *arguments):
-            passes.append(1)
-            return super().normal_equations(*arguments)
-
-    trace = train(Counting(2, 5), *teacher_data(noise=0.02), iterations=40, regularise=False).trace
-    assert trace["trials"].sum() > len(trace["mse"])
-    # again beyond gates, and at the end
-    assert len(passes) == len(trace["mse"]) + 1 + sum(g < 40 for g in GATES)
-
-
 def test_linear_weights_are_at_their_best():
     """After a step no other output weights give a lower objective: variable projection."""
     u, target = teacher_data(noise=0.02)
@@ -243,73 +158,6 @@ def test_linear_weights_are_at_their_best():
         beta * features.T @ features + alpha * np.eye(4), beta * features.T @ target
     )
     np.testing.assert_allclose(trained.weights[network.linear], best, rtol=1e-6)
-
-
-def test_acceleration_is_half_the_second_derivative_along_the_step():
-    u, target = teacher_data()
-    network = Elman(2, 3)
-    problem = TrainingProblem(network, recordings(u, target), 100, True, Damping(), Goals())
-    weights, step = (
-        network.initial(3),
-        1e-3 * np.random.default_rng(0).normal(size=network.n_weights),
-    )
-    second = (
-        (network.jacobian(weights + 1e-2 * step, u) - network.jacobian(weights - 1e-2 * step, u))
-        @ step
-        / 2e-2
-    )
-    expected = network.jacobian(weights, u)[100:].T @ second[100:]
-    np.testing.assert_allclose(
-        problem.curvature(weights, step), expected, atol=1e-3 * np.abs(expected).max()
-    )
-
-
-def test_evidence_of_independent_samples():
-    """The fixed point of Foresee and Hagan with the number of samples that the errors are worth."""
-    u, y = teacher_data(n=1500)
-    target = 0.3 * y + 0.7 * np.sin(np.arange(1500) / 60.0)
-    every, fewer = (
-        train(Elman(2, 2), u, target, iterations=12, independent=k) for k in (False, True)
-    )
-    assert fewer.trace["gamma"][-1] < every.trace["gamma"][-1]
-    worth = effective_samples(target - Elman(2, 2).simulate(fewer.weights, u))
-    assert worth < 300.0 and fewer.effective_samples == pytest.approx(worth, rel=1e-9)
-    gamma, beta, sse = (
-        fewer.trace["gamma"][-1],
-        fewer.trace["beta"][-1],
-        fewer.trace["mse"][-1] * 1500,
-    )
-    assert beta == pytest.approx((worth - gamma) / (2.0 * sse), rel=1e-6)
-    white = linear_data(n=400)
-    once, again = (train(Linear(8), *white, iterations=20, independent=k) for k in (False, True))
-    assert again.trace["gamma"][-1] == pytest.approx(once.trace["gamma"][-1], abs=0.5)
-
-
-def test_gradient_in_the_trace_is_the_objectives():
-    u, target = teacher_data(noise=0.02)
-    network = Elman(2, 3)
-    trained = train(network, u, target, iterations=4)
-    alpha, beta = trained.trace["alpha"][-1], trained.trace["beta"][-1]
-
-    def objective(weights):
-        return (
-            beta * np.sum((target - network.simulate(weights, u)) ** 2) + alpha * weights @ weights
-        )
-
-    steps = 1e-6 * np.eye(network.n_weights)
-    slopes = [
-        (objective(trained.weights + s) - objective(trained.weights - s)) / 2e-6 for s in steps
-    ]
-    assert trained.trace["gradient"][-1] == pytest.approx(np.linalg.norm(slopes), rel=1e-4)
-
-
-def test_best_of_several_starts_is_kept():
-    u, target = teacher_data(noise=0.01)
-    several = train(Elman(2, 3), u, target, iterations=8, starts=4, seed=10)
-    single = [train(Elman(2, 3), u, target, iterations=8, seed=10 + s) for s in range(4)]
-    assert several.starts_mse == tuple(s.trace["mse"][-1] for s in single)
-    assert several.best == int(np.argmin(several.starts_mse))
-    np.testing.assert_array_equal(several.weights, single[several.best].weights)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -333,14 +181,6 @@ def test_the_worse_half_is_left_behind_at_every_gate(threads):
     assert several.starts_mse == tuple(at[s][k] for s, k in enumerate(stopped))
 
 
-def test_washout_leaves_a_wrong_beginning_out():
-    u, target = teacher_data()
-    spoilt = target.copy()
-    spoilt[:100] += 5.0
-    trained = train(Elman(2, 6), u, spoilt, iterations=150, washout=100)
-    assert trained.samples == 1400 and trained.trace["mse"][-1] < 1e-10
-
-
 def test_several_recordings_are_one_objective():
     u, target = teacher_data()
     halves = train(Linear(2), [u[:700], u[700:]], [target[:700], target[700:]], iterations=50)
@@ -354,35 +194,6 @@ def test_several_recordings_are_one_objective():
 
 
 # --- why it ended --------------------
-
-
-def test_each_reason_is_said_in_words():
-    u, target = teacher_data(noise=0.02)
-    used_up = train(Elman(2, 5), u, target, iterations=3)
-    assert used_up.why == "iterations used up" and not used_up.converged
-    assert list(used_up.trace["iteration"]) == [0, 1, 2, 3]
-    flat = train(
-        Elman(2, 3), u, target, iterations=300, regularise=False, goals=Goals(gradient=1e-3)
-    )
-    assert (
-        flat.why == "gradient below 0.001" and flat.converged and flat.trace["gradient"][-1] <= 1e-3
-    )
-    close = train(Elman(2, 3), u, target, iterations=300, goals=Goals(mse=1e-3))
-    assert close.why == "mean squared error below 0.001" and close.converged
-    settled = train(Elman(2, 3), u, target, iterations=300)
-    assert (
-        settled.why.startswith("settled")
-        and settled.converged
-        and settled.trace["iteration"][-1] < 300
-    )
-    to_the_end = train(
-        Elman(2, 3), u, target, iterations=500, goals=Goals(gradient=0.0, promise=0.0)
-    )
-    assert (
-        to_the_end.why == "mu reached 1e+10: no step lowers the objective" and to_the_end.converged
-    )
-    assert settled.trace["mse"][-1] == pytest.approx(to_the_end.trace["mse"][-1], rel=1e-6)
-    assert settled.trace["gamma"][-1] == pytest.approx(to_the_end.trace["gamma"][-1], abs=1e-3)
 
 
 @dataclass(frozen=True)
@@ -406,12 +217,6 @@ class Cliff(Linear):
         return sse, jtj, -jte if self.wrong_way else jte
 
 
-def test_overflow_at_the_start_is_called_divergence():
-    diverged = train(Cliff(8), *linear_data(), iterations=10)
-    assert diverged.why.startswith("diverged") and not diverged.converged
-    assert np.isfinite(diverged.weights).all() and len(diverged.trace["mse"]) == 0
-
-
 def test_overflow_on_the_way_is_a_rejected_step():
     u, target = linear_data()
     best = np.linalg.lstsq(u, target, rcond=None)[0]
@@ -430,41 +235,7 @@ def test_a_wrong_derivative_is_not_called_converged():
     assert not lost.converged
 
 
-def test_trace_as_csv():
-    trained = train(Linear(8), *linear_data(), iterations=3)
-    header, *rows = [line.split(",") for line in trace_csv(trained).decode().splitlines()]
-    assert header == ["iteration", "mse", "gradient", "mu", "gamma", "alpha", "beta", "trials"]
-    assert [row[0] for row in rows] == ["0", "1", "2", "3"]
-    assert float(rows[-1][1]) == trained.trace["mse"][-1]
-    # no clock in it
-    assert trace_csv(train(Linear(8), *linear_data(), iterations=3)) == trace_csv(trained)
-
-
 # --- bad data --------------------
-
-
-def spoil(table, row, column, value):
-    table = table.copy()
-    table[row, column] = value
-    return table
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda u, t: (u[:10], t[:10]), "10 samples cannot decide 22 weights"),
-        (lambda u, t: (spoil(u, 17, 1, np.nan), t), "Row 17, column 'input 1' is nan"),
-        (
-            lambda u, t: (u, spoil(t[:, None], 23, 0, np.inf)[:, 0]),
-            "Row 23, column 'target' is inf",
-        ),
-        (lambda u, t: (u, t[:-1]), r"inputs \(N, m\) and target \(N,\) expected"),
-        (lambda u, t: ([u, u], [t]), "2 recordings of inputs but 1"),
-    ],
-)
-def test_data_that_cannot_be_fitted(change, words):
-    with pytest.raises(DataError, match=words):
-        train(Elman(2, 3), *change(*teacher_data()), iterations=1)
 
 
 def test_options_that_cannot_be_met():

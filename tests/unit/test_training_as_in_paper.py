@@ -1,13 +1,11 @@
 """The first paper's training: plain Levenberg-Marquardt, a random start, MATLAB's mu."""
 
 import numpy as np
-import pytest
 
-from pamid.base.errors import DataError
 from pamid.networks.bayes import Evidence, first_guess
-from pamid.networks.elman import ACTIVE, Elman
+from pamid.networks.elman import Elman
 from pamid.networks.network_training import train
-from pamid.networks.training_problem import PAPER_DAMPING, Damping
+from pamid.networks.training_problem import PAPER_DAMPING
 
 
 def data(n=400, seed=5):
@@ -58,38 +56,3 @@ def test_it_is_matlabs_trainbr():
     np.testing.assert_allclose(
         trace["mu"][1:] / trace["mu"][:-1], 10.0 ** (trace["trials"][1:] - 2.0), rtol=1e-9
     )
-
-
-def test_it_says_so_and_is_another_training():
-    u, target = data()
-    paper, ours = (train(Elman(2, 2), u, target, iterations=3, plain=p) for p in (True, False))
-    assert paper.summary["plain"] is True and ours.summary["plain"] is False
-    assert paper.trace["mse"][0] > ours.trace["mse"][0]
-
-
-def test_random_starts_share_out_the_range_of_their_arguments():
-    """Every unit's weights have the length of Nguyen and Widrow; biases are spread over it."""
-    network = Elman(5, 10)
-    layers = network.layers(network.random_start(3))
-    length = ACTIVE * 0.7 * 10 ** (1 / 15)
-    np.testing.assert_allclose(np.linalg.norm(layers.units[:, :-1], axis=1), length)
-    np.testing.assert_allclose(np.sort(np.abs(layers.bias))[-2:], length)
-    assert np.abs(layers.output).max() <= 1.0
-    assert not np.array_equal(network.random_start(3), network.random_start(4))
-    assert np.isfinite(Elman(1, 1).random_start(0)).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        ({"increase": 1.0}, "increase"),
-        ({"decrease": 1.0}, "decrease"),
-        ({"decrease": 0.0}, "decrease"),
-        ({"start": -1.0}, "start"),
-        ({"start": float("nan")}, "start"),
-        ({"start": 1.0, "largest": 0.1}, "above 0.1"),
-    ],
-)
-def test_a_schedule_that_cannot_work_is_refused(options, word):
-    with pytest.raises(DataError, match=word):
-        Damping(**options)

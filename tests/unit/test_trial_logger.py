@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from pamid.trial.logger import (
-    CORRELATIONS,
-    GAUGE_SHARE,
-    GAUGE_STEPS,
-    JITTERS,
     PLAIN_LOGGER,
-    WARM_UPS,
     Logger,
-    draw_logger,
 )
 
 SAMPLES = 40_000
@@ -42,12 +36,6 @@ def test_a_plain_logger_changes_no_draw() -> None:
     assert PLAIN_LOGGER.gauged(["angle_deg"]) == ""
 
 
-def test_a_jittering_clock_keeps_the_order_of_samples() -> None:
-    delays = Logger(jitter=JITTERS[1]).delays(np.random.default_rng(3), SAMPLES)
-    assert np.std(delays) == pytest.approx(JITTERS[1], rel=0.03)
-    assert np.max(np.abs(delays)) <= 3.0 * JITTERS[1]
-
-
 @pytest.mark.parametrize("bend", [-0.6, 0.0, 0.6])
 def test_a_gauge_has_uneven_steps_and_no_error_of_its_own(bend: float) -> None:
     """Steps are finer where the calibration curve is steeper; readings stay within one step."""
@@ -62,17 +50,3 @@ def test_a_gauge_has_uneven_steps_and_no_error_of_its_own(bend: float) -> None:
     assert steps[-1] == pytest.approx(last, rel=1e-6)
     assert np.max(np.abs(shown - x)) <= 0.51 * max(first, last)
     assert logger.gauged(["level_cm", "upper_level_cm"]) == "upper_level_cm"
-
-
-def test_drawn_loggers_keep_their_ranges() -> None:
-    random = np.random.default_rng(4)
-    drawn = [draw_logger(random, 20.0) for _ in range(400)]
-    for values, (low, high) in (
-        ([d.correlation for d in drawn], CORRELATIONS),
-        ([d.jitter for d in drawn], JITTERS),
-        ([d.warm_up_s / 20.0 for d in drawn], WARM_UPS),
-        ([d.gauge_steps for d in drawn if d.gauge_steps], GAUGE_STEPS),
-    ):
-        assert low <= min(values) < 1.3 * low and 0.8 * high < max(values) <= high
-    share = np.mean([d.gauge_steps > 0.0 for d in drawn])
-    assert share == pytest.approx(GAUGE_SHARE, abs=0.08)

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import attachments
-from pamid.model.registry import effects, rig_named
-from pamid.rigs.pneumatics import ATMOSPHERE_PA
+from pamid.model.registry import rig_named
 from pamid.rigs.two_link import MUSCLES
 from pamid.symbolic.expression import symbol
 
@@ -183,33 +181,6 @@ def test_without_its_second_link_it_is_the_joint_of_the_first_paper(how: str) ->
     assert worst < 2e-8
 
 
-def test_a_share_that_swings_behind_a_joint_pulls_on_it() -> None:
-    """Momentum: what swings and what turns with the joint move on the average as the rigid link
-    did."""
-    a = arm()
-    p, x, u = parameters(a), np.array([0.4, -0.9, 1.0, -2.0, *4 * (4e5,)]), np.zeros(4)
-    rigid = rates(a, p, x, u)[2:4]
-    flexible = next(
-        k for k in attachments(a.rig, effects().values()) if k.label == "two-mass@arm_2"
-    )
-    b = Assembly(a.rig, (flexible,), outputs=a.outputs)
-    q, names = b.values(), list(b.program.states)
-    share = float(q[b.keys["two-mass@arm_2:share"]])
-    state = np.zeros(len(names))
-    state[:8] = x
-    twist, twisting = (names.index(f"two-mass@arm_2.arm_2.{k}") for k in ("twist", "twisting"))
-    state[twist] = 0.01
-    roots = {f"rate.{k}": b.traced.rates[k] for k in ("velocity_1", "velocity_2", names[twisting])}
-    program = b.program_with(roots)
-    memory = program.memory(state, stepping=Stepping(), period_s=1e-9)
-    first, second, swinging = program.run(
-        memory, u[None, :], q, period_s=1e-9, stepping=Stepping()
-    )[0][0, -3:]
-    assert first == pytest.approx(rigid[0], rel=1e-12)
-    assert abs(second - rigid[1]) > 1.0
-    assert (1.0 - share) * second + share * (second + swinging) == pytest.approx(rigid[1], rel=1e-9)
-
-
 def test_a_chain_over_joint_1_pulls_there_what_it_winds() -> None:
     """Virtual work: the torques of the muscles are the slopes of their lengths, times their
     forces."""
@@ -248,33 +219,3 @@ def test_a_chain_over_joint_1_pulls_there_what_it_winds() -> None:
         )
     )
     assert m @ shift[1] == pytest.approx([0.0, own], abs=1e-6)
-
-
-def test_limp_muscles_hang_in_the_air_of_the_room() -> None:
-    a = Assembly(rig_named("two-link"))
-    p = parameters(a, vents_open=1.0, initial_angle_1=0.4, initial_angle_2=0.5)
-    assert a.start(p)[4:8] == pytest.approx(ATMOSPHERE_PA)
-    memory = a.program.memory(a.start(p), stepping=Stepping(2), period_s=0.003)
-    y, _, bad = a.program.run(memory, np.zeros((2000, 4)), p, period_s=0.003, stepping=Stepping(2))
-    named = dict(zip(a.program.outputs, y.T, strict=True))
-    assert bad < 0
-    assert max(np.abs(named[f"pressure_{i}_kpa"]).max() for i in MUSCLES) < 15e3
-    assert np.ptp(named["angle_1_deg"]) > 0.5 and np.ptp(named["angle_2_deg"]) > 0.5
-
-
-def test_every_effect_finds_its_ports_and_like_ports_can_share_one() -> None:
-    labels = {a.label: a for a in attachments(rig_named("two-link"), effects().values())}
-    assert {
-        "coulomb-friction@joint_1",
-        "coulomb-friction@joint_2",
-        "leak@pressure_21",
-        "two-mass@arm_2",
-    } <= set(labels)
-    together = labels["maxwell-slip-hysteresis@muscle"]
-    assert set(together.ports) == {f"muscle_{i}" for i in MUSCLES}
-    rig = rig_named("two-link")
-    assert together.group(rig) == "muscle"
-    assert labels["force-compensator@relief_12"].group(rig) == "muscle_12"
-    assert labels["force-compensator@relief"].group(rig) == "muscle"
-    assert labels["supply-sag"].group(rig) == "valve"
-    assert labels["two-mass@arm_2"].group(rig) == "structure_2"

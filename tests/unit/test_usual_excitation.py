@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from pamid_cli import frame
 
@@ -75,27 +72,6 @@ def test_what_is_not_excited_stays_where_the_rig_states(
     assert "flow_ml_per_min is not excited: it stays at 0." in said
 
 
-def test_a_temperature_without_a_centre_is_left_out(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its 0 is no state of rest."""
-    said, sent = excite(capsys, HEATER)
-    assert sent is not None and "room_degf" not in sent.columns
-    assert "room_degf is not excited and left out: add it as recorded" in said
-    assert "Next: send it to your rig" in said, "it cannot be simulated without it"
-
-
-def test_what_swings_far_from_zero_begins_at_its_centre(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stated = 'excited = {"heater_percent": 30.0, "room_degf": 1.7}'
-    for signal, more in (("aprbs", ()), ("prbs", ("--hold", "40", "240"))):
-        _, sent = excite(capsys, f"{stated}; {ROOM}", "--signal", signal, *more)
-        low, high = reach(sent, "room_degf")
-        assert low >= 70.3 and high <= 73.7
-        assert sent is not None and sent.columns["heater_percent"][0] == 0.0
-
-
 def test_a_swing_is_moved_into_the_range_or_refused(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -118,26 +94,3 @@ def test_an_excited_column_is_never_sent_outside_a_range_without_zero(
     _, sent = excite(capsys, stated, "--amplitude", "20")
     low, high = reach(sent, "heater_percent")
     assert low >= 10.0 and high <= 50.0
-
-
-def test_a_range_is_excited_where_nothing_else_is_stated(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Of inputs without any statement the amplitude is asked for, not suggested."""
-    ranges = 'ranges = {"heater_percent": (0.0, 60.0), "flow_ml_per_min": (0.0, 200.0)}'
-    said, _ = excite(capsys, ranges, code=2)
-    assert "room_degf needs an --amplitude" in said and "room_degf=1" not in said
-    _, sent = excite(capsys, ranges, "--column", "flow_ml_per_min")
-    assert reach(sent, "flow_ml_per_min")[0] >= 0.0
-
-
-def test_a_column_that_is_named_has_the_rig_s_centre(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, sent = excite(capsys, f"{HEATER}; {ROOM}", "--column", "heater_percent")
-    low, high = reach(sent, "heater_percent")
-    assert low == 0.0 and 55.0 < high <= 60.0
-    assert reach(sent, "room_degf") == (72.0, 72.0)
-    about: dict[str, Any] = json.loads(Path("u.json").read_text())
-    assert about["range"] == [0.0, 60.0]
-    assert sent is not None and np.ptp(sent.columns["flow_ml_per_min"]) == 0.0

@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 from counted import calls_of
 
-from pamid.api.given import unknown_columns
-from pamid.authoring.column_match import best_match
-from pamid.base.csv_table import header_line, name_fault, table_bytes
-from pamid.base.errors import DataError, FileError, listed
+from pamid.base.csv_table import header_line
+from pamid.base.errors import FileError
 from pamid.checks.inspection import inspect
-from pamid.estimation import memory_needed as memory
 from pamid.ingest.ingesting import guess_mapping
 from pamid.model.registry import rig_named
 from pamid.recording.recording import (
@@ -24,7 +21,6 @@ from pamid.recording.recording import (
     recording_of,
     write_recording,
 )
-from pamid.simulation.data_split import split_recordings
 
 CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
 N = 300
@@ -41,45 +37,6 @@ def test_checking_costs_in_proportion_to_the_columns() -> None:
     few, many = wide(40), wide(160)
     inspect(few)  # what is compiled and cached once is no part of the cost
     assert calls_of(lambda: inspect(many)) < 6 * calls_of(lambda: inspect(few))
-
-
-def test_guessing_costs_in_proportion_to_the_columns(tmp_path: Path) -> None:
-    cost = {}
-    for columns in (40, 160):
-        write_recording(path := tmp_path / f"{columns}.csv", TIME, wide(columns).columns)
-        guess_mapping(path, None)
-        cost[columns] = calls_of(lambda path=path: guess_mapping(path, None))
-    assert cost[160] < 6 * cost[40]
-
-
-def test_a_new_rig_of_a_wide_recording_is_refused_in_a_short_message() -> None:
-    names = list(wide(400).columns)
-    best = {40: names[:40], 400: names}
-    cost = {}
-    for count, columns in best.items():
-        with pytest.raises(FileError) as caught:
-            best_match(columns)
-        assert "more" in caught.value.message and len(caught.value.message) < 3000
-        cost[count] = calls_of(lambda columns=columns: refused(columns))
-    assert cost[400] < 15 * cost[40]
-
-
-def refused(columns: list[str]) -> None:
-    with pytest.raises(FileError):
-        best_match(columns)
-
-
-def test_unknown_columns_are_summed_up() -> None:
-    rig = rig_named(str(CART))
-    few, many = wide(3), wide(30)
-    assert len(unknown_columns(rig, few)) == 3
-    (sentence,) = unknown_columns(rig, many)
-    assert "30 columns" in sentence and "and 18 more" in sentence
-
-
-def test_names_are_listed_up_to_a_number() -> None:
-    assert listed("abc") == "a, b, c"
-    assert listed("abc", 2) == "a, b and 1 more"
 
 
 # ---- names that a spreadsheet or a terminal obeys ------------------------------------------------
@@ -106,25 +63,11 @@ def test_a_name_that_is_obeyed_is_refused_where_it_enters_and_where_it_leaves(
     assert not (tmp_path / "out.csv").exists()
 
 
-@pytest.mark.parametrize("name", ["angle_deg", "Winkel Motor_deg", "p1.ist_kpa", "угол_rad", "a=b"])
-def test_ordinary_names_pass(name: str) -> None:
-    assert name_fault(name) == ""
-
-
 def test_a_rig_with_such_an_output_is_refused(tmp_path: Path) -> None:
     text = CART.read_text(encoding="utf-8").replace("position_m", "=position_m")
     (tmp_path / "odd.py").write_text(text, encoding="utf-8")
     with pytest.raises(FileError, match="formula"):
         rig_named(str(tmp_path / "odd.py"))
-
-
-def test_tables_are_the_same_whatever_the_size_of_a_piece(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = np.random.default_rng(0).standard_normal((1000, 3))
-    rows[5, 1] = np.nan
-    whole = table_bytes(["a", "b", "c"], rows, ["%.9g"] * 3, blank=True)
-    monkeypatch.setattr("pamid.base.csv_table.ROWS_AT_A_TIME", 7)
-    assert table_bytes(["a", "b", "c"], rows, ["%.9g"] * 3, blank=True) == whole
-    assert whole.split(b"\n")[6].split(b",")[1] == b"" and whole.count(b"\n") == 1001
 
 
 def test_a_guessed_mapping_shows_hostile_names_written_out(tmp_path: Path) -> None:
@@ -168,30 +111,3 @@ def test_odd_recordings_are_checked_without_a_warning(course: str) -> None:
 
 
 # ---- memory of a diagnosis -----------------------------------------------------------------------
-
-
-def cart_run(samples: int) -> Recording:
-    random = np.random.default_rng(4)
-    force = np.repeat(random.uniform(-3.0, 3.0, samples // 10), 10)
-    position = 1e-3 * np.cumsum(np.cumsum(force) * 0.01)
-    columns = {"force_n": force, "position_m": position + 1e-4 * random.standard_normal(samples)}
-    return recording_of(0.01 * np.arange(samples), columns)
-
-
-def test_more_memory_than_promised_is_said_before_the_start(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    evidence = split_recordings(rig_named(str(CART)), [cart_run(2000)], [])
-    assert memory.memory_warning(evidence, 2) == ""
-    assert memory.memory_needed(evidence, 8) > memory.memory_needed(evidence, 1)
-    monkeypatch.setattr(memory, "PROMISED", 1)
-    sentence = memory.memory_warning(evidence, 2)
-    assert "2000 samples" in sentence and "period_s" in sentence
-    monkeypatch.setattr(memory, "machine_memory", lambda: 1000)
-    with pytest.raises(DataError, match="this machine has 1000 bytes"):
-        memory.memory_warning(evidence, 2)
-
-
-def test_the_machine_says_what_it_has() -> None:
-    has = memory.machine_memory()
-    assert has is None or has > 1 << 20

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.engine import integrator, program
-from pamid.engine.program import Memory, SimulatedWindow, Stepping
+from pamid.engine import program
+from pamid.engine.program import Memory, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.between_samples import as_recorded
@@ -87,17 +87,6 @@ def test_windows_in_a_loop_equal_windows_run_singly(
     assert np.abs(found[-1].J[:, : len(runner.free)]).max() > 0.0
 
 
-def test_without_sensitivities_only_outputs_and_ends_are_filled() -> None:
-    runner, p = cart(Stepping())
-    windows = cut(SAMPLES, 100)[1:5]  # not those at the edges of the track
-    starts = starts_of(runner, len(windows))
-    found = list(runner.run_windows(runner.memory(p), windows, starts, p, False))
-    rows = singly(runner, runner.memory(p), windows, starts, p, False)
-    for run, (Y, _, end, _, _) in zip(found, rows, strict=True):
-        assert np.array_equal(run.Y, Y) and np.array_equal(run.end, end)
-        assert run.J.size == 0 and run.S.size == 0
-
-
 def test_a_window_that_runs_away_ends_only_itself() -> None:
     """The next window begins at its start states; what the sensor remembers stays finite."""
     runner, p = cart(Stepping())
@@ -109,18 +98,3 @@ def test_a_window_that_runs_away_ends_only_itself() -> None:
     assert [run.fine for run in found] == [k != 3 for k in range(len(windows))]
     for run, (Y, *_) in zip(found, rows, strict=True):
         assert np.array_equal(run.Y, Y, equal_nan=True)
-
-
-def test_a_track_is_one_native_call(monkeypatch: pytest.MonkeyPatch) -> None:
-    runner, p = cart(Stepping())
-    windows = cut(SAMPLES, 30)
-    calls, kernel = [], integrator.sweep_windows
-
-    def counted(*given: Any) -> Any:
-        calls.append(given)
-        return kernel(*given)
-
-    monkeypatch.setattr(integrator, "sweep_windows", counted)
-    starts = starts_of(runner, len(windows))
-    found: list[SimulatedWindow] = [*runner.run_windows(runner.memory(p), windows, starts, p, True)]
-    assert len(found) == len(windows) == 30 and len(calls) == 1
