@@ -3,7 +3,6 @@ runs."""
 
 from __future__ import annotations
 
-import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -11,61 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import CASES, Array, case
-from pamid_cli import frame
+from exported import STRICT, built, case
 
-from pamid.export.c_source import c_files, comment, model_name
-from pamid.export.statements import identifier, identifiers
+from pamid.export.c_source import c_files, model_name
 from pamid.export.step import _input, step_of
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
-
-
-def built(name: str, folder: Path) -> Path:
-    """The case as a program in a folder."""
-    step = step_of(case(name, 1).model)
-    for file, text in c_files(step).items():
-        (folder / file).write_text(text)
-    return compiled(folder)
-
-
-def compiled(folder: Path) -> Path:
-    """The program of the C files in a folder."""
-    subprocess.run(
-        ["gcc", *STRICT, *sorted(p.name for p in folder.glob("*.c")), "-lm", "-o", "model"],
-        cwd=folder,
-        check=True,
-    )
-    return folder / "model"
-
-
-def ran(program: Path, names: tuple[str, ...], inputs: Array) -> Array:
-    rows = [",".join(map(repr, row)) for row in inputs.tolist()]
-    done = subprocess.run(
-        [program],
-        input="\n".join([",".join(names), *rows, ""]),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return np.array([line.split(",") for line in done.stdout.splitlines()[1:]], float)
-
-
-@needs_gcc
-@pytest.mark.parametrize("name", CASES)
-def test_equal_to_pamid(name: str, tmp_path: Path) -> None:
-    c = case(name, 5000)
-    assert c.error(ran(built(name, tmp_path), c.model.inputs, c.inputs)) < 1e-12
-
-
-@needs_gcc
-def test_over_the_length_of_a_recording(tmp_path: Path) -> None:
-    c = case("several effects, two steps", 66667)
-    assert (
-        c.error(ran(built("several effects, two steps", tmp_path), c.model.inputs, c.inputs))
-        < 1e-12
-    )
 
 
 @needs_gcc
@@ -154,34 +104,6 @@ def test_parameters_are_changed_from_outside(tmp_path: Path) -> None:
     assert abs(first[1] - second) > 1e-3
 
 
-def test_the_names_of_the_languages_are_avoided() -> None:
-    assert identifiers(["double", "k1", "k", "dead-time:delay_s", "1st", "é"]) == [
-        "double_2",
-        "k1_2",
-        "k",
-        "dead_time_delay_s",
-        "v1st",
-        "v",
-    ]
-    assert identifier("a" * 99) == "a" * 50
-    assert comment("a */ b /* c \\ d ?? é\n e") == "a * / b / * c / d ? ? ? e"
-
-
-def test_an_optional_input_stands_at_its_value() -> None:
-    step = step_of(case("kettle", 1).model)
-    assert [(v.name, v.unit, round(v.start, 9)) for v in step.inputs] == [
-        ("power_w", "W", 0.0),
-        ("ambient_degc", "degC", 20.0),
-    ]
-    assert {v.name: v.fixed for v in step.parameters} == {
-        "e": False,
-        "E": False,
-        "cold_k": True,
-        "k1": False,
-    }
-    assert step.feedthrough() == ((), ("power_w",))
-
-
 def test_no_input_begins_at_absolute_zero() -> None:
     """A required temperature begins at the rig's centre, or where the rig's own temperature does;
     other inputs at the centre, or within their range."""
@@ -218,43 +140,3 @@ def test_the_program_refuses_a_table_without_what_it_needs(
         [program], input="power_w\n5\n\n5\n", capture_output=True, text=True, check=True
     )
     assert len(good.stdout.splitlines()) == 3, "what is optional may be missing"
-
-
-def test_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(
-        "pamid.correction.identified_model.load_identified",
-        lambda *_, **__: case("two effects", 1).model,
-    )
-    monkeypatch.chdir(tmp_path)
-    for form, file in (("c", "pamid_one_dof/pamid_one_dof.c"), ("matlab", "pamid_one_dof.m")):
-        assert frame.run(["export", "run", "--to", form, "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert (told["schema"], told["outputs"][0], told["period_s"]) == (
-            "pamid.export/1",
-            "angle_deg",
-            0.003,
-        )
-        assert file in told["files"] and (tmp_path / file).is_file()
-        assert frame.run(["export", "run", "--to", form]) == 3
-        assert "exists already" in capsys.readouterr().err
-        assert frame.run(["export", "run", "--to", form, "--overwrite"]) == 0
-        assert "command, external_torque_nm -> angle_deg" in capsys.readouterr().out
-    assert (
-        frame.run(
-            [
-                "export",
-                "run",
-                "--to",
-                "matlab",
-                "--output",
-                "a/my-joint.m",
-                "--known",
-                "radius_m=0.04",
-            ]
-        )
-        == 0
-    )
-    text = (tmp_path / "a" / "my_joint.m").read_text()
-    assert text.startswith("function [y, s] = my_joint(u, s, p)") and "p.radius_m = 0.04;" in text

@@ -8,91 +8,21 @@ import re
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from exported import PERIOD_S, Array, Case, case, simulated
-from pamid_cli import frame
+from exported import PERIOD_S, Case, Slave, case, fmu_of, simulated
 
 from pamid.export.c_source import model_name
-from pamid.export.fmu import Fmu, make_fmu, standard_headers
+from pamid.export.fmu import standard_headers
 from pamid.export.step import step_of
 
-fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (pip install 'pamid[verify]')")
-
+pytest.importorskip("fmpy", reason="pip install 'pamid[verify]'")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 SEVERAL = "several effects, two steps"
-
-
-@cache
-def fmu_of(name: str, version: int, compiler: str | None = None) -> Fmu:
-    return make_fmu(step_of(case(name, 1).model), version, compiler=compiler)
-
-
-class Slave:
-    """One running FMU behind the same few verbs for both versions."""
-
-    def __init__(
-        self,
-        name: str,
-        version: int,
-        folder: Path,
-        *,
-        start: float = 0.0,
-        changed: dict[str, float] | None = None,
-    ) -> None:
-        from fmpy.fmi2 import FMU2Slave
-        from fmpy.fmi3 import FMU3Slave
-
-        folder.mkdir(exist_ok=True)
-        path = folder / "model.fmu"
-        path.write_bytes(fmu_of(name, version).data)
-        self.description = fmpy.read_model_description(str(path))
-        self.places = {v.name: v.valueReference for v in self.description.modelVariables}
-        self.fmu = (FMU2Slave if version == 2 else FMU3Slave)(
-            guid=self.description.guid,
-            unzipDirectory=fmpy.extract(str(path), str(folder / "unzipped")),
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName="one",
-        )
-        self.fmu.instantiate()
-        self.put: Callable[[Any, Any], None] = (
-            self.fmu.setReal if version == 2 else self.fmu.setFloat64
-        )
-        self.get: Callable[[Any], Any] = self.fmu.getReal if version == 2 else self.fmu.getFloat64
-        for key, value in (changed or {}).items():
-            self.put([self.places[key]], [value])
-        if version == 2:
-            self.fmu.setupExperiment(startTime=start)
-            self.fmu.enterInitializationMode()
-        else:
-            self.fmu.enterInitializationMode(startTime=start)
-        self.fmu.exitInitializationMode()
-        self.inputs = [
-            v.valueReference for v in self.description.modelVariables if v.causality == "input"
-        ]
-        self.outputs = [
-            v.valueReference for v in self.description.modelVariables if v.causality == "output"
-        ]
-
-    def run(
-        self, inputs: Array, step: float = PERIOD_S, start: float = 0.0, ahead: bool = False
-    ) -> Array:
-        """Outputs of every communication step, read before it or (ahead) after it."""
-        found = np.empty((len(inputs), len(self.outputs)))
-        for k, row in enumerate(inputs.tolist()):
-            self.put(self.inputs, row)
-            if not ahead:
-                found[k] = self.get(self.outputs)
-            self.fmu.doStep(start + k * step, step)
-            if ahead:
-                found[k] = self.get(self.outputs)
-        return found
 
 
 @pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
@@ -107,19 +37,6 @@ def test_valid_in_the_eyes_of_fmpy(name: str, version: int, tmp_path: Path) -> N
 
     (tmp_path / "model.fmu").write_bytes(fmu_of(name, version).data)
     assert validate_fmu(str(tmp_path / "model.fmu")) == []
-
-
-@needs_gcc
-def test_equal_to_pamid_over_a_recording(version: int, tmp_path: Path) -> None:
-    c = case(SEVERAL, 66667)
-    assert c.error(Slave(SEVERAL, version, tmp_path).run(c.inputs)) < 1e-12
-
-
-@needs_gcc
-@pytest.mark.parametrize("name", ["implicit", "cart", "network"])
-def test_equal_to_pamid(name: str, version: int, tmp_path: Path) -> None:
-    c = case(name, 5000)
-    assert c.error(Slave(name, version, tmp_path).run(c.inputs)) < 1e-12
 
 
 @needs_gcc
@@ -184,28 +101,6 @@ def test_a_state_brings_back_every_bit(version: int, tmp_path: Path) -> None:
         slave.fmu.enterInitializationMode(startTime=0.0)
     slave.fmu.exitInitializationMode()
     assert c.error(slave.run(c.inputs)) < 1e-12
-
-
-@needs_gcc
-def test_parameters_before_and_while_it_runs(version: int, tmp_path: Path) -> None:
-    c = case(SEVERAL, 600)
-    lower = c.model.knowing({"initial_pressure_kpa": 400.0})
-    heavy = lower.knowing({"inertia_kg_m2": 0.5})
-    slave = Slave(SEVERAL, version, tmp_path, changed={"initial_pressure_kpa": 400.0})
-    assert (
-        Case(lower, c.inputs[:300], simulated(lower, c.inputs[:300])).error(
-            slave.run(c.inputs[:300])
-        )
-        < 1e-12
-    )
-    slave.put([slave.places["inertia_kg_m2"]], [0.5])
-    run = {"period_s": PERIOD_S, "stepping": lower.stepping}
-    memory = lower.program.memory(lower.start, **run)
-    lower.program.run(memory, c.inputs[:300], lower.values, **run)
-    wanted = lower.program.run(memory, c.inputs[300:], heavy.values, time_s=0.9, **run)[0]
-    found = slave.run(c.inputs[300:], start=0.9)
-    assert np.allclose(found[:, 0], np.degrees(wanted[:, 0]), rtol=1e-10, atol=1e-10)
-    assert np.abs(wanted[:, 0] - simulated(lower, c.inputs)[300:, 0] * np.pi / 180.0).max() > 1e-3
 
 
 @needs_gcc
@@ -287,26 +182,3 @@ def test_without_a_compiler_the_sources_are_shipped(version: int) -> None:
     with zipfile.ZipFile(io.BytesIO(plain.data)) as file:
         assert not [n for n in file.namelist() if n.startswith("binaries")]
         assert "sources/pamid_kettle.c" in file.namelist()
-
-
-@needs_gcc
-def test_the_same_model_gives_the_same_file(version: int) -> None:
-    assert (
-        make_fmu(step_of(case("kettle", 1).model), version).data == fmu_of("kettle", version).data
-    )
-
-
-def test_the_command_says_how_to_build(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(
-        "pamid.correction.identified_model.load_identified",
-        lambda *_, **__: case("kettle", 1).model,
-    )
-    monkeypatch.setattr("shutil.which", lambda *_: None)
-    path = tmp_path / "kettle.fmu"
-    assert frame.run(["export", "run", "--to", "fmu3", "--output", str(path)]) == 0
-    told = capsys.readouterr()
-    assert "no C compiler" in told.err and "fmpy compile" in told.err and str(path) in told.out
-    with zipfile.ZipFile(path) as file:
-        assert b'fmiVersion="3.0"' in file.read("modelDescription.xml")

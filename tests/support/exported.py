@@ -1,8 +1,12 @@
-"""Models made by hand for the tests of exports, what they are driven with, and what pamid itself
-says they do."""
+"""Models made by hand for the tests of exports, what they are driven with, what pamid itself says
+they do, and the programs that judge every form."""
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,6 +18,10 @@ from numpy.typing import NDArray
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.identified_model import Identified, ModelNetwork, simulate_identified
 from pamid.engine.program import Stepping
+from pamid.export.c_source import c_files
+from pamid.export.fmu import Fmu, make_fmu
+from pamid.export.m_source import m_file
+from pamid.export.step import step_of
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
@@ -151,3 +159,156 @@ def case(name: str, samples: int) -> Case:
     model = CASES[name]()
     inputs = driven(model, samples)
     return Case(model, inputs, simulated(model, inputs))
+
+
+# ---- judges --------------------
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2")
+
+
+def built(name: str, folder: Path) -> Path:
+    """The case as a C program in a folder."""
+    for file, text in c_files(step_of(case(name, 1).model)).items():
+        (folder / file).write_text(text)
+    sources = sorted(p.name for p in folder.glob("*.c"))
+    subprocess.run(["gcc", *STRICT, *sources, "-lm", "-o", "model"], cwd=folder, check=True)
+    return folder / "model"
+
+
+def run_c(name: str, inputs: Array, folder: Path) -> Array:
+    """Outputs of the C program, which reads and writes CSV."""
+    rows = [",".join(map(repr, row)) for row in inputs.tolist()]
+    done = subprocess.run(
+        [built(name, folder)],
+        input="\n".join([",".join(case(name, 1).model.inputs), *rows, ""]),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return np.array([line.split(",") for line in done.stdout.splitlines()[1:]], float)
+
+
+OCTAVE = """U = load('u.txt'); Y = zeros(rows(U), columns(model(U(1, :))));
+[Y(1, :), s] = model(U(1, :));
+for k = 2:rows(U)
+  [Y(k, :), s] = model(U(k, :), s);
+end
+f = fopen('y.txt', 'w'); fprintf(f, [repmat('%.17g ', 1, columns(Y)) "\\n"], Y'); fclose(f);
+"""
+
+
+def run_octave(name: str, inputs: Array, folder: Path) -> Array:
+    """Outputs of the MATLAB function in Octave."""
+    (folder / "model.m").write_text(m_file(step_of(case(name, 1).model), "model"))
+    np.savetxt(folder / "u.txt", inputs, fmt="%.17g")
+    (folder / "script.m").write_text(OCTAVE)
+    words = ["octave-cli", "--no-history", "--norc", "--no-gui", "script.m"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    return np.loadtxt(folder / "y.txt", ndmin=2)
+
+
+@cache
+def fmu_of(name: str, version: int, compiler: str | None = None) -> Fmu:
+    return make_fmu(step_of(case(name, 1).model), version, compiler=compiler)
+
+
+class Slave:
+    """One running FMU behind the same few verbs for both versions."""
+
+    def __init__(
+        self,
+        name: str,
+        version: int,
+        folder: Path,
+        *,
+        start: float = 0.0,
+        changed: dict[str, float] | None = None,
+    ) -> None:
+        import fmpy
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        folder.mkdir(exist_ok=True)
+        path = folder / "model.fmu"
+        path.write_bytes(fmu_of(name, version).data)
+        self.description = fmpy.read_model_description(str(path))
+        self.places = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.fmu = (FMU2Slave if version == 2 else FMU3Slave)(
+            guid=self.description.guid,
+            unzipDirectory=fmpy.extract(str(path), str(folder / "unzipped")),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
+        self.fmu.instantiate()
+        self.put: Callable[[Any, Any], None] = (
+            self.fmu.setReal if version == 2 else self.fmu.setFloat64
+        )
+        self.get: Callable[[Any], Any] = self.fmu.getReal if version == 2 else self.fmu.getFloat64
+        for key, value in (changed or {}).items():
+            self.put([self.places[key]], [value])
+        if version == 2:
+            self.fmu.setupExperiment(startTime=start)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=start)
+        self.fmu.exitInitializationMode()
+        self.inputs = [
+            v.valueReference for v in self.description.modelVariables if v.causality == "input"
+        ]
+        self.outputs = [
+            v.valueReference for v in self.description.modelVariables if v.causality == "output"
+        ]
+
+    def run(
+        self, inputs: Array, step: float = PERIOD_S, start: float = 0.0, ahead: bool = False
+    ) -> Array:
+        """Outputs of every communication step, read before it or (ahead) after it."""
+        found = np.empty((len(inputs), len(self.outputs)))
+        for k, row in enumerate(inputs.tolist()):
+            self.put(self.inputs, row)
+            if not ahead:
+                found[k] = self.get(self.outputs)
+            self.fmu.doStep(start + k * step, step)
+            if ahead:
+                found[k] = self.get(self.outputs)
+        return found
+
+
+def run_onnx(name: str, inputs: Array, folder: Path) -> Array:
+    """Outputs of the run file under onnxruntime."""
+    from pamid.export.onnx_model import onnx_bytes
+
+    return run_whole(onnx_bytes(case(name, 1).model)[0], inputs)[0]
+
+
+def run_whole(content: bytes, u: Array, state: Array | None = None) -> tuple[Array, Array]:
+    """Outputs and last state of an ONNX file; inputs in the columns' units."""
+    import onnx
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    if state is None:
+        told = {p.key: p.value for p in onnx.load_from_string(content).metadata_props}
+        state = np.array(json.loads(told["start"]))
+    outputs, state = session.run(None, {"inputs": u, "state": state})
+    return outputs, state
+
+
+#: form -> the program it needs, how it is run, samples of each case, largest error as a share of
+#: the span
+JUDGES: dict[str, tuple[str, Callable[[str, Array, Path], Array], int, float]] = {
+    "c": ("gcc", run_c, 5000, 1e-12),
+    "matlab": ("octave-cli", run_octave, 250, 1e-12),
+    "fmu": ("gcc", lambda name, u, folder: Slave(name, 2, folder).run(u), 1000, 1e-12),
+    "fmu3": ("gcc", lambda name, u, folder: Slave(name, 3, folder).run(u), 1000, 1e-12),
+    "onnx": ("", run_onnx, 300, 1e-9),
+}
+
+
+def missing(form: str) -> str:
+    """Why a form cannot be judged here, or nothing."""
+    program = JUDGES[form][0]
+    return f"there is no {program}" if program and shutil.which(program) is None else ""
