@@ -30,86 +30,12 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from disturbed import leftovers, quick_examine  # noqa: E402
-from faulty import complaints, walk  # noqa: E402
+from faulty import COMMANDS, complaints, prepared, walk  # noqa: E402
 from pamid_cli import frame  # noqa: E402
 from small_cart import RIG, others, record_cart  # noqa: E402
 
 import pamid.api.trial_cases as work  # noqa: E402
 import pamid.networks.network_training as training  # noqa: E402
-
-#: command, folder it works in is a copy of the same start -> (words, does it write all of its files
-#: or none)
-DISK: dict[str, tuple[list[str], bool]] = {
-    "generate-aprbs": (
-        ["--duration", "20", "--output", "a.csv", "--figure", "a.png", "--overwrite"],
-        True,
-    ),
-    "simulate": (
-        ["--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv", "--overwrite"],
-        True,
-    ),
-    "ingest": (
-        ["push.csv", "--mapping", "map.toml", "--rig", RIG, "--output", "out.csv", "--overwrite"],
-        True,
-    ),
-    "ingest --guess": (["push.csv", "--rig", RIG, "--output", "new.toml"], True),
-    "check --figure": (["card.png", "rec.csv", "--rig", RIG, "--overwrite"], True),
-    "report": (["run"], True),
-    "animate": (["joint-run", "--size", "160", "--to", "4"], True),
-    "export --to": (["c", "run", "--rig", RIG, "--output", "c"], True),
-    "export --to ": (["fmu", "run", "--rig", RIG, "--output", "cart.fmu"], True),
-    "export --to  ": (["onnx", "run", "--rig", RIG, "--output", "cart.onnx"], True),
-    "fit": (["rec.csv", "--rig", RIG, "--bootstrap", "3", "--output", "run", "--overwrite"], False),
-    "diagnose": (
-        ["rec.csv", "--rig", RIG, *others(), "--jobs", "1", "--output", "run", "--overwrite"],
-        False,
-    ),
-    "train-residual": (["run", "--hidden", "2", "--iterations", "3", "--jobs", "1"], False),
-    "force-law": (["points.csv", "--output", "law", "--sets", "2", "--no-strict"], False),
-    "trial": (["--output", "trial", "--cases", "3", "--jobs", "1"], False),
-    "demo": (["--output", "demo", "--duration", "15", "--jobs", "1"], False),
-    "reproduce-paper": (["joint", "--quick", "--output", "paper", "--jobs", "1"], False),
-}
-
-
-def prepared(place: Path) -> None:
-    """What the commands work on."""
-    record_cart(place)
-    assert (
-        quietly(["fit", str(place / "rec.csv"), "--rig", RIG, "--output", str(place / "run")]) == 0
-    )
-    words = [
-        "ingest",
-        "--guess",
-        str(place / "push.csv"),
-        "--rig",
-        RIG,
-        "--output",
-        str(place / "map.toml"),
-    ]
-    assert quietly(words) == 0
-    for name in ("a.csv", "a.json", "a.png", "sim.csv", "sim.toml", "out.csv", "card.png"):
-        (place / name).write_text("old")
-    rows = [f"{e / 20},{p},{(1 - 2 * e / 20) * p}" for e in range(6) for p in range(100, 600, 100)]
-    (place / "points.csv").write_text("\n".join(["contraction,pressure_kpa,force_n", *rows, ""]))
-    words = [
-        "fit",
-        str(ROOT / "data/example/joint.csv"),
-        "--rig",
-        "one-dof",
-        "--output",
-        str(place / "joint-run"),
-    ]
-    assert quietly(words) in (0, 5)
-
-
-def quietly(words: list[str]) -> int:
-    with (
-        open(os.devnull, "w") as nowhere,
-        contextlib.redirect_stdout(nowhere),
-        contextlib.redirect_stderr(nowhere),
-    ):
-        return frame.run(words)
 
 
 def disks(only: str, most: int) -> int:
@@ -118,11 +44,11 @@ def disks(only: str, most: int) -> int:
     with tempfile.TemporaryDirectory() as name:
         start = Path(name) / "start"
         start.mkdir()
-        prepared(start)
+        prepared(start, with_joint=True)
         print(
             f"{'command':20s}{'writes failed':>14s}{'exit 3':>8s}{'done':>6s}{'other':>7s}{'wrong':>7s}{'s':>7s}"  # noqa: E501
         )
-        for number, (named, (words, together)) in enumerate(DISK.items()):
+        for number, (named, (words, together)) in enumerate(COMMANDS.items()):
             command = named.strip()
             if only not in command:
                 continue

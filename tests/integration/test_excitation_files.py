@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from cli import frame
 from pamid.base.errors import FileError
-from pamid.base.files import write_together
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.writers import FORMATS, change_points, write_excitation
 
@@ -258,16 +257,3 @@ def test_what_is_not_finite_is_never_written(form: str, tmp_path: Path) -> None:
                 {"force_n": np.array([0.0, wrong, 1.0])},
             )
     assert list(tmp_path.iterdir()) == []
-
-
-def test_all_or_none(tmp_path: Path) -> None:
-    old, new, taken = tmp_path / "old.csv", tmp_path / "new.toml", tmp_path / "taken.json"
-    old.write_bytes(b"former")
-    taken.mkdir()
-    with pytest.raises(FileError):
-        write_together({old: b"later", new: b"new", taken: b"cannot be"})
-    assert (
-        old.read_bytes() == b"former"
-        and not new.exists()
-        and sorted(tmp_path.iterdir()) == [old, taken]
-    )

@@ -3,110 +3,48 @@ as they were."""
 
 from __future__ import annotations
 
-import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
-from faulty import complaints, fresh_copy, tree_of, walk
+from faulty import COMMANDS, complaints, prepared, tree_of, walk
 from pamid_cli import frame
 from small_cart import RIG, record_cart
+
+#: of the commands of benchmarks/faults.py those that take a moment
+QUICK = (
+    "simulate",
+    "ingest",
+    "ingest --guess",
+    "check --figure",
+    "export --to",
+    "export --to   ",
+    "report",
+    "report --compare",
+)
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cart's recording, a run fitted to it, and outputs of earlier commands to be replaced."""
     place = tmp_path_factory.mktemp("made")
-    record_cart(place, seconds=6.0)
-    assert (
-        frame.run(["fit", str(place / "rec.csv"), "--rig", RIG, "--output", str(place / "run")])
-        == 0
-    )
-    run = place / "run" / "run.json"
-    run.write_text(json.dumps(json.loads(run.read_text()) | {"command": ["pamid", "fit"]}))
-    for name in (
-        "a.csv",
-        "a.toml",
-        "a.json",
-        "sim.csv",
-        "sim.toml",
-        "c/pamid_cart.c",
-        "out.csv",
-        "card.png",
-    ):
-        (place / name).parent.mkdir(exist_ok=True)
-        (place / name).write_text("old")
-    words = [
-        "ingest",
-        "--guess",
-        str(place / "push.csv"),
-        "--rig",
-        RIG,
-        "--output",
-        str(place / "map.toml"),
-    ]
-    assert frame.run(words) == 0
+    prepared(place)
     return place
 
 
-WRITE_TOGETHER = {
-    "generate-aprbs": [
-        "--rig",
-        RIG,
-        "--column",
-        "force_n",
-        "--duration",
-        "3",
-        "--amplitude",
-        "3",
-        "--hold",
-        "0.2",
-        "0.8",
-        "--output",
-        "a.csv",
-        "--overwrite",
-    ],
-    "simulate": ["--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv", "--overwrite"],
-    "ingest": [
-        "push.csv",
-        "--mapping",
-        "map.toml",
-        "--rig",
-        RIG,
-        "--output",
-        "out.csv",
-        "--overwrite",
-    ],
-    "ingest ": ["--guess", "push.csv", "--rig", RIG, "--output", "a.toml", "--overwrite"],
-    "check": ["rec.csv", "--rig", RIG, "--figure", "card.png", "--overwrite"],
-    "export": ["run", "--rig", RIG, "--to", "c", "--output", "c", "--overwrite"],
-    "export ": ["run", "--rig", RIG, "--to", "matlab", "--output", "new/model.m"],
-    "report": ["run"],
-    "report ": ["--compare", "run", "run/../run", "--output", "both.html"],
-}
-WRITE_IN_TURN = {
-    "fit": ["rec.csv", "--rig", RIG, "--output", "other/run"],
-    "fit ": ["rec.csv", "--rig", RIG, "--bootstrap", "3", "--output", "run", "--overwrite"],
-}
-
-
 @pytest.mark.parametrize(
-    "command",
-    [
-        pytest.param(one, marks=pytest.mark.slow if one == "fit " else ())
-        for one in (*WRITE_TOGETHER, *WRITE_IN_TURN)
-    ],
+    "command", [*QUICK, "generate-aprbs", pytest.param("fit", marks=pytest.mark.slow)]
 )
 def test_every_write_may_fail(
     command: str, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = fresh_copy(made, tmp_path / "place")
+    place = Path(shutil.copytree(made, tmp_path / "place"))
     monkeypatch.chdir(place)
-    words = [command.strip(), *(WRITE_TOGETHER | WRITE_IN_TURN)[command]]
-    before, whole, failed = walk(words, place)
+    words, together = COMMANDS[command]
+    before, whole, failed = walk([*command.split(), *words], place)
     assert whole.code == 0, whole.said
     assert len(failed) >= 5 and sum(one.code == 3 for one in failed) >= len(failed) / 2
-    together = command in WRITE_TOGETHER
     assert not [
         text for one in failed for text in complaints(before, whole, one, together=together)
     ]
@@ -128,7 +66,7 @@ def test_the_walk_sees_what_is_half_written(
                 file.write(data[10:])
 
     record_cart(tmp_path, seconds=6.0)
-    place = fresh_copy(tmp_path, tmp_path / "place")
+    place = Path(shutil.copytree(tmp_path, tmp_path / "place"))
     monkeypatch.chdir(place)
     monkeypatch.setattr(pamid.recording.recording, "write_together", careless)
     before, whole, failed = walk(

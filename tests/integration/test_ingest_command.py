@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest import account
 from pamid.ingest.channels import Channel, Log
@@ -362,48 +361,6 @@ def test_nothing_is_replaced_without_being_told(
         assert code == 3 and "it would be lost" in error["message"]
     code, error = ran(capsys, *words, "rec.txt")
     assert code == 3 and "neither a .csv file nor a folder" in error["message"]
-
-
-def test_all_files_or_none(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prepare()
-    before = sorted(here.iterdir())
-
-    def full(*_: object) -> None:
-        raise FileError("the disk is full", code="disk-full")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(account, "write_json", full)
-        assert (
-            ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[1]["code"]
-            == "disk-full"
-        )
-    assert sorted(here.iterdir()) == before
-    moved: list[str] = []
-    replace = os.replace
-
-    def fails_late(source: Path, target: Path) -> None:
-        if "stage" not in str(source) and len(moved) == 2:
-            raise OSError(5, "gone")
-        moved.append(str(target))
-        replace(source, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            os,
-            "replace",
-            lambda a, b: (
-                fails_late(a, b)
-                if ".ingest-" in str(a) and ".ingest-" not in str(b)
-                else replace(a, b)
-            ),
-        )
-        assert (
-            ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[1]["code"]
-            == "write"
-        )
-    assert sorted(here.iterdir()) == before and len(moved) == 2
 
 
 def test_what_a_killed_ingest_left_is_swept_by_the_next(

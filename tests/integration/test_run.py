@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import signal
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError, PamidError
-from pamid.base.files import sha256_of, write_atomically, write_together
+from pamid.base.files import sha256_of, write_atomically
 from pamid.base.json_file import json_text, read_json, write_json
 from pamid.base.run_folder import Run
 
@@ -156,30 +155,6 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:
     assert (tmp_path / "device").is_symlink() and len(list(tmp_path.iterdir())) == 4
 
 
-@pytest.mark.parametrize("broken", range(3))
-def test_together_means_all_or_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: int
-) -> None:
-    names, replace, done = ["a", "b", "c"], os.replace, []
-    for name in names[:2]:
-        (tmp_path / name).write_text("old")
-
-    def failing(source: Path, target: Path) -> None:
-        done.append(target)
-        if len(done) == broken + 1:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", failing)
-    with pytest.raises(FileError, match="disk is full"):
-        write_together({tmp_path / name: b"new" for name in names})
-    assert {item.name: item.read_text() for item in tmp_path.iterdir()} == {"a": "old", "b": "old"}
-    write_together({tmp_path / name: b"new" for name in names})
-    assert {item.name: item.read_text() for item in tmp_path.iterdir()} == dict.fromkeys(
-        names, "new"
-    )
-
-
 def test_opening_what_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="not a run folder"):
         Run.open(tmp_path)
@@ -232,22 +207,6 @@ def test_broken_json_is_located(tmp_path: Path, content: bytes, words: str) -> N
         read_json(path)
     with pytest.raises(FileError, match="does not exist"):
         read_json(tmp_path / "other.json")
-
-
-@pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_a_full_disk_leaves_the_old_file_and_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    path = tmp_path / "fit.json"
-    write_json(path, {"a": 1})
-    monkeypatch.setattr(os, step, full)
-    with pytest.raises(FileError, match="disk is full") as caught:
-        write_json(path, {"a": 2})
-    assert caught.value.code == "disk-full"
-    assert read_json(path) == {"a": 1} and os.listdir(tmp_path) == ["fit.json"]
 
 
 def test_an_interrupt_leaves_no_temporary_file(

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pamid_cli import frame
 from train_command import said, train
 
 from pamid.base.errors import FileError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
-from pamid.base.npz import load_arrays
 from pamid.base.run_folder import Run
 from pamid.correction.residual_data import read_columns
 from pamid.estimation.fit_files import fit_json, residual_csv
@@ -214,9 +211,6 @@ def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
 # ---- interrupted, killed --------------------
 
 
-# so that a process which hangs ends the test; no healthy one comes near it on any machine
-GUARD_S = 900.0
-
 #: `pamid` that stands still once it has told of its progress so many times, and says so by a byte
 #: (a process begun in the background inherits SIGINT as ignored)
 _HELD = """
@@ -271,111 +265,6 @@ def held(started: Callable[..., Process], *words: str) -> Process:
     with open(hears, "rb") as pipe:
         assert pipe.read(1) == b"!", process.communicate()
     return process
-
-
-def everything_parses(folder: Path) -> None:
-    """No file is half there; what a dead process was writing lies apart, under a name of its
-    own."""
-    for path in folder.rglob("*"):
-        if path.is_file() and not (path.name.startswith(".") and path.suffix == ".tmp"):
-            if path.suffix == ".json":
-                read_json(path)
-            elif path.suffix == ".npz":
-                load_arrays(path)
-            elif path.suffix == ".jsonl":
-                assert all(
-                    isinstance(json.loads(line), dict) for line in path.read_text().splitlines()
-                )
-            else:
-                assert (
-                    path.suffix == ".csv"
-                    and np.isfinite(np.loadtxt(path, delimiter=",", skiprows=1)).all()
-                )
-
-
-def resumes_bit_for_bit(folder: Path, other: Path, reached: int) -> None:
-    total = ("--hidden", "10", "--iterations", str(reached + 5))
-    assert train(folder, *total, "--resume") == 0
-    assert train(other, *total) == 0
-    for name in RESULTS:
-        assert (folder / name).read_bytes() == (other / name).read_bytes(), name
-    assert not list(folder.glob(".*.tmp"))
-
-
-def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: Any) -> None:
-    folder = run()
-    process = held(
-        started,
-        "train-residual",
-        str(folder),
-        "--hidden",
-        "10",
-        "--iterations",
-        "1000000",
-        "--json",
-    )
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=GUARD_S)
-    assert process.returncode == 130, err.decode()
-    assert json.loads(out)["code"] == "interrupted"
-    about = read_json(folder / "network.json")
-    assert about["training"]["why"] == "interrupted" and "MSE" in err.decode()
-    assert steps(folder)[-1]["outcome"] == "interrupted" and steps(folder)[-1]["ended"]
-    assert load_network(folder).network.n_weights == 171
-    everything_parses(folder)
-    resumes_bit_for_bit(folder, run(), about["training"]["iterations"])
-    # another training than the checkpoint's
-    assert train(folder, *QUICK, "--seed", "9", "--resume") == 3
-    assert steps(folder)[-1]["outcome"] == "failed"
-
-
-_DIES = """
-import os, signal, sys
-from pathlib import Path
-from pamid_cli.frame import main
-name, replace = sys.argv.pop(1), os.replace
-def dying(source, target):
-    if Path(target).name == name:
-        os.kill(os.getpid(), signal.SIGKILL)
-    replace(source, target)
-os.replace = dying
-main()
-"""
-
-
-@pytest.mark.parametrize("name", ["network.json", "residual.csv"])
-def test_killed_while_a_result_is_written(run: Copy, started: Any, name: str) -> None:
-    """The process dies with the new file written, but not yet in its place."""
-    folder = run()
-    before = (folder / "residual.csv").read_bytes()
-    process = started(name, "train-residual", str(folder), *QUICK, code=_DIES)
-    process.communicate(timeout=GUARD_S)
-    assert process.returncode == -signal.SIGKILL
-    everything_parses(folder)
-    assert (folder / "residual.csv").read_bytes() == before and steps(folder)[-1]["ended"] is None
-    other = run()
-    assert train(folder, *QUICK, "--resume") == train(other, *QUICK) == 0
-    assert all((folder / file).read_bytes() == (other / file).read_bytes() for file in RESULTS)
-    assert not list(folder.glob(".*.tmp"))
-
-
-@pytest.mark.slow
-def test_killed_in_the_middle_of_a_diagnosis(
-    recording: Path, tmp_path: Path, started: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "run"
-    process = held(started, "diagnose", str(recording), "--output", str(folder), "--jobs", "1")
-    process.kill()
-    process.communicate()
-    everything_parses(folder)
-    assert read_json(folder / "run.json")["ended"] is None and not Run.open(folder).finished
-    assert not (folder / "diagnosis.json").exists()
-    assert frame.run(["report", str(folder), "--json"]) == 3
-    assert "no result yet" in said(capsys)["message"]
-    assert frame.run(["diagnose", str(recording), "--output", str(folder), "--json"]) == 3
-    assert "--overwrite" in said(capsys)["hint"]
-    again = Run.create(folder, command="again", seed=0, overwrite=True)
-    assert again.record["command"] == ["again"]
 
 
 # ---- several networks in a run --------------------

@@ -25,8 +25,10 @@ from pathlib import Path
 from typing import Any
 
 from pamid_cli import frame
+from small_cart import RIG, others, record_cart
 
 ONCE, FULL = "once", "from then on"
+ROOT = Path(__file__).resolve().parents[2]
 JOURNAL = "journal.jsonl"
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND
 Tree = dict[str, bytes]
@@ -289,7 +291,81 @@ def _of_progress(name: str) -> bool:
     return Path(name).parent.name == "jobs" or Path(name).name == "checkpoint.npz"
 
 
-def fresh_copy(source: Path, target: Path) -> Path:
-    """A copy of a folder for one command to fail in."""
-    shutil.copytree(source, target)
-    return target
+# ---- the commands --------------------
+
+#: command, folder it works in is a copy of the same start -> (words, does it write all of its files
+#: or none)
+COMMANDS: dict[str, tuple[list[str], bool]] = {
+    "generate-aprbs": (
+        ["--duration", "20", "--output", "a.csv", "--figure", "a.png", "--overwrite"],
+        True,
+    ),
+    "export --to   ": (["matlab", "run", "--rig", RIG, "--output", "new/model.m"], True),
+    "report --compare": (["run", "run/../run", "--output", "both.html"], True),
+    "simulate": (
+        ["--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv", "--overwrite"],
+        True,
+    ),
+    "ingest": (
+        ["push.csv", "--mapping", "map.toml", "--rig", RIG, "--output", "out.csv", "--overwrite"],
+        True,
+    ),
+    "ingest --guess": (["push.csv", "--rig", RIG, "--output", "new.toml"], True),
+    "check --figure": (["card.png", "rec.csv", "--rig", RIG, "--overwrite"], True),
+    "report": (["run"], True),
+    "animate": (["joint-run", "--size", "160", "--to", "4"], True),
+    "export --to": (["c", "run", "--rig", RIG, "--output", "c"], True),
+    "export --to ": (["fmu", "run", "--rig", RIG, "--output", "cart.fmu"], True),
+    "export --to  ": (["onnx", "run", "--rig", RIG, "--output", "cart.onnx"], True),
+    "fit": (["rec.csv", "--rig", RIG, "--bootstrap", "3", "--output", "run", "--overwrite"], False),
+    "diagnose": (
+        ["rec.csv", "--rig", RIG, *others(), "--jobs", "1", "--output", "run", "--overwrite"],
+        False,
+    ),
+    "train-residual": (["run", "--hidden", "2", "--iterations", "3", "--jobs", "1"], False),
+    "force-law": (["points.csv", "--output", "law", "--sets", "2", "--no-strict"], False),
+    "trial": (["--output", "trial", "--cases", "3", "--jobs", "1"], False),
+    "demo": (["--output", "demo", "--duration", "15", "--jobs", "1"], False),
+    "reproduce-paper": (["joint", "--quick", "--output", "paper", "--jobs", "1"], False),
+}
+
+
+def prepared(place: Path, *, with_joint: bool = False) -> None:
+    """What the commands work on; with_joint: also a run of the joint, for animate."""
+    record_cart(place)
+    assert (
+        quietly(["fit", str(place / "rec.csv"), "--rig", RIG, "--output", str(place / "run")]) == 0
+    )
+    words = [
+        "ingest",
+        "--guess",
+        str(place / "push.csv"),
+        "--rig",
+        RIG,
+        "--output",
+        str(place / "map.toml"),
+    ]
+    assert quietly(words) == 0
+    for name in ("a.csv", "a.json", "a.png", "sim.csv", "sim.toml", "out.csv", "card.png"):
+        (place / name).write_text("old")
+    rows = [f"{e / 20},{p},{(1 - 2 * e / 20) * p}" for e in range(6) for p in range(100, 600, 100)]
+    (place / "points.csv").write_text("\n".join(["contraction,pressure_kpa,force_n", *rows, ""]))
+    if with_joint:
+        words = [
+            "fit",
+            str(ROOT / "data/example/joint.csv"),
+            "--rig",
+            "one-dof",
+            "--output",
+            str(place / "joint-run"),
+        ]
+        assert quietly(words) in (0, 5)
+
+
+def quietly(words: list[str]) -> int:
+    with (
+        open(os.devnull, "w") as nowhere,
+        contextlib.redirect_stdout(nowhere),
+        contextlib.redirect_stderr(nowhere),
+    ):
+        return frame.run(words)
