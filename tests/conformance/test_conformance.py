@@ -1,5 +1,6 @@
 """Every effect of the catalogue, at every port it fits on every rig, found by scanning: no names in
-here."""
+here. A sample that meets every effect, every kind of port and every port is always run, the others
+by `make slow`."""
 
 from __future__ import annotations
 
@@ -18,6 +19,7 @@ from conformance_rules import (
     rig_names,
     rig_of,
     run,
+    sample,
     typical,
 )
 
@@ -31,7 +33,16 @@ from pamid.model.rig import check_rig
 
 CASES = cases()
 CATALOGUE = list(effects().values())
-each_case = pytest.mark.parametrize("case", CASES, ids=str)
+SAMPLE = sample(CASES)
+
+
+def each(cases: list[Case]) -> pytest.MarkDecorator:
+    """Parametrise over cases; those that are not of the sample are slow."""
+    marked = [pytest.param(c, marks=() if c in SAMPLE else pytest.mark.slow) for c in cases]
+    return pytest.mark.parametrize("case", marked, ids=[str(c) for c in cases])
+
+
+each_case = each(CASES)
 each_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.name)
 
 
@@ -211,7 +222,7 @@ def apart(case: Case) -> bool:
     return count > 0 and not rig_of(case.rig).loops and count == len(rig_of(case.rig).inputs)
 
 
-@pytest.mark.parametrize("case", [c for c in CASES if apart(c)], ids=str)
+@each([c for c in CASES if apart(c)])
 def test_copies_share_nothing(case: Case) -> None:
     """What happens at place 2 leaves place 1 as it was, to the last bit."""
     assembly = assembled(case)
@@ -224,11 +235,7 @@ def test_copies_share_nothing(case: Case) -> None:
     assert np.any(y[:, 1] != other[:, 1])
 
 
-@pytest.mark.parametrize(
-    "case",
-    [c for c in CASES if placed(c) and not apart(c) and len(c.attachment.ports) == 1],
-    ids=str,
-)
+@each([c for c in CASES if placed(c) and not apart(c) and len(c.attachment.ports) == 1])
 def test_one_copy_per_place(case: Case) -> None:
     """Attached to both places at once or to each by itself: the same model."""
     a = case.attachment
@@ -237,13 +244,13 @@ def test_one_copy_per_place(case: Case) -> None:
         Attachment(a.effect, a.ports, f"{a.effect.name}@{port}_{place}", place)
         for place in placed(case)
     ]
-    both, each = assembled(case), Assembly(rig_of(case.rig), tuple(single))
+    both, singly = assembled(case), Assembly(rig_of(case.rig), tuple(single))
     p = typical(both)
     values = {both.parameters[i].key.split(":")[1]: p[i] for i in own(both)}
-    q = each.values()
-    for i in own(each):
-        q[i] = values[each.parameters[i].key.split(":")[1]]
-    together, separate = (run(m, excitation(case.rig), v)[0] for m, v in ((both, p), (each, q)))
+    q = singly.values()
+    for i in own(singly):
+        q[i] = values[singly.parameters[i].key.split(":")[1]]
+    together, separate = (run(m, excitation(case.rig), v)[0] for m, v in ((both, p), (singly, q)))
     np.testing.assert_allclose(separate, together, rtol=0.0, atol=1e-12 * np.abs(together).max())
 
 

@@ -63,6 +63,35 @@ def cases() -> list[Case]:
     return found
 
 
+def sample(every: list[Case], rigs_of_effect: int = 3) -> set[Case]:
+    """Cases in which every effect meets every kind of port that it fits and some rigs, and every
+    port of every rig meets an effect."""
+    chosen: list[Case] = []
+    seen: set[tuple[str, ...]] = set()
+
+    def take(case: Case, *keys: tuple[str, ...]) -> None:
+        if not seen.issuperset(keys):
+            chosen.append(case)
+            rig, a = case.rig, case.attachment
+            kind = rig_of(rig).ports[a.ports[0]].kind
+            seen.update({(a.effect.name, kind), (a.effect.name, rig)})
+            seen.update((rig, port, "port") for port in a.ports)
+
+    names = sorted({case.attachment.effect.name for case in every})
+    for number, name in enumerate(names):
+        own_cases = [case for case in every if case.attachment.effect.name == name]
+        rigs = sorted({case.rig for case in own_cases})
+        turned = rigs[number % len(rigs) :] + rigs[: number % len(rigs)]
+        for rig in turned[:rigs_of_effect]:
+            on_rig = [case for case in own_cases if case.rig == rig]
+            take(on_rig[number % len(on_rig)], (name, rig))
+    for case in every:
+        a, ports = case.attachment, rig_of(case.rig).ports
+        take(case, (a.effect.name, ports[a.ports[0]].kind))
+        take(case, *((case.rig, port, "port") for port in a.ports))
+    return set(chosen)
+
+
 def _steps(rng: np.random.Generator, n: int, shortest: int, longest: int, size: float) -> Array:
     out = np.empty(n)
     k = 0
