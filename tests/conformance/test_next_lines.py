@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
@@ -30,7 +29,7 @@ from pamid.model.registry import rig_named
 from pamid.planning import next_experiment
 from pamid.planning.experiment_ways import NEXT_FILES
 from pamid.planning.next_experiment import Proposal, bench_of, sent_with
-from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.recording.recording import Recording, read_recording
 from pamid.report.answers import next_answer
 from pamid.report.load import load_run
 from pamid.rigs.muscle_experiments import EXPERIMENTS
@@ -216,15 +215,6 @@ def test_names_that_are_taken_are_not_suggested(
     assert again[-1] == "rec-3.csv"
 
 
-def test_too_short_for_a_fit_is_said_instead(here: Path, run: Run) -> None:
-    write_recording("sent.csv", 0.01 * np.arange(120), {"force_n": np.sin(0.3 * np.arange(120))})
-    (check,) = lines_of(
-        run("simulate", "--rig", "cart.py", "--excitation", "sent.csv", "--output", "rec.csv")
-    )
-    assert check[0] == "check"
-    assert "too few to fit and judge" in run(*check, code=3)
-
-
 # ---- the experiments that a diagnosis recommends --------------------
 
 
@@ -322,17 +312,6 @@ def test_a_recommended_experiment_is_simulated_checked_and_taken(
     assert len(taken) == len(made) + 1
 
 
-def test_several_settings_are_several_files_that_a_run_owns(
-    recorded: dict[str, Recording], here: Path
-) -> None:
-    e = next(e for e in EXPERIMENTS if e.name == "torque-loops-two-pressures")
-    files = proposed("one-dof", recorded["one-dof"], e, here)
-    assert [p.name for p in files] == list(NEXT_FILES)
-    assert [read_recording(p).known["initial_pressure_kpa"] for p in files] == [200.0, 500.0]
-    for path in files:
-        assert path.with_suffix(".toml").is_file()
-
-
 # ---- runs --------------------
 
 
@@ -408,37 +387,6 @@ def test_after_a_forecast(here: Path, run: Run) -> None:
     effects = ["--effect", "coulomb-friction"]
     (simulate,) = lines_of(run("power", "--rig", "cart.py", "--excitation", "sent.csv", *effects))
     run(*free(simulate))
-
-
-def test_after_a_fit_with_a_recording_held_out(
-    cart: Path, here: Path, run: Run, taken: list[DataSplit]
-) -> None:
-    other = record_cart(here, seconds=6.0)
-    run("fit", str(cart), "--held-out", str(other), f"--rig={here / 'cart.py'}", "--output", "run")
-    (again,) = re.findall("`pamid (.*)`", next_answer(load_run(here / "run")).details[0])
-    run(*shlex.split(again), code=TAKEN)
-    assert [s.recording.sha256 for s in taken[0].held_out] == [read_recording(other).sha256]
-
-
-def test_after_a_fit_of_very_little(here: Path, run: Run) -> None:
-    """Fewer samples than the usual network has weights: a smaller one is trained."""
-    rec = record_cart(here, seconds=4.2)
-    train, _ = lines_of(run("fit", str(rec), "--rig", "cart.py", "--output", "run"))
-    assert ", " in run(*train, "--iterations", "2")
-
-
-def test_no_network_over_two_periods(cart: Path, here: Path, run: Run) -> None:
-    quick = read_recording(cart)  # mirrored: the same samples twice would be refused
-    write_recording(
-        "slow.csv",
-        quick.time[:450] * 2.0,
-        {name: -x[:450] for name, x in quick.columns.items()},
-        {"recording": {"sampling_period_s": 0.02}},
-    )
-    (report,) = lines_of(run("fit", str(cart), "slow.csv", "--rig", "cart.py", "--output", "run"))
-    assert report == ["report", "run"]
-    run(*report)
-    run("train-residual", "run", code=4)
 
 
 @pytest.mark.parametrize("rig", ["one-dof", "./cart.py"])
@@ -606,13 +554,3 @@ def test_the_example_of_the_readme_and_what_it_recommends(
     )
     assert together.startswith("coulomb-friction")
     run(*lines_of(together)[0])
-
-
-@pytest.mark.slow
-def test_torque_loops_alone_to_the_end(here: Path, run: Run) -> None:
-    (simulate,) = lines_of(
-        run("generate-aprbs", "--signal", "torque-loops", "--output", "sent.csv")
-    )
-    (diagnose,) = lines_of(run(*simulate))
-    (report,) = lines_of(run(*diagnose))
-    run(*report)

@@ -4,7 +4,6 @@ of pamid."""
 
 from __future__ import annotations
 
-import ast
 import errno
 import io
 import json
@@ -24,7 +23,6 @@ from pamid.base.errors import PamidError
 from pamid.base.json_file import read_json
 from pamid.base.toml_file import read_toml
 
-ROOT = Path(__file__).resolve().parents[2]
 ROWS = [
     f"{0.003 * k:.6g},{np.sin(k / 9):.6f},{40 * np.sin(k / 11):.6f},{k % 3}" for k in range(420)
 ]
@@ -44,33 +42,6 @@ def put(folder: Path, files: Files) -> Path:
     for name, content in files.items():
         (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
     return folder / "rec.csv"
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "recording/recording",
-        "recording/file_checks",
-        "simulation/data_split",
-        "checks/inspection",
-        "base/toml_file",
-    ],
-)
-def test_no_refusal_in_the_code_lacks_its_hint(name: str) -> None:
-    """Also those that no recording of the table above meets."""
-    tree = ast.parse((ROOT / "pamid" / f"{name}.py").read_text())
-    calls = [
-        n
-        for n in ast.walk(tree)
-        if isinstance(n, ast.Call)
-        and isinstance(n.func, ast.Name)
-        and n.func.id in ("FileError", "DataError")
-    ]
-    assert calls
-    for call in calls:
-        assert len(call.args) >= 2 and not (
-            isinstance(call.args[1], ast.Constant) and not call.args[1].value
-        ), f"pamid/{name}.py, line {call.lineno}: no hint"
 
 
 # ---- words, files and streams that used to be called a fault of pamid --------------------------

@@ -22,7 +22,6 @@ from pamid.correction.trained_force_law import (
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
-from pamid.networks.elman import Elman
 from pamid.networks.network_training import train
 from pamid.networks.scaling import Scaling
 from pamid.networks.trained_network import (
@@ -251,35 +250,6 @@ def test_guard_says_where_a_law_moves_the_wrong_way(along, words):
     fall = 2.0 * (150.0 * math.sin(4.0 * turn) - 250.0 * turn)
     assert found[1 - along] == pytest.approx(fall, rel=0.02)
     assert found[along] < 5.0
-
-
-@pytest.mark.parametrize(
-    ("network", "names", "output", "words"),
-    [
-        (
-            Anfis(2, 3),
-            ("contraction", "angle_deg"),
-            "force_n",
-            "gives a force from a contraction and a pressure",
-        ),
-        (Anfis(2, 3), ("contraction", "pressure_kpa"), "angle_deg", "gives a force from"),
-        (Anfis(1, 3), ("pressure_kpa",), "force_n", "gives a force from"),
-        (Elman(2, 3), ("contraction", "pressure_kpa"), "force_n", "'elman' has memory"),
-    ],
-)
-def test_what_is_no_force_law_is_refused(network, names, output, words):
-    n = len(names)
-    made = TrainedNetwork(
-        network,
-        np.zeros(network.n_weights),
-        names,
-        output,
-        Scaling((0.0,) * n, (1.0,) * n),
-        Scaling((0.0,), (1.0,)),
-        1.0,
-    )
-    with pytest.raises(DataError, match=words):
-        force_law_of(made)
 
 
 @pytest.mark.skipif(

@@ -3,8 +3,6 @@ structured text."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 import shutil
 import subprocess
@@ -15,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cli import frame
 from pamid.base.errors import FileError
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.writers import FORMATS, change_points, write_excitation
@@ -202,49 +199,6 @@ def test_the_change_points_of_the_plc_play_the_signal(period_s: float, tmp_path:
 
 
 # ---- beside them --------------------
-
-
-@pytest.mark.parametrize("form", FORMATS)
-def test_the_note_holds_what_is_needed_to_play_it(form: str, tmp_path: Path) -> None:
-    path = tmp_path / f"sent{FORMATS[form].suffix}"
-    assert (
-        frame.run(
-            [
-                "generate-aprbs",
-                "--signal",
-                "prbs",
-                "--duration",
-                "20",
-                "--seed",
-                "6",
-                "--rate-limit",
-                "900",
-                "--format",
-                form,
-                "--output",
-                str(path),
-            ]
-        )
-        == 0
-    )
-    note = json.loads(path.with_suffix(".json").read_text())
-    assert note["schema"] == "pamid.excitation/1" and note["generator"].startswith("pamid ")
-    assert (
-        note["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-        and note["file"] == path.name
-    )
-    assert note["signal"] == "prbs" and note["hold_s"] == [0.1, 1.0] and note["seed"] == 6
-    assert (
-        note["range"] == [-40.0, 40.0]
-        and note["unit"] == "deg"
-        and note["rate_limit_per_s"] == 900.0
-    )
-    assert note["sampling_period_s"] == PERIOD and note["samples"] == 6667
-    if form == "csv":
-        assert "format" not in note
-    else:
-        assert note["format"] == form and note["interpolation"].startswith("hold")
-    assert ("Interpolate data" in note.get("interpolation", "")) == (form in ("mat", "mat-matrix"))
 
 
 @pytest.mark.parametrize("form", FORMATS)

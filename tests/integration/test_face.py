@@ -27,26 +27,6 @@ BENCH_LOG = Path(__file__).parents[2] / "data" / "example" / "bench_log.csv"
 HOSTILE = "<script>alert(1)</script>"
 
 
-class PushedCart(pamid.Rig):
-    """A cart as a user writes it down in a notebook's cell."""
-
-    inputs = {"force_n": "N"}
-    outputs = {"position_m": "m"}
-    ports = {
-        "force": pamid.Port("motion", "N", signals=("velocity", "position")),
-        "sensor": pamid.Port("reading", "m"),
-    }
-    states = (pamid.State("position", "m"), pamid.State("velocity", "m/s"))
-    parameters = (pamid.Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
-
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
-        force = port("force", u.force_n, velocity=x.velocity, position=x.position)
-        return {"position": x.velocity, "velocity": force / p.mass_kg}
-
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
-        return {"position_m": port("sensor", x.position)}
-
-
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
@@ -136,23 +116,6 @@ def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path
 
 
 # ---- rigs and effects of one's own -------------------------------------------------------------
-
-
-@pytest.mark.parametrize("rig", [PushedCart, PushedCart()])
-def test_a_rig_of_ones_own(
-    rig: Any, recorded: Path, fitted: pamid.FitResult, tmp_path: Path
-) -> None:
-    own = pamid.fit(pamid.read_recording(recorded).to_pandas(), rig, progress=False)
-    assert own.rig == "pushed-cart"
-    assert own.parameters["mass_kg"].value == pytest.approx(
-        fitted.parameters["mass_kg"].value, rel=1e-6
-    )
-    push = recorded.with_name("push.csv")
-    assert own.simulate(push).has("position_m")
-    opened = pamid.open_run(own.save(tmp_path / "run"))
-    with pytest.raises(FileError, match="PushedCart is a rig of somebody's Python program"):
-        opened.simulate(push)
-    assert pamid.open_run(tmp_path / "run", rig=rig).simulate(push).has("position_m")
 
 
 # ---- a diagnosis -------------------------------------------------------------------------------
@@ -266,20 +229,3 @@ def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) ->
     assert pamid.open_run(folder).errors["position_m"].with_network is not None
     page = pamid.report(network)
     assert page.page == folder / "report.html" and page.page.is_file()
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: pamid.fit([], RIG), "no recording to fit"),
-        (lambda: pamid.fit(3, RIG), "is no recording"),  # type: ignore[arg-type]
-        (lambda: pamid.fit("rec.csv", 3), "is no rig"),  # type: ignore[arg-type]
-        (lambda: pamid.diagnose("nowhere.csv", RIG), "nowhere.csv"),
-        (lambda: pamid.simulate("nowhere.csv", noise=-1.0), "noise=-1.0"),
-        (lambda: pamid.open_run("nowhere"), "not a run folder"),
-        (lambda: pamid.train_residual("nowhere", evidence="some"), "evidence='some'"),
-    ],
-)
-def test_what_is_wrong_is_said(call: Any, words: str) -> None:
-    with pytest.raises(pamid.PamidError, match=words):
-        call()

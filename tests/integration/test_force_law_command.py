@@ -157,48 +157,6 @@ def test_what_is_held_out_is_not_seen() -> None:
 
 
 @pytest.mark.slow
-def test_same_map_and_seed_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table = grid(soft)
-    path = written(
-        tmp_path / "map.csv", np.column_stack([np.arange(len(table)), table]), f"point,{HEADER}"
-    )
-    for name in ("one", "two"):
-        assert (
-            run(
-                [
-                    "force-law",
-                    str(path),
-                    "--output",
-                    str(tmp_path / name),
-                    "--sets",
-                    "2",
-                    "--seed",
-                    "3",
-                    "--rig",
-                    "two-link",
-                ]
-            )
-            == 0
-        )
-    told = capsys.readouterr()
-    assert "the column 'point' is not used" in told.err
-    assert re.search(r"^ANFIS 2x2 +\d+\.\d +\d+\.\d +- +- +\d+\.\d$", told.out, re.MULTILINE)
-    assert all(re.search(rf"^{law}( +\d+\.\d+){{5}}$", told.out, re.MULTILINE) for law in LAWS)
-    for file in (
-        "force-law.json",
-        "network.json",
-        "network.npz",
-        "rig.py",
-        "figures/force-map.png",
-    ):
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes(), (
-            file
-        )
-    assert rig_named(str(tmp_path / "one" / "rig.py")).name == "two-link-measured"
-    assert run(["force-law", str(path), "--output", str(tmp_path / "one"), "--sets", "2"]) == 3
-
-
-@pytest.mark.slow
 def test_a_map_that_moves_the_wrong_way_is_refused_and_may_be_accepted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

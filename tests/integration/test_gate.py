@@ -237,46 +237,6 @@ def test_an_effect_that_hides_another_unit_is_set_aside(
 # ---- what may rest --------------------
 
 
-def test_the_experiments_that_pamid_recommends_are_taken(tmp_path: Path) -> None:
-    """Torque loops leave the command at 0."""
-    sent, made = str(tmp_path / "sent.csv"), tmp_path / "rec.csv"
-    assert (
-        run(
-            [
-                "generate-aprbs",
-                "--rig",
-                "one-dof",
-                "--signal",
-                "torque-loops",
-                "--duration",
-                "12",
-                "--output",
-                sent,
-            ]
-        )
-        == 0
-    )
-    assert (
-        run(
-            [
-                "simulate",
-                "--rig",
-                "one-dof",
-                "--excitation",
-                sent,
-                "--seed",
-                "1",
-                "--output",
-                str(made),
-            ]
-        )
-        == 0
-    )
-    assert not np.ptp(read_recording(made).columns["command"])
-    assert "angle_deg" in evidence_of(made, "one-dof").evidence.channels
-    assert run(["check", str(made), "--rig", "one-dof"]) == 0
-
-
 def spring(folder: Path, force: Array, position: Array) -> Recording:
     write_recording(
         folder / "rec.csv", 0.01 * np.arange(force.size), {"force_n": force, "position_m": position}

@@ -29,10 +29,7 @@ from pamid.correction.port_network import Corrected, entry_of
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.quantities import agreed
 from pamid.model.registry import rig_named
-from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
-from pamid.networks.narx import Narx
-from pamid.networks.network import Network
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.free_runs import free_run
 from pamid.verdict.diagnosis_run import models_json
@@ -124,36 +121,6 @@ def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
         load_identified(made[0], which="network")
     with pytest.raises(UsageError, match="--which 'worst'"):
         load_identified(made[0], which="worst")
-
-
-NETWORKS: list[Network] = [
-    Elman(3, 4),
-    Narx(3, 3, 2, 2, 5),
-    Narx(3, 2, 0, 1, 1),
-    Anfis(3, 3),
-    Anfis(3, 2, "bell"),
-]
-
-
-@pytest.mark.parametrize("network", NETWORKS, ids=repr)
-def test_a_network_behind_the_model(made: Made, run: Copy, network: Network) -> None:
-    """As equations it is what it is sample by sample, and acts on its channel alone."""
-    folder, (_, recording, _) = run(), made
-    trained = random_network(network, SEEN, "angle_deg", 3.0)
-    put_network(folder, trained)
-    model, alone = load_identified(folder), load_identified(folder, which="refitted")
-    u = commands_of(recording)
-    found, before = (
-        columns(model, simulate_identified(model, u)),
-        columns(alone, simulate_identified(alone, u)),
-    )
-    value = trained.predict(seen_by(trained, recording, before))
-    assert np.ptp(value) > 0.1
-    np.testing.assert_allclose(
-        found["angle_deg"] - before["angle_deg"], value, rtol=0.0, atol=1e-11
-    )
-    for name in OUTPUTS[1:]:
-        np.testing.assert_allclose(found[name], before[name], rtol=1e-11)
 
 
 @pytest.mark.parametrize("port", ["joint", "muscle_1", "command"])

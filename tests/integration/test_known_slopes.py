@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from pendulums import SteppedTwin, WrittenPendulum
 import pamid
 from pamid.diagnosis.candidate_model import slopes_along
 from pamid.engine import known_slopes
-from pamid.engine.known_slopes import FORETOLD, KnownSlopes
+from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
@@ -126,35 +125,6 @@ def test_slopes_by_forces_are_worked_out_where_they_are_pushed(
     assert known is not None and known.pushed.any(axis=0).tolist() == [True, False]
     exact = _run(pushing, runner, p)
     assert np.abs(found[1] - exact[1]).max() <= 1e-6 * np.abs(exact[1]).max()
-
-
-def test_a_step_is_foretold_as_far_as_that_was_checked(problem: Problem) -> None:
-    runner = Runner(problem.assembly, problem.tracks[0], Stepping(SUBSTEPS), problem.free)
-    sheet, exchanges, free = problem.start(), SUBSTEPS * len(runner.track), list(problem.free)
-    keeping = runner.keeping()
-    assert keeping.known is not None
-
-    def at(share: float) -> tuple[int, float]:
-        """How many steps were foretold, and by how much outputs are off, in their spread."""
-        p, before = sheet.copy(), keeping.known.counts[2] if keeping.known else 0
-        p[free] *= 1.0 + share
-        y, exact = _run(problem, keeping, p)[0], _run(problem, runner, p)[0]
-        assert keeping.known is not None
-        off = float(np.abs((y - exact) / exact.std(axis=0)).max())
-        return int(keeping.known.counts[2] - before), off
-
-    assert at(0.0) == (0, 0.0)
-    told, off = at(0.02)  # slopes alone: this checks them
-    assert told < 0.1 * exchanges and off < 1e-9  # what is at rest stays so
-    told, off = at(0.015)
-    assert told > 0.5 * exchanges
-    assert 0.0 < off < 10.0 * FORETOLD
-    told, off = at(0.1)  # farther than was checked
-    assert told < 0.1 * exchanges
-    exact = replace(keeping, known=keeping.known.forgotten())
-    for share in (0.0, 0.01, 0.009):
-        _run(problem, exact, (1.0 + share) * sheet)
-    assert exact.known is not None and exact.known.counts[2] == 0
 
 
 def _table() -> KnownSlopes:

@@ -9,26 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from report_pages import flat
-from small_cart import cart_evidence, record_cart
 from synthetic_run import make_run
 
-from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.estimation.whole_runs import free_run_csv, free_runs
 from pamid.report.channel_errors import whole_recording, worst_window
 from pamid.report.error_signal_figure import error_over_signal, error_signal_drawing
 from pamid.report.figures import free_run_drawing
 from pamid.report.load import Residual, RunData, load_run
 from pamid.report.style import render
-from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay
-from pamid.simulation.windows import Runner
 
 MOST_BYTES = 60_000
-
-
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> GreyBox:
-    return fit_model(cart_evidence(record_cart(tmp_path_factory.mktemp("cart"))))
 
 
 @pytest.fixture(scope="module")
@@ -36,36 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     return load_run(make_run(tmp_path_factory.mktemp("views") / "run"))
 
 
-def written(e: DataSplit, models: dict[str, tuple[Replay, ...]]) -> dict[str, np.ndarray]:
-    """The columns of free-run.csv by name; blank cells are nan."""
-    header, *lines = free_run_csv(e, models).decode().splitlines()
-    rows = [[float(cell or "nan") for cell in line.split(",")] for line in lines]
-    return dict(zip(header.split(","), np.array(rows).T, strict=True))
-
-
 # ---- the free run ---------------------------------------------
-
-
-def test_a_free_run_has_one_start_over_what_was_fitted_and_held_out(fitted: GreyBox) -> None:
-    e, a, p, stepping = fitted.evidence, fitted.assembly, fitted.fit.p, fitted.fit.stepping
-    assert len(e.fit) == len(e.held_out) == 1 and e.fit[0].stop == e.held_out[0].start
-    (free,) = free_runs(e, a, p, stepping)
-    assert len(free.model) == len(e.recordings[0])
-    # the plain simulation from that start
-    runner = Runner(a, free.track, stepping)
-    values = runner.parameters(p)
-    memory = runner.memory(values)
-    runner.enter(memory, free.entered[0])
-    whole = replace(free.windows[0], stop=len(free.model))
-    assert free.model == pytest.approx(runner.run(memory, whole, values, False)[0], rel=1e-9)
-    found = written(e, {"free_run": (free,), "cause_free_run": (free,)})
-    assert list(found) == [
-        "time_s",
-        "recording",
-        "position_free_run_m",
-        "position_cause_free_run_m",
-    ]
-    assert found["position_free_run_m"] == pytest.approx(free.model[:, 0], rel=1e-8)
 
 
 def test_the_whole_recording_is_drawn_with_its_free_runs(run: RunData) -> None:

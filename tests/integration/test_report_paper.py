@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -218,19 +217,3 @@ def test_a_reproduced_paper_has_a_page(
     sources = [value for key, value in page.attributes if key == "src"]
     assert len(sources) == 1 and sources[0].startswith("data:image/png;base64,")
     assert (folder / "figures" / f"{still}.png").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    "damage, told",
-    [
-        (lambda one: one.update(rows=[]), "rows should be a list with at least one model"),
-        (lambda one: one["training"].update(mse="small"), "training.mse should be a number"),
-        (lambda one: one.update(schema="pamid.paper/9"), "schema should be 'pamid.paper/1'"),
-        (lambda one: one["rows"][0].pop("mae"), "mae should be an object"),
-    ],
-)
-def test_a_damaged_paper_is_named(damage: Any, told: str, tmp_path: Path) -> None:
-    content = joint_paper()
-    damage(content)
-    with pytest.raises(FileError, match=re.escape(told)):
-        write_report(make_paper(tmp_path / "RUN", "paper.json", content))

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported import compiled, ran
 from identified_runs import fitted_run, joint_recording, put_network, random_network
 from pamid_cli import frame
 from synthetic_run import diagnosis_json
-from test_export_c import compiled, needs_gcc, ran
 from train_command import said, train
 from virtual_joint import record
 
@@ -26,7 +26,6 @@ from pamid.correction.identified_model import Identified, load_identified, simul
 from pamid.correction.residual_data import derived, read_columns, read_residual_data
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv, residual_table
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.quantities import agreed
 from pamid.networks.elman import Elman
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import Recording, read_recording
@@ -165,7 +164,7 @@ def test_causes_and_network_go_together(made: Made, trained: Path) -> None:
     np.testing.assert_allclose(found["pressure_1_kpa"], before["pressure_1_kpa"], rtol=1e-11)
 
 
-@needs_gcc
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 def test_the_exported_form_holds_both(
     made: Made, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -180,31 +179,6 @@ def test_the_exported_form_holds_both(
     Y = ran(compiled(tmp_path / "c"), model.inputs, u)
     for i, (name, values) in enumerate(outputs_of(model, fresh).items()):
         assert np.abs(Y[:, i] - values).max() < 1e-9 * np.ptp(values), name
-
-
-def test_at_a_port_the_model_with_the_causes_is_corrected(
-    made: Made, run: Copy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, cause = run(), made[2]
-    assert train(folder, *ON_CAUSES, "--at", "joint") == 0
-    text, about = capsys.readouterr().out, read_json(folder / "network.json")
-    assert about["target"] == f"what is missing at joint of {WORDS}" and "with causes" in text
-    assert (about["on"], about["enters"]) == ("causes", {"port": "joint"})
-    assert "coulomb-friction:torque_n_m" in about["parameters"]
-    table = read_columns(folder / "residual.csv")
-    for name, kind in (("with_cause", "cause"), ("with_network", "network")):
-        error = mean_error(table, kind, 1)
-        assert about["mae"]["angle_deg"][name] == pytest.approx(error, rel=1e-6)
-    model = load_identified(folder)
-    assert model.beside is not None and model.network is not None
-    assert [a.label for a in model.effects] == ["coulomb-friction"]
-    np.testing.assert_array_equal(model.beside[1], agreed(cause.fit))
-    # neither another model's values nor another model may go by these
-    fit = read_json(folder / "fit.json")
-    fit["cause"]["values"]["scale"] *= 1.2
-    write_json(folder / "fit.json", fit)
-    assert train(folder, *ON_CAUSES, "--at", "joint", "--json") == 4
-    assert "is not that of residual.csv" in said(capsys)["message"]
 
 
 def test_the_score_judges_the_causes_with_their_network(made: Made, run: Copy) -> None:

@@ -43,7 +43,7 @@ from pamid.trial.arm_plant import (
     draw_arm,
     record_arm,
 )
-from pamid.trial.cases import CLOSED, STRATA, Case, cases_sha256, draw_cases
+from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
 from pamid.trial.joint_plant import PERIOD_S, Excitation, packed
 from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE
@@ -359,35 +359,6 @@ def test_the_questions_put_to_the_joint_are_the_same_everywhere(
         monkeypatch.setattr(np, "exp", lambda x: np.nextafter(np.nextafter(exp(x), nudge), nudge))
     for (part, seed), digest in DIGESTS.items():
         assert cases_sha256(draw_cases(part, 200, seed)).startswith(digest)
-
-
-def test_cases_of_the_arm() -> None:
-    cases = draw_cases("test", 200, 0, "two-link")
-    assert cases[:7] == draw_cases("test", 7, 0, "two-link")
-    assert cases_sha256(cases) != cases_sha256(draw_cases("test", 200, 0))
-    assert {c.rig for c in cases} == {"two-link"}
-    assert [c.stratum for c in cases] == [c.stratum for c in draw_cases("test", 200, 0)]
-    assert {c.conditions.channels for c in cases} == {"all", "no-forces", "angles-and-pressures"}
-    ports = {t["port"] for c in cases for t in c.label()["truth"]}
-    assert {
-        "joint_1",
-        "joint_2",
-        "muscle_21",
-        "valve_12",
-        "command_1",
-        "structure_2",
-        "muscle",
-        "sensor_1",
-    } <= ports
-    for case in cases:
-        label = case.label()
-        assert label["rig"] == "two-link" and len(label["truth"]) == len(case.planted)
-        assert bool(case.removed) == (case.stratum == "withheld")
-        if case.stratum == "withheld":
-            assert not set(label["truth"][0]["exact"]) & (effects().keys() - set(case.removed))
-    assert set(STRATA[CLOSED]) == {c.stratum for c in cases}
-    with pytest.raises(UsageError, match="two-links"):
-        draw_cases("test", 1, 0, "two-links")
 
 
 def example(planted: dict[str, dict[str, float]], **conditions: Any) -> Case:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +18,6 @@ from pamid.recording.recording import Recording
 from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine, study_case
 from pamid.trial.cases import (
     BEYOND_TOLERANCE,
-    FURTHER_SHARES,
     MAP_TOLERANCE,
     NAMELESS,
     OPEN,
@@ -28,11 +26,9 @@ from pamid.trial.cases import (
     draw_case,
     draw_cases,
 )
-from pamid.trial.figure_table import trial_text
 from pamid.trial.logger import Logger
 from pamid.trial.machine import machine_names
 from pamid.trial.marking import Marked
-from pamid.trial.scoring import score_cases
 
 SEED = 5
 QUICK = ("cascaded-tanks", "damper-bench", "servo-pendulum")
@@ -77,25 +73,6 @@ def test_open_cases_are_none_of_the_closed_ones() -> None:
 
 
 # ---- what acts -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("number", range(8))
-@pytest.mark.parametrize("rig", QUICK)
-def test_further_effects_change_10_to_60_percent_as_much(rig: str, number: int) -> None:
-    """Measured again, with the sizes that act."""
-    m = machine(rig, number)
-    planted = list(m.case.planted)
-    assert list(m.faults)[: len(planted)] == planted
-    further = {k: v for k, v in m.faults.items() if k not in planted}
-    assert len(further) == len(m.case.shares)
-    low, high = FURTHER_SHARES
-    for site, sizes in further.items():
-        ratio = m.change({site: sizes}) / m.change(m.case.planted)
-        assert low <= ratio <= high, (site, ratio)
-    families = [m.machine.truth(site)["family"] for site in m.faults]
-    assert len(set(families)) == len(families)
-    changes = [a.change for a in m.acting]
-    assert changes == sorted(changes, reverse=True) and {a.fault for a in m.acting} == set(m.faults)
 
 
 def test_what_removes_most_leads_even_where_it_was_not_planted() -> None:
@@ -283,29 +260,3 @@ def test_an_effect_without_a_name_is_not_blamed_on_lesser_ones() -> None:
     assert rejected("unknown-effect", remainder=half)
     assert rejected("cannot-tell", remainder=quarter)
     assert not rejected("no-structural-gap", remainder={"share": 0.1, "real": False})
-
-
-def test_open_cases_are_counted() -> None:
-    answers = [
-        marked("partly-explained", "coulomb-friction"),
-        marked("partly-explained", "leak"),
-        marked("partly-explained", "dead-time"),
-        marked("unknown-effect"),
-        marked("partly-explained", "dead-time", visibility=1.15),  # removes 13 %: need not be named
-    ]
-    labels = [{**m.label, "number": i} for i, m in enumerate(answers)]
-    results = [{**m.result, "case": i} for i, m in enumerate(answers)]
-    found = score_cases(labels, results, rig="servo-pendulum", world=OPEN)
-    counted = {k: (r.hits, r.of) for k, r in found.rates.items() if k.startswith("open_")}
-    assert counted == {
-        "open_right": (1, 4),
-        "open_leader": (1, 4),
-        "open_lesser": (1, 4),
-        "open_wrong": (1, 4),
-        "open_left_open": (1, 4),
-        "open_remainder": (3, 3),
-        "open_claims": (3, 3),
-    }
-    assert "both_of_two" not in found.rates
-    text = trial_text(json.loads(json.dumps(found.as_json())))
-    assert "in an open world" in text and ">= 88 %" in text

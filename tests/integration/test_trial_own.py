@@ -29,7 +29,6 @@ from pamid.trial.own_forms import (
     FORM_SCALE,
     FORM_SETTLING,
     FORM_SKEW,
-    NAMELESS_EFFECTS,
     in_another_form,
 )
 from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_of
@@ -168,42 +167,6 @@ def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
     was = free_run(healthy, u, healthy.values(), 0.01).outputs
     now = free_run(other, u, p, 0.01).outputs
     np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-10 * np.ptp(was))
-
-
-def test_the_other_form_is_another_and_stays_even_in_the_change() -> None:
-    """A static effect by hand: how much more or less is changed, and as much either way."""
-    rig, sent = rig_named(CART), short(CART, 400)
-    bent = Attachment(in_another_form(effects()["gain-error"], ())(), ("sensor",), "bent")
-    assembly = Assembly(rig, (bent,))
-    u, p = input_table(assembly, sent), assembly.values()
-    (amount,) = (b for b in assembly.parameters if b.null is not None and b.owner == "bent")
-    p[assembly.keys[amount.key]] = 0.1
-    plain = free_run(Assembly(rig), u, Assembly(rig).values(), 0.01).outputs[:, 0]
-    scale = 0.05 * np.abs(plain).max()
-    p[assembly.index_of(f"bent:{FORM_BEND}")], p[assembly.index_of(f"bent:{FORM_SCALE}")] = (
-        0.4,
-        scale,
-    )
-    change = free_run(assembly, u, p, 0.01).outputs[:, 0] - plain
-    expected = 0.1 * plain * (1.0 + 0.4 * np.tanh((0.1 * plain / scale) ** 2))
-    np.testing.assert_allclose(change, expected, rtol=0.0, atol=1e-9 * np.ptp(plain))
-    assert np.abs(change - 0.1 * plain).max() > 0.1 * np.abs(0.1 * plain).max()
-
-
-def test_nameless_effects_are_in_no_catalogue_and_vanish_at_their_null() -> None:
-    rig, sent = rig_named(CART), short(CART, 400)
-    assert not set(NAMELESS_EFFECTS) & set(effects())
-    healthy = Assembly(rig)
-    u = input_table(healthy, sent)
-    was = free_run(healthy, u, healthy.values(), 0.01).outputs
-    for kind in NAMELESS_EFFECTS.values():
-        assembly = Assembly(rig, (Attachment(kind(), ("force",), "it"),))
-        p = assembly.values()
-        typical = free_run(assembly, u, p, 0.01).outputs
-        assert np.abs(typical - was).max() > 1e-3 * np.ptp(was), kind.name
-        p[assembly.index_of("it:amount")] = 0.0
-        now = free_run(assembly, u, p, 0.01).outputs
-        np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-10 * np.ptp(was))
 
 
 def test_what_is_planted_is_raised_until_it_shows_and_never_lowered(machine: OwnMachine) -> None:

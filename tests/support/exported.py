@@ -166,26 +166,35 @@ def case(name: str, samples: int) -> Case:
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2")
 
 
-def built(name: str, folder: Path) -> Path:
-    """The case as a C program in a folder."""
-    for file, text in c_files(step_of(case(name, 1).model)).items():
-        (folder / file).write_text(text)
+def compiled(folder: Path) -> Path:
+    """The program of the C files in a folder."""
     sources = sorted(p.name for p in folder.glob("*.c"))
     subprocess.run(["gcc", *STRICT, *sources, "-lm", "-o", "model"], cwd=folder, check=True)
     return folder / "model"
 
 
-def run_c(name: str, inputs: Array, folder: Path) -> Array:
-    """Outputs of the C program, which reads and writes CSV."""
+def built(name: str, folder: Path) -> Path:
+    """The case as a C program in a folder."""
+    for file, text in c_files(step_of(case(name, 1).model)).items():
+        (folder / file).write_text(text)
+    return compiled(folder)
+
+
+def ran(program: Path, names: tuple[str, ...], inputs: Array) -> Array:
+    """Outputs of a C program, which reads and writes CSV."""
     rows = [",".join(map(repr, row)) for row in inputs.tolist()]
     done = subprocess.run(
-        [built(name, folder)],
-        input="\n".join([",".join(case(name, 1).model.inputs), *rows, ""]),
+        [program],
+        input="\n".join([",".join(names), *rows, ""]),
         capture_output=True,
         text=True,
         check=True,
     )
     return np.array([line.split(",") for line in done.stdout.splitlines()[1:]], float)
+
+
+def run_c(name: str, inputs: Array, folder: Path) -> Array:
+    return ran(built(name, folder), case(name, 1).model.inputs, inputs)
 
 
 OCTAVE = """U = load('u.txt'); Y = zeros(rows(U), columns(model(U(1, :))));

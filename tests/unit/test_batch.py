@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from pamid.base.errors import DataError, UsageError
+from pamid.base.errors import UsageError
 from pamid.networks.batch import BatchedElman, require_device
 from pamid.networks.elman import Elman
 
@@ -108,36 +108,6 @@ def test_a_wild_start_leaves_the_others_alone(device):
     weights[1] = np.nan
     sse, jtj, jte = BatchedElman(network, device, block=50).normal_equations(weights, u, target)
     assert np.isnan([sse[1], jtj[1, 0, 0], jte[1, 0]]).all() and np.isfinite([sse[0], sse[2]]).all()
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (
-            lambda b: b.simulate(np.zeros(13), np.zeros((5, 2))),
-            r"weights \(starts, 13\), not \(13,\)",
-        ),
-        (
-            lambda b: b.features(np.zeros((0, 13)), np.zeros((5, 2))),
-            r"weights \(starts, 13\), not \(0, 13\)",
-        ),
-        (lambda b: b.simulate(np.zeros((2, 13)), np.zeros((5, 3))), r"takes inputs \(N, 2\)"),
-        (
-            lambda b: b.normal_equations(np.zeros((2, 13)), np.zeros((5, 2)), np.zeros(4)),
-            "Target has shape",
-        ),
-        (lambda b: BatchedElman(b.network, "cpu", block=0), "block must be at least 1"),
-    ],
-)
-def test_wrong_shapes_are_named(call, words):
-    with pytest.raises(DataError, match=words):
-        call(BatchedElman(Elman(2, 2), "cpu"))
-
-
-@pytest.mark.parametrize("name", ["gpu", "cpu:0", "cuda:", "cuda:-1", "cuda:x", ""])
-def test_unknown_devices_are_named(name):
-    with pytest.raises(UsageError, match="There is no device"):
-        require_device(name)
 
 
 def test_absent_cuda_is_told(monkeypatch):

@@ -21,7 +21,6 @@ from pamid.planning.experiment_ways import (
     LEEWAY,
     Predictions,
     Way,
-    carried_texts,
     led_away,
     predicted_text,
     reaches,
@@ -98,68 +97,3 @@ def test_a_model_that_would_run_off_forbids_it(
     monkeypatch.setattr(experiment_ways, "WAYS", ((20.0, 1),))
     assert not ways_to_run(predictions, bench, [e], [model])
     assert "position_m from 0 to" in led_away(predictions, bench, e, [model])
-
-
-OVEN = '''"""An oven: power, the temperature of the room and a flow of water."""
-from pamid import Parameter, Port, Rig, State
-
-
-class Oven(Rig):
-    """A heated block in a room, cooled by water."""
-
-    inputs = {"power_w": "W", "room_degf": "K", "flow_ml_per_min": "m3/s"}
-    outputs = {"temperature_degc": "K"}
-    noise = {"temperature_degc": 0.1}
-    ports = {"block": Port("rate", "K/s")}
-    states = (State("temperature", "K", 293.15),)
-    parameters = (
-        Parameter("capacity", 400.0, 100.0, 1000.0, "J/K", source="weighed"),
-        Parameter("loss", 0.8, 0.1, 5.0, "W/K", source="sheet"),
-    )
-    period_s = 2.0
-    EXCITED
-
-    def rates(self, x, u, p, port):
-        above = x.temperature - u.room_degf
-        loss = (p.loss + 4.2e6 * u.flow_ml_per_min) * above
-        return {"temperature": port("block", (u.power_w - loss) / p.capacity)}
-
-    def measure(self, x, u, p, port):
-        return {"temperature_degc": x.temperature}
-'''
-
-
-@pytest.mark.parametrize(
-    ("excited", "sent"),
-    [
-        ("", ["power_w", "flow_ml_per_min"]),
-        ('excited = {"power_w": 40.0}', ["power_w"]),
-        ('excited = {"power_w": 40.0, "room_degf": 1.7}', ["power_w"]),
-    ],
-)
-def test_nobody_commands_the_temperature_of_a_room(
-    excited: str, sent: list[str], tmp_path: Path
-) -> None:
-    """What only drifts is not sent, whatever the rig states, nor what the rig does not state: it
-    goes on as recorded, and so it is written."""
-    (tmp_path / "oven.py").write_text(OVEN.replace("EXCITED", excited))
-    t = 2.0 * np.arange(1500)
-    random = np.random.default_rng(5)
-    columns = {
-        "power_w": 50.0 + aprbs(3000.0, 2.0, 40.0, (40.0, 240.0), seed=2),
-        "room_degf": np.round(72.0 + 1.7 * np.sin(2e-3 * t) + 0.1 * random.normal(size=t.size), 1),
-        "flow_ml_per_min": 20.0 * (np.sin(0.03 * t) > 0.8),
-    }
-    write_recording(tmp_path / "sent.csv", t, columns)
-    named = str(tmp_path / "oven.py")
-    made = simulate_virtual_rig(named, read_recording(tmp_path / "sent.csv"), (), {}, {}, 1.0, 3)
-    write_recording(tmp_path / "rec.csv", t, made.columns, made.meta)
-    evidence = split_recordings(rig_named(named), [read_recording(tmp_path / "rec.csv")], [])
-    bench = bench_of(evidence)
-    assert list(bench.driven) == sent
-    columns = multisine(evidence).columns(bench)
-    assert set(columns) == set(evidence.rig.inputs), "every input that the rig needs is there"
-    room = columns["room_degf"]
-    assert np.array_equal(room[:1000], evidence.recordings[0].signal("room_degf")[:1000])
-    assert carried_texts(bench)[0] == f"sent: {', '.join(sent)}"
-    assert any(text.startswith("room_degf varies as recorded (70") for text in carried_texts(bench))

@@ -16,8 +16,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import MENU, Bench, menu
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording
-from pamid.rigs.muscle_experiments import EXPERIMENTS, PULSES_S
-from pamid.simulation.data_split import split_recordings
+from pamid.rigs.muscle_experiments import EXPERIMENTS
 
 Array = NDArray[np.float64]
 
@@ -112,31 +111,6 @@ def test_a_clamped_arm_swings_as_a_pendulum(folder: Path) -> None:
 # ---- pulses --------------------
 
 
-@pytest.mark.parametrize(
-    ("rig", "muscles"), [("one-dof", ("1", "2")), ("two-link", ("11", "12", "21", "22"))]
-)
-def test_each_muscle_is_vented_in_its_turn(
-    rig: str, muscles: tuple[str, ...], folder: Path
-) -> None:
-    path = folder / "pulses.csv"
-    assert generate(path, "--rig", rig, "--experiment", "valve-pulses", "--level", "0.5") == 0
-    made = simulated(path, "--noise", "none")
-    turn = round(15.0 / PERIOD)
-    assert len(made) == len(muscles) * turn and noted(path)["muscles"] == list(muscles)
-    for k, muscle in enumerate(muscles):
-        first = slice(k * turn, k * turn + round(0.43 / PERIOD))  # up to the end of the first pulse
-        fallen = {
-            m: float(np.ptp(np.minimum.accumulate(made.signal(f"pressure_{m}_kpa")[first])))
-            for m in muscles
-        }
-        assert max(fallen, key=lambda m: fallen[m]) == muscle and fallen[muscle] > 5.0, fallen
-    for name, column in read_recording(path).columns.items():
-        edges = np.flatnonzero(np.diff(column))
-        lengths = np.diff(edges)[::2][:10] * PERIOD
-        np.testing.assert_allclose(lengths, np.repeat(PULSES_S, 2), atol=PERIOD, err_msg=name)
-        assert set(np.unique(column)) == {-0.5, 0.0, 0.5}
-
-
 # ---- loops --------------------
 
 
@@ -177,16 +151,6 @@ def test_a_swing_and_pulses_fit_together(
     assert len(set(header)) == len(header) and not {"command_1", "external_torque_1_nm"} & set(
         header
     )
-
-
-def test_a_channel_may_rest_while_another_moves(folder: Path) -> None:
-    made = swing(folder, "--release", "0", "30", "--clamped", "1")
-    evidence = split_recordings(rig_named("two-link"), [made], [])
-    assert "angle_2_deg" in evidence.channels and "angle_1_deg" not in evidence.channels
-    assert np.isfinite(evidence.noise).all() and (evidence.noise > 1e-12).all()
-    free = swing(folder)
-    assert "angle_1_deg" in split_recordings(rig_named("two-link"), [made, free], []).channels
-    assert np.isfinite(split_recordings(rig_named("two-link"), [made, free], []).jump).all()
 
 
 # ---- the menu --------------------

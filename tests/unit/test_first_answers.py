@@ -13,7 +13,6 @@ import pytest
 import pamid
 from cli.frame import run
 from pamid.base.errors import UsageError
-from pamid.symbolic.vocabulary import FUNCTIONS
 
 PENDULUM = '''
 IMPORT
@@ -47,26 +46,6 @@ def table() -> pd.DataFrame:
         angle[k + 1] = angle[k] + 0.01 * speed
     time = 0.01 * np.arange(600)
     return pd.DataFrame({"time_s": time, "drive_n_m": drive, "angle_rad": angle[:-1]})
-
-
-@pytest.mark.parametrize(
-    ("line", "function"),
-    [
-        ("import math", "math.sin"),
-        ("import numpy as np", "np.sin"),
-        ("from pamid import sin", "sin"),
-        ("from pamid.equations import sine", "sine"),
-    ],
-)
-def test_a_rig_with_another_sine_is_told_the_functions(
-    line: str, function: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "pendulum.py"
-    path.write_text(PENDULUM.replace("IMPORT", line).replace("SIN", function))
-    found = pamid.check(path)
-    assert not found.ok
-    said = " ".join(found.summary().split())
-    assert "pamid.equations" in said and not [n for n in FUNCTIONS if n not in said]
 
 
 def test_a_rig_that_was_forgotten_is_one_error(

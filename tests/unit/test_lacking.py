@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from cli.frame import run
-from pamid.api.given import evidence_of
-from pamid.base.errors import FileError
 from pamid.correction.residual_data import read_residual_data
 from pamid.estimation.fit_files import fit_json, residual_table
 from pamid.estimation.grey_box import GreyBox, fit_model
@@ -118,18 +116,6 @@ def test_what_is_missing_is_told_and_nothing_else_is_made_up(
     assert np.isnan(cell[recording == names.index("less")]).all()
     assert np.isfinite(cell[recording == names.index("all")]).all()
     assert np.isfinite(rows[:, header.index("cell_refitted_n")]).all()
-
-
-def test_a_channel_that_is_fitted_or_held_out_alone_cannot_be_judged(
-    rig: Path, both: tuple[Recording, Recording], capsys: pytest.CaptureFixture[str]
-) -> None:
-    whole, less = both
-    with pytest.warns(UserWarning, match="cell_n cannot be judged"):
-        given = evidence_of(whole.path, rig, less.path)
-    assert given.evidence.channels == ("position_m",)
-    other = recorded(rig, "cell", 3, "cell_n")
-    with pytest.raises(FileError, match="both fitted and held out"):
-        split_recordings(rig_named(str(rig)), [less], [other])
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import pytest
 from pamid.base.errors import DataError
 from pamid.base.metrics import (
     block_sums,
-    few_entries_factor,
     mae,
     moving_block_interval,
     rms,
@@ -70,26 +69,3 @@ def test_interval_covers_the_truth_when_errors_are_alike_in_time() -> None:
             hits[length] += low < truth < high
     assert hits[12] >= 120
     assert hits[1] < 0.75 * hits[12]
-
-
-def test_intervals_of_few_entries_are_as_wide_as_six_of_them_deserve() -> None:
-    """Of two entries that happen to agree nothing follows; 95 % of the truth is to lie within."""
-    assert [few_entries_factor(n) for n in (6, 7, 100)] == [1.0, 1.0, 1.0]
-    factors = [few_entries_factor(n) for n in (2, 3, 4, 5, 6)]
-    assert factors == sorted(factors, reverse=True) and factors[0] > 6.0 and factors[3] < 1.2
-    random = np.random.default_rng(0)
-
-    def covers(count: int, widened: bool) -> float:
-        hits = 0
-        for k in range(400):
-            drawn = 1.0 + 0.2 * random.standard_normal(count)
-            low, high = moving_block_interval(
-                drawn, np.ones(count), block_length=1, resamples=400, seed=k, widened=widened
-            )
-            hits += low < 1.0 < high
-        return hits / 400
-
-    six = covers(6, True)
-    for count in (2, 3, 4):
-        assert covers(count, True) > six - 0.06
-    assert covers(2, False) < 0.6, "without it every second interval of two would miss"

@@ -6,7 +6,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,18 +17,12 @@ from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import (
-    MENU,
-    Bench,
     Experiment,
-    external_columns,
 )
 from pamid.model.registry import effects, rig_named
-from pamid.model.rig import Rig
-from pamid.planning import experiment_ways
 from pamid.planning.experiment_ways import NEXT_FILES, Predictions, Way
 from pamid.planning.next_experiment import (
     Proposal,
-    Proposing,
     WithheldExperiment,
     bench_of,
     next_experiment,
@@ -208,42 +201,3 @@ def test_no_experiment_separates_what_the_recordings_have_separated(
     alone = next_experiment(replace(explained, ranking=d.ranking[:1]))
     assert isinstance(alone, WithheldExperiment) and "behind" not in alone.why
     assert with_experiment(diagnosis_file(explained), withheld).withheld == withheld.why
-
-
-def test_nothing_is_proposed_that_leads_away(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Where every way leads beyond what was recorded, that is said instead, in a note."""
-    _, _, _, d, p = rubbing
-    assert any("recorded were" in text for text in p.experiment.cautions)
-    monkeypatch.setattr(experiment_ways, "WAYS", ((1000.0, 1),))
-    found = next_experiment(d)
-    assert isinstance(found, WithheldExperiment) and "position_m from 0 to" in found.why
-    assert Proposing().restored(d, vars(found)) == found
-    said = with_experiment(diagnosis_file(d), found)
-    assert said.next_experiment is None and found.why in said.notes
-
-
-def test_a_rig_says_what_can_be_changed_at_it_and_what_acts_from_outside() -> None:
-    e = next(e for e in MENU if e.name == "aprbs-other-setting")
-
-    cart: Any = type(rig_named(CART_FILE))
-
-    def settings(rig: Rig, known: dict[str, float]) -> Any:
-        return e.settings(Bench(rig, {}, 0.003, known=known))
-
-    class Changed(cart):  # type: ignore[misc]
-        changeable = {"mass_kg": 3.0}
-        external = {"external_force_n": 20.0}
-        inputs = {**cart.inputs, "external_force_n": "N"}
-
-    sheet = next(p.value for p in cart.parameters if p.outside_name == "mass_kg")
-    assert settings(cart(), {}) == ()
-    assert settings(Changed(), {}) == ({"mass_kg": 3.0},)
-    assert settings(Changed(), {"mass_kg": 3.0 * sheet}) == ({"mass_kg": sheet},)
-    arm = rig_named("two-link")
-    assert settings(arm, {}) == ({"payload_kg": 0.5},)
-    assert settings(arm, {"payload_kg": 0.2}) == ({"payload_kg": 0.0},)
-    assert external_columns(Changed()) == {"external_force_n": 20.0}
-    assert set(external_columns(arm).values()) == {8.0}

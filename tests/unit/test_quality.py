@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.frame import run
-from pamid.checks.recording_quality import QualityIssue, channel_figures, examine
+from pamid.checks.recording_quality import QualityIssue, examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording
@@ -211,31 +211,6 @@ def test_a_poor_excitation_is_told(joint: Recording, sent: Array, kind: str, wor
     assert word in only(issues, kind).message
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.zeros(300),
-        1e308 * (-1.0) ** np.arange(300),
-        1e-310 * np.arange(300.0),
-        np.arange(300) % 2 * 1.0,
-        np.where(np.arange(300) == 299, 1.0, 0.0),
-        1e9 + np.random.default_rng(0).standard_normal(300),
-    ],
-    ids=["zero", "huge", "tiny", "toggling", "last", "far away"],
-)
-@pytest.mark.parametrize("count", [50, 300])
-def test_odd_columns_are_survived(joint: Recording, values: Array, count: int) -> None:
-    odd = changed(joint.slice(0, count), **{P1: values[:count], "command": values[:count]})
-    for rig in (None, library.rig_named("one-dof")):
-        issues = examine(odd, rig)
-        assert np.isfinite([v for i in issues for v in i.figures.values()]).all()
-        assert np.isfinite(
-            [v for one in channel_figures(odd, rig).values() for v in one.values()]
-        ).all()
-    if values.max() > 1e300:
-        assert only(examine(odd), "range").severity == "wrong"
-
-
 # ---- against the rig --------------------
 
 
@@ -347,31 +322,3 @@ def test_check_tells_the_issues_and_writes_nothing(
     text = capsys.readouterr().out
     assert "note   clipped: pressure_2_kpa" in text and "\n1 note; nothing is wrong\n" in text
     assert text.rstrip().splitlines()[-1] == f"Next: pamid diagnose {spoilt}"
-
-
-def test_the_card_is_drawn_on_request(
-    spoilt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    card = tmp_path / "pictures" / "card.png"
-    assert run(["check", str(spoilt), "--figure", str(card), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["figure"] == str(card)
-    png = card.read_bytes()
-    assert png[:8] == b"\x89PNG\r\n\x1a\n" and 10_000 < len(png) < 400_000
-    assert run(["check", str(spoilt), "--figure", str(card)]) == 3 and card.read_bytes() == png
-    assert (
-        run(["check", str(spoilt), "--figure", str(card), "--overwrite"]) == 0
-        and card.read_bytes() == png
-    )
-
-
-def test_two_hundred_seconds_are_clean_and_their_card_is_small(make: Make) -> None:
-    from pamid.report.quality_figure import card_png
-
-    long = make(
-        "long", "one-dof", {"reference_deg": reference(200.0)}, known={"inertia_kg_m2": 0.09}
-    )
-    assert len(long) == 66667
-    rig = library.rig_named("one-dof")
-    issues = examine(long, rig)
-    assert issues == ()
-    assert len(card_png(long, issues, channel_figures(long, rig))) < 400_000

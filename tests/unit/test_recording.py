@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamid.base.errors import FileError
 from pamid.recording.recording import (
     read_recording,
-    toml_text,
     write_recording,
 )
 
@@ -128,34 +126,6 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     write_recording(path, recording.time, recording.columns, meta)
     assert path.read_bytes() == first
     assert sorted(item.name for item in tmp_path.iterdir()) == ["out.csv", "out.toml"]
-
-
-def test_nothing_unfit_is_written(tmp_path: Path) -> None:
-    stamps = 0.003 * np.arange(60)
-    for columns in ({"a": np.full(60, np.nan)}, {"a": np.zeros(59)}, {"time_s": stamps}, {}):
-        with pytest.raises(FileError):
-            write_recording(tmp_path / "out.csv", stamps, columns)
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(FileError):
-        toml_text({"known": {"a": object()}})
-
-
-def test_a_long_recording_is_never_read_slowly(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The reader that goes cell by cell is for files that are refused (its time:
-    benchmarks/waiting.py)."""
-    monkeypatch.setattr(
-        "pamid.recording.recording.explain_cells", lambda *_: pytest.fail("read cell by cell")
-    )
-    random = np.random.default_rng(0)
-    path = tmp_path / "long.csv"
-    write_recording(
-        path,
-        0.003 * np.arange(66667),
-        {f"x{i}_deg": random.standard_normal(66667) for i in range(7)},
-    )
-    assert len(read_recording(path)) == 66667
 
 
 @pytest.mark.skipif(

@@ -18,7 +18,6 @@ from pamid.base.json_file import write_json
 from pamid.base.run_folder import Run
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.estimation.intervals import bootstrap
 from pamid.estimation.posterior import read_posterior
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
@@ -74,23 +73,6 @@ def test_one_after_the_other_is_as_good_as_both_at_once(
 
 
 # ---- the prior by itself --------------------
-
-
-def test_the_bootstrap_draws_what_an_earlier_fit_told(tmp_path: Path) -> None:
-    """What only the earlier fit knows must not come out as certain."""
-    g = staged(
-        tmp_path / "run",
-        Declared(),
-        swing(tmp_path / "a.csv", torque=True, seconds=6.0),
-        swing(tmp_path / "b.csv", torque=False, seed=1, seconds=6.0),
-    )
-    draws = bootstrap(g.fit, 40, seed=1)
-    free, p = list(g.fit.problem.free), g.fit.problem.assembly.keys
-    a, b = (free.index(p[key]) for key in ("mass", "centre"))
-    logs = (draws * g.fit.problem.scale.spread)[:, [a, b]].sum(axis=1)
-    combos = fit_json(g, 0)["combinations"]["first_moment_kg_m"]
-    expected = np.log(combos["high"] / combos["low"]) / (2.0 * 1.96)
-    assert 0.5 < logs.std() / expected < 2.0
 
 
 # ---- background, effects, and what cannot be built on --------------------

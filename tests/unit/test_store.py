@@ -10,7 +10,6 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.networks.elman import Elman
-from pamid.networks.network_training import train
 from pamid.networks.scaling import Scaling, scaling_of
 from pamid.networks.trained_network import (
     TrainedNetwork,
@@ -146,16 +145,3 @@ def test_wrong_descriptions_are_refused(trained, tmp_path, change, words):
     (tmp_path / "network.json").write_text(json.dumps(about))
     with pytest.raises(FileError, match=words):
         load_network(tmp_path)
-
-
-def test_the_summary_is_strict_json_even_of_a_diverged_training(trained, tmp_path):
-    u, target = teacher_data()
-
-    class Overflowing(Elman):
-        def features(self, weights, inputs):  # and with them the output
-            return np.full((len(inputs), self.hidden + 1), np.inf)
-
-    diverged = train(Overflowing(2, 3), u, target, iterations=2)
-    assert not diverged.converged and diverged.summary["mse"] is None
-    save_network(tmp_path, replace(trained[0], summary=diverged.summary))
-    assert load_network(tmp_path).summary["why"].startswith("diverged")

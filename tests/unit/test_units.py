@@ -9,7 +9,6 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.base.units import (
-    divided_name,
     is_unit,
     split_column,
     suffix_of,
@@ -145,25 +144,6 @@ FACTORS = {
 def test_factor(symbol: str, factor: float) -> None:
     assert to_si(1.0, symbol) == pytest.approx(factor, rel=1e-14)
     np.testing.assert_allclose(to_si(np.array([0.0, 2.0]), symbol), [0.0, 2 * factor], rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("name", "meant"),
-    [
-        ("speed_rad_s", "speed_rad_per_s"),
-        ("speed_mm_s", "speed_mm_per_s"),
-        ("acceleration_m_s2", "acceleration_m_per_s2"),
-        ("flow_l_min", "flow_l_per_min"),
-        ("flow_kg_s", "flow_kg_per_s"),
-        ("impulse_n_s", ""),
-        ("torque_n_m", ""),
-        ("gain_s_per_deg", ""),
-        ("time_ms", ""),
-        ("command", ""),
-    ],
-)
-def test_a_name_that_multiplies_by_a_time_was_meant_to_divide(name: str, meant: str) -> None:
-    assert divided_name(name) == meant
 
 
 @pytest.mark.parametrize(
