@@ -89,11 +89,35 @@ def test_an_interval_holds_the_share_and_its_rest_mirrors_it() -> None:
     )
 
 
+def test_of_another_reference_the_share_is_still_one_of_the_gap() -> None:
+    before = np.full(WINDOWS, 11.0)
+    found = comparison(before)
+    first = model(np.full(WINDOWS, 6.0), FRICTION)
+    both = model(np.full(WINDOWS, 2.0), FRICTION, LEAK)
+    assert found.removed(first).share == pytest.approx(0.5)
+    assert found.removed(both, first).share == pytest.approx(0.4)
+
+
+def test_losses_given_in_place_of_the_models_are_scored() -> None:
+    before = np.full(WINDOWS, 5.0)
+    c = model(np.full(WINDOWS, 2.0), FRICTION)
+    assert comparison(before).removed(c, losses=np.full(WINDOWS, 4.0)).share == pytest.approx(0.25)
+
+
 def test_a_single_window_compares_nothing() -> None:
     c = model([1.0], FRICTION)
     found = comparison([9.0])
     assert found.removed(c) == NOTHING
     assert not found.is_material(c, found.budget.baseline)
+
+
+def test_two_windows_are_compared_with_a_wide_interval() -> None:
+    few, many = np.array([9.0, 11.0]), np.tile([9.0, 11.0], 12)
+    after_few, after_many = np.array([4.0, 7.0]), np.tile([4.0, 7.0], 12)
+    wide = comparison(few).removed(model(after_few, FRICTION))
+    narrow = comparison(many).removed(model(after_many, FRICTION))
+    assert wide.share == pytest.approx(narrow.share)
+    assert 0.0 < wide.z < 0.2 * narrow.z
 
 
 def test_without_a_gap_nothing_is_removed() -> None:
@@ -102,6 +126,16 @@ def test_without_a_gap_nothing_is_removed() -> None:
 
 
 # ---- invariance ---------------------------------------------------------------------------------
+
+
+def test_order_of_windows_changes_no_share_and_hardly_its_certainty() -> None:
+    before = uneven()
+    after = noisy(0.4 * before, 0.5)
+    rows = np.random.default_rng(7).permutation(WINDOWS)
+    one = comparison(before).removed(model(after, FRICTION))
+    other = comparison(before[rows]).removed(model(after[rows], FRICTION))
+    assert other.share == pytest.approx(one.share)
+    assert other.z == pytest.approx(one.z, rel=0.5)
 
 
 def test_the_unit_of_a_channel_changes_nothing() -> None:
@@ -135,6 +169,16 @@ def test_material_needs_size_and_certainty() -> None:
     assert not found.is_material(model(noisy(0.6 * before, 3.0), FRICTION), base), "large by luck"
 
 
+def test_material_is_a_share_of_the_whole_gap_next_to_any_other_effect() -> None:
+    before = np.full(WINDOWS, 101.0)
+    found = comparison(before)
+    first = model(np.full(WINDOWS, 41.0), FRICTION)  # 40 % of the gap remains
+    for left, material in ((24.0, True), (30.0, False)):
+        both = model(np.full(WINDOWS, left), FRICTION, LEAK)
+        assert found.is_material(both, first) == material
+        assert found.removed(both, first).share == pytest.approx((41.0 - left) / 100.0)
+
+
 def test_ties_by_standard_errors_and_by_margin() -> None:
     before = uneven()
     settings = Settings(tie_errors=2.0, tie_margin=0.03)
@@ -144,6 +188,14 @@ def test_ties_by_standard_errors_and_by_margin() -> None:
     assert found.is_tied(model(noisy(0.45 * before, 0.5), LEAK), best), "more, but by luck"
     assert not found.is_tied(model(0.50 * before, LEAK), best)
     assert not found.is_tied(model(noisy(0.60 * before, 0.1), LEAK), best)
+
+
+def test_at_the_floor_means_every_channel() -> None:
+    found = comparison(np.full((WINDOWS, 2), 8.0), floor=[1.0, 2.0])
+    near = model(np.tile([1.05, 2.1], (WINDOWS, 1)), FRICTION)
+    one_left = model(np.tile([1.05, 2.4], (WINDOWS, 1)), FRICTION)
+    assert found.floors(near) == pytest.approx(1.05) and found.at_floor(near)
+    assert found.floors(one_left) == pytest.approx(1.2) and not found.at_floor(one_left)
 
 
 # ---- confidence set -----------------------------------------------------------------------------
@@ -164,6 +216,22 @@ def test_confidence_set_holds_one_model_per_family_best_first() -> None:
     assert found.confidence_set(models[::-1], found.budget.baseline) == chosen
 
 
+def test_confidence_set_is_empty_where_nothing_is_material() -> None:
+    before = uneven()
+    found = comparison(before)
+    models = [model(0.97 * before, FRICTION), model(0.98 * before, LEAK)]
+    assert found.confidence_set(models, found.budget.baseline) == []
+
+
+def test_what_is_not_material_is_no_member_though_it_ties() -> None:
+    before = uneven()
+    found = comparison(before)
+    certain = model(0.8 * before, FRICTION)
+    by_luck = model(noisy(0.8 * before, 2.0), LEAK)
+    assert found.is_tied(by_luck, certain)
+    assert found.confidence_set([certain, by_luck], found.budget.baseline) == [certain]
+
+
 def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse() -> None:
     before = uneven()
     found = comparison(before)
@@ -174,6 +242,14 @@ def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse() -> N
     assert found.simplest(fuller, [fuller, equal, other]) is equal
     assert found.simplest(fuller, [fuller, worse, other]) is fuller
     assert found.simplest(equal, [fuller, equal]) is equal
+
+
+def test_pairs_of_the_same_families_are_one_entry_whatever_their_order() -> None:
+    before = uneven()
+    found = comparison(before)
+    one = model(0.30 * before, FRICTION, LEAK)
+    turned = model(0.31 * before, LEAK, LUGRE, parameters=9)
+    assert found.confidence_set([one, turned], found.budget.baseline) == [one]
 
 
 # ---- models that predict the same ---------------------------------------------------------------
@@ -201,3 +277,12 @@ def test_models_predict_the_same_within_a_share_of_what_they_change(
     )
     found = Comparison(budget, 0).predict_the_same([predicting(10.0), predicting(10.0 + apart)])
     assert found is same
+
+
+def test_error_removed_has_the_interval_of_the_windows() -> None:
+    before = uneven()
+    found = comparison(before)
+    share, low, high = found.shrinkage(model(noisy(0.4 * before, 0.5), FRICTION))
+    assert share == pytest.approx(0.6) and low < 0.6 < high < 1.0
+    alone = comparison(np.array([5.0]))
+    assert alone.shrinkage(model(np.array([2.0]), FRICTION)) == (0.0, 0.0, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -172,6 +172,20 @@ def test_the_way_out_of_a_local_minimum_is_kept(monkeypatch: pytest.MonkeyPatch)
     assert found.instead["coulomb-friction@joint"] == ()
 
 
+def test_three_effects_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = ("friction", "leak", "delay", "drag")
+    bench = Bench({every[:k]: 1.0 - 0.2 * k for k in (1, 2, 3, 4)})
+    assert names_of(bench.selected(monkeypatch).best) == list(every[:3])
+
+
+def test_families_that_tie_are_held_against_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench({("friction",): 0.10, ("leak",): 0.11, ("lugre",): 0.10, ("delay",): 0.4})
+    found = bench.selected(monkeypatch)
+    assert [names_of(c) for c in found.steps[0].tied] == [["friction"], ["leak"]]
+    (others,) = found.instead.values()
+    assert [names_of(c) for c in others] == [["leak"]], "one model of each further family"
+
+
 def test_in_the_place_of_one_of_two_causes_stands_what_does_as_well_next_to_the_other(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -209,3 +223,11 @@ def test_a_model_that_ignores_its_inputs_makes_room_for_the_next() -> None:
     best, next_best = leaving(0.1, "friction"), leaving(0.4, "leak")
     made = step(Objecting(idle=("friction",)), best, next_best)
     assert made.tied == made.candidates == (next_best,)
+
+
+def test_candidates_are_material_and_ordered_by_loss() -> None:
+    models = [leaving(share, name) for share, name in ((0.95, "drag"), (0.5, "leak"))]
+    best = leaving(0.3, "friction")
+    made = step(Objecting(), *models, best)
+    assert made.candidates == (best, models[1])
+    assert replace(made, tied=()).reference is made.reference
