@@ -1,7 +1,8 @@
 """What of a MuJoCo model cannot be written as equations, and what is left out either way.
 
 A mechanism can be written as equations where it is a tree of hinges and slides: no contacts in
-reach, no closed loops, no forces but those of joints, fixed tendons and plain actuators.
+reach, no closed loops but couplings of joints, no forces but those of joints, fixed tendons and
+actuators whose laws are known.
 """
 
 from __future__ import annotations
@@ -98,9 +99,6 @@ def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
         if kind not in ("hinge", "slide"):
             yield _finding(file, "joint", i, f"a {kind} joint turns by a quaternion")
             continue
-        dof = int(m.jnt_dofadr[i])
-        if m.dof_dampingpoly[dof].any() or m.jnt_stiffnesspoly[i].any() or m.jnt_springyield[i]:
-            yield _finding(file, "joint", i, "a spring or damper that is not linear")
         if m.jnt_limited[i]:
             low, high = m.jnt_range[i]
             text = f"the range {low:.4g} .. {high:.4g} {NOT_ENFORCED}"
@@ -110,8 +108,6 @@ def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
 def _bodies(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nbody):
-        if m.body_gravcomp[i]:
-            yield _finding(file, "body", i, "gravity compensation")
         if m.body_mocapid[i] >= 0:
             yield _finding(file, "body", i, "a mocap body is moved from outside")
 
@@ -124,10 +120,11 @@ def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
         if wraps != {"joint"}:
             yield _finding(file, "tendon", i, "a spatial tendon runs over sites")
         if m.tendon_limited[i]:
-            yield _finding(file, "tendon", i, "a limit of its length")
-        poly = m.tendon_dampingpoly[i].any() or m.tendon_stiffnesspoly[i].any()
-        if poly or m.tendon_springyield[i]:
-            yield _finding(file, "tendon", i, "a spring or damper that is not linear")
+            low, high = m.tendon_range[i]
+            text = f"the range {low:.4g} .. {high:.4g} {NOT_ENFORCED}"
+            yield _finding(file, "tendon", i, text, hinders=False)
+        if m.tendon_springyield[i]:
+            yield _finding(file, "tendon", i, "a spring that yields")
         if m.tendon_frictionloss[i]:
             yield _finding(file, "tendon", i, "a friction loss")
         if m.tendon_armature[i] or m.tendon_actfrclimited[i]:
@@ -137,35 +134,41 @@ def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
 def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nactuator):
-        if not m.actuator_ctrlnum[i]:
-            yield _finding(file, "actuator", i, "a motor without a command, for passive forces")
-            continue
         drives = file.word("mjtTrn", m.actuator_trntype[i])
         if drives not in ("joint", "jointinparent", "tendon"):
             yield _finding(file, "actuator", i, f"it acts on a {drives}, not a joint or tendon")
         dynamics = file.word("mjtDyn", m.actuator_dyntype[i])
-        if dynamics not in ("none", "integrator", "filter", "filterexact"):
+        winding = file.word("mjtGain", m.actuator_gaintype[i]) == "dcmotor"
+        if dynamics not in ("none", "integrator", "filter", "filterexact", "dcmotor"):
             yield _finding(file, "actuator", i, f"dynamics of the kind {dynamics}")
         for part, enum, kind, plain in (
-            ("gain", "mjtGain", m.actuator_gaintype[i], ("fixed", "affine")),
-            ("bias", "mjtBias", m.actuator_biastype[i], ("none", "affine")),
+            ("gain", "mjtGain", m.actuator_gaintype[i], ("fixed", "affine", "dcmotor")),
+            ("bias", "mjtBias", m.actuator_biastype[i], ("none", "affine", "dcmotor")),
         ):
             if file.word(enum, kind) not in plain:
                 yield _finding(file, "actuator", i, f"a {part} of the kind {file.word(enum, kind)}")
-        if m.actuator_ctrlnum[i] != 1 or m.actuator_plugin[i] >= 0:
+        if winding and m.actuator_dynprm[i, 7] > 0.0:
+            text = "a limit of its command's rate, which is a matter of the time step"
+            yield _finding(file, "actuator", i, text)
+        if m.actuator_ctrlnum[i] > 1 or m.actuator_plugin[i] >= 0:
             yield _finding(file, "actuator", i, "several commands, or a plugin")
-        if m.actuator_actearly[i]:
+        if m.actuator_actearly[i] and not winding:
             yield _finding(file, "actuator", i, "actearly, which is a matter of the time step")
-        if m.actuator_dampingpoly[i].any():
-            yield _finding(file, "actuator", i, "a damper that is not linear")
-        if drives == "tendon" and (m.actuator_armature[i] or m.actuator_damping[i]):
-            yield _finding(file, "actuator", i, "armature or damping at a tendon")
+        if drives == "tendon" and m.actuator_armature[i]:
+            yield _finding(file, "actuator", i, "armature at a tendon")
+
+
+def _is_coupling(file: MujocoFile, equality: int) -> bool:
+    """Does an equality couple joints, or tendons that are sums of joint positions?"""
+    m = file.model
+    kind = file.word("mjtEq", m.eq_type[equality])
+    return kind in ("joint", "tendon")
 
 
 def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]:
     m, mujoco = file.model, file.mujoco
     for i in range(m.neq):
-        if m.eq_active0[i]:
+        if m.eq_active0[i] and not _is_coupling(file, i):
             yield _finding(file, "equality", i, "a constraint that closes a loop")
     if m.opt.density or m.opt.viscosity:
         yield ModelFinding(

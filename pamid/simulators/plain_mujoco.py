@@ -173,7 +173,7 @@ class PlainModel:
         control = np.zeros((len(times), m.nu + m.nv))
         held = np.searchsorted(stretch.times[:samples], times * (1.0 + 1e-9) + 1e-9, "right") - 1
         for a in self.mechanism.actuators:
-            if a.column not in stretch.inputs:
+            if not a.column or a.column not in stretch.inputs:
                 continue
             values = stretch.inputs[a.column][:samples]
             linear = a.column in self.linear
@@ -273,7 +273,7 @@ class PlainModel:
             if not any(s.kind == "jointvel" and s.of == sensor.of for s in self.mechanism.sensors):
                 x[m.nq + joint.dof] = slope
         for i, a in enumerate(self.mechanism.actuators):
-            act = int(m.actuator_actadr[i]) if a.adr >= 0 else -1
+            act = int(m.actuator_actadr[i]) if a.adr >= 0 and a.motor is None else -1
             if act >= 0 and a.column in stretch.inputs:
                 filtered = a.dynamics == "filter"
                 at = x[self.mechanism.joints[a.joint].qpos] if a.joint >= 0 else 0.0

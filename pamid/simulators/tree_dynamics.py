@@ -95,6 +95,7 @@ class Tree:
         self.q, self.qd, self.masses, self.armature = q, qd, masses, armature
         self.n = len(mechanism.joints)
         self.gravity = Spatial(NOUGHT, vec([-g for g in mechanism.gravity]))
+        self.lifted = [body.gravity_compensation for body in mechanism.bodies]
         self.up: list[int] = []
         self.axis: list[Spatial] = []
         self.bodies: list[list[_Mass]] = [[] for _ in mechanism.joints]
@@ -233,6 +234,19 @@ class Tree:
         """c(q, q'): what the joints must hold where nothing accelerates."""
         total = self._gathered(self.forces(self.acceleration([ZERO] * self.n)))
         return [s.dot(f) for s, f in zip(self.axis, total, strict=True)]
+
+    @cached_property
+    def lift(self) -> list[Expr]:
+        """At each joint, of the forces that carry bodies' weight at their centres."""
+        found = []
+        for bodies in self.bodies:
+            total = MASSLESS
+            for one in bodies:
+                if share := self.lifted[one.body]:
+                    total = total + one.each.by(share * one.mass)
+            found.append(total.momentum(self.gravity))
+        total_force = self._gathered(found)
+        return [s.dot(f) for s, f in zip(self.axis, total_force, strict=True)]
 
     def factored(self, added: Sequence[Expr] | None = None) -> Factors:
         """M, with something added on its diagonal, as L' D L of the tree."""
