@@ -334,7 +334,8 @@ def _actuators(
                 motor,
             )
         )
-    return tuple(found) or tuple(_bare(joints))
+    # motors for passive forces leave the joints without commands
+    return tuple(found) if any(a.column for a in found) else (*found, *_bare(joints))
 
 
 def _motor(model: Any, i: int) -> DcMotor:

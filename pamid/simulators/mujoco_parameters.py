@@ -272,7 +272,7 @@ def _of_motor(i: int, actuator: Actuator, motor: DcMotor) -> list[ModelParameter
     kp, ki, kd = motor.controller
     stiffness, damping, sliding, static, speed = motor.bristles
     rows = [
-        ("resistance", motor.resistance, "Ohm", False, "gainprm", 0),
+        ("resistance", motor.constant and motor.resistance, "Ohm", False, "gainprm", 0),
         ("motorconst", motor.constant, quotient(force, "A"), shows, "gainprm", 1),
         ("kp", kp, quotient(force, length), True, "gainprm", 4),
         ("ki", ki, quotient(force, length, "s"), True, "gainprm", 5),
