@@ -20,7 +20,14 @@ from typing import Any, TypeAlias
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.simulators.forward_dynamics import accelerations
-from pamid.simulators.mechanism import Actuator, Coupling, Mechanism, MechanismSensor, Vector
+from pamid.simulators.mechanism import (
+    Actuator,
+    Coupling,
+    Mechanism,
+    MechanismSensor,
+    Mount,
+    Vector,
+)
 from pamid.simulators.mechanism_log_names import log_names_of, vector_sizes_of
 from pamid.simulators.mechanism_pose import mechanism_pose
 from pamid.simulators.motor_equations import MotorEquations
@@ -161,6 +168,8 @@ def _gain(actuator: Actuator) -> float:
 
 
 def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
+    if actuator.mount is not None:
+        return m.chain(actuator.mount.body)
     return m.tendons[actuator.tendon].joints if actuator.tendon >= 0 else (actuator.joint,)
 
 
@@ -223,6 +232,11 @@ class MechanismEquations:
         """Length and velocity of an actuator."""
         a = self.m.actuators[i]
         gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+        if a.mount is not None:
+            rate = ZERO
+            for j, moment in self.rigid.moments(a.mount, a.wrench).items():
+                rate = rate + moment * self.qd[j]
+            return ZERO, rate
         if a.tendon >= 0:
             length, rate = self.tendon(a.tendon)
             return gear * length, gear * rate
@@ -325,6 +339,10 @@ class MechanismEquations:
         """What the actuators exert at every joint."""
         found = [self.joint_drive(j) for j in range(len(self.m.joints))]
         for i, a in enumerate(self.m.actuators):
+            if a.mount is not None:
+                force = self.actuator_force(i)
+                for j, moment in self.rigid.moments(a.mount, a.wrench).items():
+                    found[j] = found[j] + moment * force
             if a.tendon < 0:
                 continue
             gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
@@ -573,16 +591,32 @@ class MechanismEquations:
             value, rate = self.tendon(sensor.of)
         elif sensor.kind in ("actuatorpos", "actuatorvel"):
             value, rate = self.travel(sensor.of)
+        elif sensor.mount is not None:
+            value = self.mounted(sensor, sensor.mount)
         elif sensor.kind == "actuatorfrc":
             value = self.actuator_force(sensor.of)
         else:
             value = self.drive()[sensor.of]
-        if sensor.kind.endswith("vel"):
+        if sensor.mount is None and sensor.kind.endswith("vel"):
             assert rate is not None
             value, rate = rate, None
         name = self.rig.port_of("sensor", i, "reading")
         read: Expr = self.port(name, value) if rate is None else self.port(name, value, rate=rate)
         return clip(read, -sensor.cutoff, sensor.cutoff) if sensor.cutoff > 0.0 else read
+
+    def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
+        """What a sensor of a frame returns."""
+        tree, values = self.rigid, tuple[Expr, ...]()
+        if sensor.kind == "framequat":
+            values = tree.quaternion(mount)
+        elif sensor.kind == "framepos":
+            values = tree.mounted(mount).place
+        else:
+            motion = tree.motion(mount)
+            values = motion.a if sensor.kind in ("gyro", "frameangvel") else motion.b
+            if sensor.kind in ("gyro", "velocimeter"):
+                values = tree.mounted(mount).local(values)  # type: ignore[arg-type]
+        return values[sensor.component]
 
 
 def _affine(law: list[Expr], length: Expr, rate: Expr) -> Expr:

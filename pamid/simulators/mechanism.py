@@ -52,6 +52,7 @@ class MechanismJoint:
     stiffness_powers (b, c) of a spring a x + b x^2 + c x^3, whose a is `stiffness`
     spring_yield     way beyond which the spring yields for good; 0: never
     compensated_by_actuator  gravity compensation counts as a force of its actuators
+    is_base          one of the joints that stand for a free one: nothing but the motion itself
     """
 
     name: str
@@ -77,6 +78,7 @@ class MechanismJoint:
     stiffness_powers: Vector = (0.0, 0.0)
     spring_yield: float = 0.0
     compensated_by_actuator: bool = False
+    is_base: bool = False
 
     @property
     def spring_state(self) -> str:
@@ -183,6 +185,15 @@ class DcMotor:
 
 
 @dataclass(frozen=True)
+class Mount:
+    """A frame on a body: its place and attitude in that of the body."""
+
+    body: int
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Vector = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Actuator:
     """force = gain . (1, length, velocity) * a + bias . (1, length, velocity), length = gear times
     the position of its joint or the length of its tendon; on these acts gear times the force.
@@ -192,6 +203,8 @@ class Actuator:
     dynamics  of a: none (a is the command), integrator (a' = command) or filter (a' = (command -
               a) / time_constant_s); dcmotor
     joint, tendon  the one it drives; -1: not that
+    mount, wrench  where it acts on a body, with this (force, torque) per unit of its own force, in
+              the frame of the mount; it has no length, and its velocity is the power per force
     column    of a recording, that holds its command; "": it has none, and exerts passive forces
     states    (name, unit) of its own states; without `motor`, that is a alone
     armature, damping, damping_powers  what the actuator adds to those of its joint or tendon, times
@@ -223,6 +236,8 @@ class Actuator:
     adr: int = -1
     damping_powers: Vector = (0.0, 0.0)
     motor: DcMotor | None = None
+    mount: Mount | None = None
+    wrench: Vector = ()
 
     @property
     def is_bare(self) -> bool:
@@ -234,7 +249,8 @@ class Actuator:
 class MechanismSensor:
     """A reading: kind as the simulator calls it (jointpos, jointvel, actuatorfrc, tendonpos ...);
     of: number of the joint, tendon or actuator that it reads; adr: place among the simulator's
-    sensor values, -1 where the file has no such sensor and pamid reads the joint itself."""
+    sensor values, -1 where the file has no such sensor and pamid reads the joint itself; mount,
+    component: of a sensor of a frame, where it is and which of its values this is."""
 
     name: str
     kind: str
@@ -245,6 +261,8 @@ class MechanismSensor:
     noise: float = 0.0
     adr: int = -1
     line: int = 0
+    mount: Mount | None = None
+    component: int = 0
 
 
 @dataclass(frozen=True)
@@ -327,6 +345,14 @@ class Mechanism:
     contact_share: float = 0.0  # of the configurations within the joints' ranges
     sensor_values: int = 0
     couplings: tuple[Coupling, ...] = ()
+
+    def chain(self, body: int) -> tuple[int, ...]:
+        """Joints that move a body."""
+        found: list[int] = []
+        while body > 0:
+            found += [j for j, joint in enumerate(self.joints) if joint.body == body]
+            body = self.bodies[body].parent
+        return tuple(sorted(found))
 
     @property
     def commanded(self) -> tuple[int, ...]:

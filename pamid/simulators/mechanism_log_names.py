@@ -54,6 +54,9 @@ def _reading(m: Mechanism, s: MechanismSensor) -> LogName:
         of = (joint.name,)
         array = {"pos": "qpos", "vel": "qvel", "frc": "qfrc_actuator"}[s.kind[-3:]]
         places[array] = joint.qpos if array == "qpos" else joint.dof
+    elif s.mount is not None:
+        of = (m.bodies[s.mount.body].name,)
+        return LogName((s.name, *of), "", places=places)
     elif s.kind.startswith("actuator"):
         of = (m.actuators[s.of].name,)
         if s.kind.endswith("frc"):

@@ -23,7 +23,10 @@ NOT_ENFORCED = "is not enforced by the equations"  # where there are equations
 LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
-_READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
+_READ = (
+    "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc "
+    "framepos framequat framelinvel frameangvel gyro velocimeter"
+)
 
 # switched off, these change nothing of what is written as equations
 _HARMLESS_FLAGS = (
@@ -36,6 +39,7 @@ def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding,
     """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
     found = [
         *_warnings(file),
+        *_free(file),
         *_joints(file),
         *_bodies(file),
         *_tendons(file),
@@ -109,7 +113,8 @@ def _bodies(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nbody):
         if m.body_mocapid[i] >= 0:
-            yield _finding(file, "body", i, "a mocap body is moved from outside")
+            text = "a mocap body is held where it stands"
+            yield _finding(file, "body", i, text, hinders=False)
 
 
 def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
@@ -135,8 +140,10 @@ def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nactuator):
         drives = file.word("mjtTrn", m.actuator_trntype[i])
-        if drives not in ("joint", "jointinparent", "tendon"):
+        if drives not in ("joint", "jointinparent", "tendon", "site"):
             yield _finding(file, "actuator", i, f"it acts on a {drives}, not a joint or tendon")
+        if drives == "site" and m.actuator_trnid[i, 1] >= 0:
+            yield _finding(file, "actuator", i, "it acts between two sites")
         dynamics = file.word("mjtDyn", m.actuator_dyntype[i])
         winding = file.word("mjtGain", m.actuator_gaintype[i]) == "dcmotor"
         if dynamics not in ("none", "integrator", "filter", "filterexact", "dcmotor"):
@@ -154,8 +161,8 @@ def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
             yield _finding(file, "actuator", i, "several commands, or a plugin")
         if m.actuator_actearly[i] and not winding:
             yield _finding(file, "actuator", i, "actearly, which is a matter of the time step")
-        if drives == "tendon" and m.actuator_armature[i]:
-            yield _finding(file, "actuator", i, "armature at a tendon")
+        if drives in ("tendon", "site") and m.actuator_armature[i]:
+            yield _finding(file, "actuator", i, f"armature at a {drives}")
 
 
 def _is_coupling(file: MujocoFile, equality: int) -> bool:
@@ -190,15 +197,29 @@ def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]
         yield ModelFinding(text, "contact", "", 0, not rare)
 
 
+def is_relative(file: MujocoFile, sensor: int) -> bool:
+    """Does a sensor of a frame read it from another frame, or that of a camera or geom?"""
+    m, kinds = file.model, file.mujoco.mjtObj
+    word = file.word("mjtSensor", m.sensor_type[sensor])
+    usual = (kinds.mjOBJ_BODY, kinds.mjOBJ_XBODY, kinds.mjOBJ_SITE)
+    is_framed = word.startswith("frame")
+    return is_framed and (m.sensor_refid[sensor] >= 0 or m.sensor_objtype[sensor] not in usual)
+
+
 def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nsensor):
         word = file.word("mjtSensor", m.sensor_type[i])
-        if word not in _READ.split():
+        if word not in _READ.split() or is_relative(file, i):
             text = f"a sensor of the kind {word} is left out"
             yield _finding(file, "sensor", i, text, hinders=False)
         elif m.sensor_delay[i]:
             yield _finding(file, "sensor", i, "its delay is left out", hinders=False)
+
+
+def _free(file: MujocoFile) -> Iterator[ModelFinding]:
+    for name, line, text in file.free.notes:
+        yield ModelFinding(text, "joint", name, line, False)
 
 
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,12 @@ from pamid.simulators.mechanism import (
     MechanismJoint,
     MechanismSensor,
     MechanismTendon,
+    Mount,
     Range,
     Vector,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.mujoco_findings import contact_share, findings_of
+from pamid.simulators.mujoco_findings import contact_share, findings_of, is_relative
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
@@ -36,6 +38,16 @@ SENSORS = {
     "actuatorpos": ("actuator", 0),
     "actuatorvel": ("actuator", 1),
     "actuatorfrc": ("actuator", 2),
+}
+#: of a sensor of a frame: unit and endings of its values
+_XYZ = ("x", "y", "z")
+FRAMES = {
+    "framepos": ("m", _XYZ),
+    "framequat": ("", ("w", *_XYZ)),
+    "framelinvel": ("m/s", _XYZ),
+    "frameangvel": ("rad/s", _XYZ),
+    "gyro": ("rad/s", _XYZ),
+    "velocimeter": ("m/s", _XYZ),
 }
 DYNAMICS = {
     "integrator": "integrator",
@@ -66,7 +78,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
     share, met = contact_share(file)
     bodies = _bodies(file, names)
     option = file.model.opt
-    return Mechanism(
+    found = Mechanism(
         str(file.path),
         _word(Path(file.path).stem),
         float(option.timestep),
@@ -77,12 +89,15 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         actuators,
         sensors,
         parameters_of(file, bodies, joints, tendons, actuators),
-        ports_of(joints, tendons, actuators, sensors, couplings),
+        (),
         findings_of(file, share, met),
         share,
         int(file.model.nsensordata),
         couplings,
     )
+    mounts = [a.mount.body for a in actuators if a.mount is not None]
+    moved = frozenset(j for body in mounts for j in found.chain(body))
+    return replace(found, ports=ports_of(joints, tendons, actuators, sensors, couplings, moved))
 
 
 # ---- names and numbers ---------------------------------------------------------------------------
@@ -188,6 +203,7 @@ def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
                 _powers(m, "jnt_stiffnesspoly", i),
                 float(m.jnt_springyield[i]) if hasattr(m, "jnt_springyield") else 0.0,
                 bool(m.jnt_actgravcomp[i]),
+                file.name("joint", i) in file.free.floating,
             )
         )
     return tuple(found)
@@ -285,6 +301,9 @@ def _actuators(
         drives = file.word("mjtTrn", m.actuator_trntype[i])
         at_joint = target if drives in ("joint", "jointinparent") else -1
         at_tendon = target if drives == "tendon" else -1
+        mount, wrench = None, _vector(m.actuator_gear[m.actuator_outadr[i]])
+        if drives == "site":
+            mount = _mount(file, int(file.mujoco.mjtObj.mjOBJ_SITE), target)
         law = file.word("mjtGain", m.actuator_gaintype[i])
         affine = law == "affine"
         gain = _vector(m.actuator_gainprm[i, :3]) if affine else (m.actuator_gainprm[i, 0], 0, 0)
@@ -292,6 +311,8 @@ def _actuators(
         bias = _vector(m.actuator_biasprm[i, :3]) if biased else (0.0, 0.0, 0.0)
         kind = law if law == "dcmotor" else _kind(_vector(gain), bias)
         units = _units_of(joints, tendons, at_joint, at_tendon)
+        if mount is not None:
+            units = _SLIDE if any(wrench[:3]) else _HINGE
         unit = {"position": units[0], "velocity": units[1]}.get(kind, "")
         how = DYNAMICS.get(file.word("mjtDyn", m.actuator_dyntype[i]), "none")
         unit = quotient(unit, "s") if unit and how == "integrator" else unit
@@ -311,7 +332,7 @@ def _actuators(
                 kind,
                 at_joint,
                 at_tendon,
-                float(m.actuator_gear[i, 0]),
+                1.0 if mount is not None else wrench[0],
                 how,
                 float(m.actuator_dynprm[i, 0]) if how in ("filter", "dcmotor") else 0.0,
                 _vector(gain),
@@ -332,6 +353,8 @@ def _actuators(
                 commanded,
                 _powers(m, "actuator_dampingpoly", i),
                 motor,
+                mount,
+                wrench if mount is not None else (),
             )
         )
     # motors for passive forces leave the joints without commands
@@ -376,7 +399,7 @@ def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[
 def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
     """A force or torque at every joint: of a file without actuators, such as any URDF."""
     for j, joint in enumerate(joints):
-        if joint.kind not in ("hinge", "slide"):
+        if joint.kind not in ("hinge", "slide") or joint.is_base:
             continue
         unit = joint.force_unit
         column = f"{joint.name}_{'torque_nm' if unit == 'N m' else 'force_n'}"
@@ -422,10 +445,13 @@ def _sensors(
 ) -> tuple[MechanismSensor, ...]:
     """The sensors that pamid can read; of a file without any, position and velocity of every
     joint."""
-    m, found = file.model, []
+    m, found = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
         of = int(m.sensor_objid[i])
+        if kind in FRAMES and not is_relative(file, i):
+            found += _frame_sensors(file, i, name, kind, taken)
+            continue
         if kind not in SENSORS or _is_quaternion(kind, of, joints):
             continue
         element, place = SENSORS[kind]
@@ -462,6 +488,38 @@ def _sensors(
             name = f"{joint.name}_{word}"
             found.append(MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
     return tuple(found)
+
+
+def _frame_sensors(
+    file: MujocoFile, i: int, name: str, kind: str, taken: set[str]
+) -> Iterator[MechanismSensor]:
+    """The values of a sensor of a frame, one by one."""
+    m, (unit, words) = file.model, FRAMES[kind]
+    for k, word in enumerate(words):
+        yield MechanismSensor(
+            f"{name}_{word}",
+            kind,
+            int(m.sensor_objid[i]),
+            unit,
+            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), taken),
+            float(m.sensor_cutoff[i]) if unit else 0.0,  # MuJoCo limits no quaternions
+            float(m.sensor_noise[i]),
+            int(m.sensor_adr[i]) + k,
+            file.line("sensor", i),
+            _mount(file, int(m.sensor_objtype[i]), int(m.sensor_objid[i])),
+            k,
+        )
+
+
+def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
+    """The frame of a site, of a body, or that of its principal axes."""
+    m, kinds = file.model, file.mujoco.mjtObj
+    if kind == kinds.mjOBJ_SITE:
+        places = (m.site_pos[number], m.site_quat[number])
+        return Mount(int(m.site_bodyid[number]), *map(_vector, places))
+    if kind == kinds.mjOBJ_BODY:
+        return Mount(number, _vector(m.body_ipos[number]), _vector(m.body_iquat[number]))
+    return Mount(number)
 
 
 def _stem(name: str, unit: str) -> str:

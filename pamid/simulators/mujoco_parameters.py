@@ -43,7 +43,7 @@ def parameters_of(
     """All of them, bodies first, then joints, tendons and actuators."""
     found = [_mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)]
     for i, joint in enumerate(joints):
-        if joint.kind in ("hinge", "slide"):
+        if joint.kind in ("hinge", "slide") and not joint.is_base:
             found += _of_joint(i, joint, _strength(i, actuators))
     for i, tendon in enumerate(tendons):
         found += _of_tendon(i, tendon, joints)
@@ -253,7 +253,7 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
     if actuator.time_constant_s > 0.0:
         constant = stated(f"{name}_time_constant", actuator.time_constant_s, "s")
         found.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
-    if math.isfinite(actuator.gear) and actuator.gear:
+    if math.isfinite(actuator.gear) and actuator.gear and actuator.mount is None:
         held = stated(f"{name}_gear", actuator.gear, "", fitted=False)
         found.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
     if actuator.delay_s > 0.0:

@@ -28,17 +28,20 @@ def ports_of(
     actuators: Sequence[Actuator],
     sensors: Sequence[MechanismSensor],
     couplings: Sequence[Coupling] = (),
+    mounted: frozenset[int] = frozenset(),
 ) -> tuple[ModelPort, ...]:
     """All of them, in this order; the port of a joint has the joint's own name. A coupled joint has
-    no transmission: what it carries does not give way by itself."""
+    no transmission: what it carries does not give way by itself. The base has no motor.
+    mounted: joints that actuators at bodies move."""
     found: list[ModelPort] = []
     coupled = coupled_joints(couplings, tendons)
     drives = [a for a in actuators if a.column]
-    driven = {a.joint for a in drives}
+    driven = {a.joint for a in drives} | mounted
     driven.update(j for a in drives if a.tendon >= 0 for j in tendons[a.tendon].joints)
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide"):
-            found += _at_joint(i, joint, i in driven)[: 1 if i in coupled else 2]
+            whole = i not in coupled and not joint.is_base
+            found += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
     taken = {port.name for port in found}
     for i, actuator in enumerate(actuators):
         if not actuator.column:
@@ -48,7 +51,8 @@ def ports_of(
     for i, sensor in enumerate(sensors):
         name = numbered(sensor.name, taken)
         rates = {"rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}
-        offered = (("rate", rates[sensor.unit]),) if sensor.kind.endswith("pos") else ()
+        place = sensor.mount is None and sensor.kind.endswith("pos")
+        offered = (("rate", rates[sensor.unit]),) if place else ()
         found.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
     return tuple(found)
 

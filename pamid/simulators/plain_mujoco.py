@@ -214,8 +214,8 @@ class PlainModel:
                 self.mujoco.mj_initSensorHistory(m, d, number, times, np.full(size, value), 0.0)
 
     def _sensor_number(self, adr: int) -> int:
-        places = list(map(int, self.model.sensor_adr))
-        return places.index(adr) if adr >= 0 else -1
+        # the last one that begins there or before: a sensor may have several values
+        return int(np.searchsorted(self.model.sensor_adr, adr, "right")) - 1 if adr >= 0 else -1
 
     # ---- the state at the start ------------------------------------------------------------------
 

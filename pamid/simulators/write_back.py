@@ -640,7 +640,7 @@ class _Writer:
 
     def _reading(self, s: int, terms: ReadingTerms) -> None:
         sensor = self.mechanism.sensors[s]
-        at = list(map(int, self.file.model.sensor_adr)).index(sensor.adr)
+        at = int(np.searchsorted(self.file.model.sensor_adr, sensor.adr, "right")) - 1
         name = self.file.mujoco.mj_id2name(
             self.file.model, self.file.mujoco.mjtObj.mjOBJ_SENSOR, at
         )

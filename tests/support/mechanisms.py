@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.simulators.compiled_rig import CompiledMechanism
+from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.symbolic.expression import Expr, plain, symbol, walk
 from pamid.symbolic.operators import OPERATORS
@@ -174,6 +175,45 @@ TERMS = """<mujoco model="terms">
 </mujoco>
 """
 
+# a floating base with thrusters at sites, a link on it, and an object that nothing drives
+DRONE = """<mujoco model="drone">
+  <compiler angle="radian"/>
+  <default><joint damping="0.05" armature="0.01"/></default>
+  <option timestep="0.001" integrator="RK4"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="drone" pos="0.1 0.2 1">
+      <freejoint name="fly"/>
+      <inertial pos="0.02 0 0.01" mass="1.2" fullinertia="0.02 0.03 0.025 0.001 -0.002 0.003"/>
+      <site name="left" pos="0.1 0.1 0" quat="0.9 0.1 0 0"/>
+      <site name="right" pos="-0.1 -0.1 0"/>
+      <body name="camera" pos="0.2 0 0" quat="0.8 0 0.2 0.1">
+        <joint name="gimbal" axis="0 1 0.2"/>
+        <geom size="0.03" mass="0.2" pos="0.1 0 0"/>
+        <site name="lens" pos="0.1 0 0.02" quat="0.9 0 0.1 0.3"/>
+      </body>
+    </body>
+    <body name="box" pos="1 0 0"><freejoint name="loose"/><geom size="0.1" mass="1"/></body>
+  </worldbody>
+  <actuator>
+    <motor name="thrust_left" site="left" gear="0 0 1 0 0 0.1"/>
+    <general name="thrust_right" site="right" gear="0 0 1 0 0 -0.1" biastype="affine"
+             biasprm="0 0 -0.1"/>
+    <position name="turn" joint="gimbal" kp="0.5"/>
+  </actuator>
+  <sensor>
+    <framepos name="place" objtype="xbody" objname="drone"/>
+    <framequat name="attitude" objtype="xbody" objname="drone"/>
+    <gyro name="gyro" site="lens"/><velocimeter name="speed" site="lens"/>
+    <framepos name="centre" objtype="body" objname="camera"/>
+    <framequat name="view" objtype="site" objname="lens"/>
+    <framelinvel name="moving" objtype="site" objname="lens"/>
+    <frameangvel name="turning" objtype="body" objname="camera"/>
+    <jointpos name="gimbal_angle" joint="gimbal"/>
+  </sensor>
+  <keyframe><key qpos="0 0 1 1 0 0 0 0 1 0 0 1 0 0 0"/></keyframe>
+</mujoco>
+"""
+
 
 def _seven() -> str:
     places = (
@@ -283,7 +323,7 @@ def mujoco_at(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """MuJoCo's own accelerations, activation rates and readings in the same state."""
     mujoco, m = needs_mujoco(), rig.mechanism
-    model = mujoco.MjModel.from_xml_path(m.path)
+    model = open_mujoco(m.path).model
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     model.opt.tolerance, model.opt.iterations = 0.0, 200
     model.actuator_actearly[:] = 0  # a matter of the time step

@@ -23,6 +23,7 @@ MODELS = {
     "tree": mechanisms.TREE,
     "seven": mechanisms.SEVEN,
     "terms": mechanisms.TERMS,
+    "drone": mechanisms.DRONE,
     "rubbing": mechanisms.SEVEN.replace('frictionloss="0.1"', 'frictionloss="1.5"'),
 }
 CLOSE = 1e-10
