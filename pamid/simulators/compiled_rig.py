@@ -52,6 +52,7 @@ from pamid.symbolic.vocabulary import (
 )
 
 DELAY_ROOM = 5.0  # times the delay that the file states
+RETURN_RATE = 200.0  # 1/s, at which a spring yields that is stretched further than it can be
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
 #: an angle (or way) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]
@@ -141,7 +142,9 @@ def _states(m: Mechanism) -> Iterator[State]:
         yield from (State(name, unit) for name, unit in actuator.states)
     for joint in m.joints:
         if joint.spring_state:
-            yield State(joint.spring_state, joint.unit, joint.spring_reference)
+            low, high = (joint.reference + s * joint.spring_yield for s in (-1.0, 1.0))
+            relaxed = min(max(joint.spring_reference, low), high)  # it yields at once
+            yield State(joint.spring_state, joint.unit, relaxed)
 
 
 def _amplitude(m: Mechanism, actuator: Actuator) -> float:
@@ -393,12 +396,13 @@ class MechanismEquations:
 
     def yielding(self, j: int) -> Expr:
         """Rate at which a joint's spring gives way for good: with the joint, once it is stretched
-        as far as it can be."""
+        as far as it can be. What it is stretched beyond that, by a step or by its start, goes."""
         joint, qd = self.m.joints[j], self.qd[j]
         most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
         way = self.q[j] - getattr(self.x, joint.spring_state)
         forward = where(way >= most, maximum(qd, 0.0), ZERO)
-        return forward + where(way <= -most, minimum(qd, 0.0), ZERO)
+        backward = where(way <= -most, minimum(qd, 0.0), ZERO)
+        return forward + backward + RETURN_RATE * (way - clip(way, -most, most))
 
     def coupling(self, c: Coupling) -> SoftCoupling:
         """A coupling at the present positions."""

@@ -8,7 +8,7 @@ where the base points straight up or down.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,6 @@ BASE = (
 )
 HELD = "a free joint of an object that nothing drives or reads: it is held where it stands"
 FLOATING = "a free joint: three slides and yaw, pitch and roll stand for it"
-_LOST = "keyframes are left out"
 
 
 @dataclass(frozen=True)
@@ -36,9 +35,9 @@ class FreeJoints:
     notes: tuple[tuple[str, int, str], ...] = ()
 
 
-def settle_free_joints(mujoco: Any, spec: Any, line_of: Any) -> FreeJoints:
+def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) -> FreeJoints:
     """Change the free joints of a model that MuJoCo has read, and ball joints of objects. line_of:
-    of an element's text about where it stands."""
+    at which an element stands in the file, 0 unknown."""
     loose = [
         joint
         for joint in spec.joints
@@ -47,16 +46,17 @@ def settle_free_joints(mujoco: Any, spec: Any, line_of: Any) -> FreeJoints:
     if not loose:
         return FreeJoints()
     model = spec.compile()
-    touched = set(_touched(mujoco, model))
+    touched = set(_touched(mujoco, model)) or {int(t) for t in model.body_treeid}
     floating: list[str] = []
     notes: list[tuple[str, int, str]] = []
     for joint in loose:
         body, is_free = joint.parent, joint.type == mujoco.mjtJoint.mjJNT_FREE
+        line = line_of(joint) or line_of(body)  # <freejoint> has none
         name = joint.name or f"of {body.name or f'body_{body.id}'}"
         if int(model.body_treeid[body.id]) not in touched:
-            notes.append((name, line_of(joint), HELD))
+            notes.append((name, line, HELD))
         elif is_free and not _has_forces(model, joint.id):
-            notes.append((name, line_of(joint), FLOATING))
+            notes.append((name, line, FLOATING))
             floating += _as_base(mujoco, spec, body, joint.name or body.name or "base")
         else:
             continue
@@ -137,6 +137,10 @@ def _touched(mujoco: Any, m: Any) -> Iterator[int]:
         ends = (0, 1) if kind == int(kinds.mjOBJ_SITE) else (0,)
         for end in ends:
             yield from trees(kind, int(m.actuator_trnid[i, end]))
+    if not m.nactuator:  # a force acts on every hinge and slide
+        for i in range(m.njnt):
+            if int(m.jnt_type[i]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                yield from trees(int(kinds.mjOBJ_JOINT), i)
     for i in range(m.ntendon):
         yield from trees(int(kinds.mjOBJ_TENDON), i)
     of = {"JOINT": kinds.mjOBJ_JOINT, "TENDON": kinds.mjOBJ_TENDON}

@@ -80,6 +80,23 @@ def _place(file: MujocoFile, qpos: Any, random: np.random.Generator) -> None:
             at = int(m.jnt_qposadr[i])
             low, high = m.jnt_range[i] if m.jnt_limited[i] else m.qpos0[at] + [-WIDE, WIDE]
             qpos[at] = random.uniform(low, high)
+    follow(file, qpos)
+
+
+def follow(file: MujocoFile, qpos: Any) -> None:
+    """Put joints that follow another one where their couplings want them. A chain of couplings is
+    followed in the order of the file."""
+    m = file.model
+    joint = int(file.mujoco.mjtEq.mjEQ_JOINT)
+    for i in range(m.neq):
+        if int(m.eq_type[i]) != joint or not m.eq_active0[i]:
+            continue
+        first = m.jnt_qposadr[m.eq_obj1id[i]]
+        second, way = m.eq_obj2id[i], 0.0
+        if second >= 0:
+            at = m.jnt_qposadr[second]
+            way = float(qpos[at] - m.qpos0[at])
+        qpos[first] = m.qpos0[first] + np.polynomial.polynomial.polyval(way, m.eq_data[i, :5])
 
 
 def _finding(
@@ -201,9 +218,9 @@ def is_relative(file: MujocoFile, sensor: int) -> bool:
     """Does a sensor of a frame read it from another frame, or that of a camera or geom?"""
     m, kinds = file.model, file.mujoco.mjtObj
     word = file.word("mjtSensor", m.sensor_type[sensor])
-    usual = (kinds.mjOBJ_BODY, kinds.mjOBJ_XBODY, kinds.mjOBJ_SITE)
+    usual = tuple(int(k) for k in (kinds.mjOBJ_BODY, kinds.mjOBJ_XBODY, kinds.mjOBJ_SITE))
     is_framed = word.startswith("frame")
-    return is_framed and (m.sensor_refid[sensor] >= 0 or m.sensor_objtype[sensor] not in usual)
+    return is_framed and (m.sensor_refid[sensor] >= 0 or int(m.sensor_objtype[sensor]) not in usual)
 
 
 def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:

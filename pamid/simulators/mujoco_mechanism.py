@@ -43,7 +43,7 @@ SENSORS = {
 _XYZ = ("x", "y", "z")
 FRAMES = {
     "framepos": ("m", _XYZ),
-    "framequat": ("", ("w", *_XYZ)),
+    "framequat": ("", ("qw", "qx", "qy", "qz")),
     "framelinvel": ("m/s", _XYZ),
     "frameangvel": ("rad/s", _XYZ),
     "gyro": ("rad/s", _XYZ),
@@ -321,7 +321,6 @@ def _actuators(
         motor = _motor(m, i) if law == "dcmotor" else None
         if motor is not None:
             states = tuple(_motor_states(m, i, name, units[0]))
-            unit = {"pos": units[0], "vel": units[1], "ff": units[2]}.get(motor.input, "V")
         elif how != "none":
             states = ((f"{name}_activation", ""),)
         commanded = int(m.actuator_ctrladr[i]) if column else -1
@@ -444,7 +443,7 @@ def _sensors(
     taken: set[str],
 ) -> tuple[MechanismSensor, ...]:
     """The sensors that pamid can read; of a file without any, position and velocity of every
-    joint."""
+    joint, and the quaternion of a floating base."""
     m, found = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
@@ -487,6 +486,17 @@ def _sensors(
         ):
             name = f"{joint.name}_{word}"
             found.append(MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
+    for joint in joints:
+        if joint.is_base and joint.name.endswith("_x"):
+            base = joint.name.removesuffix("_x")
+            for k, word in enumerate(FRAMES["framequat"][1]):
+                name, mount = f"{base}_{word}", Mount(joint.body)
+                column = _fresh(name, taken)
+                found.append(
+                    MechanismSensor(
+                        name, "framequat", joint.body, "", column, mount=mount, component=k
+                    )
+                )
     return tuple(found)
 
 

@@ -161,11 +161,28 @@ class PlainModel:
             if sensor.adr >= 0:
                 readings.append(sensed[:, :, sensor.adr])
                 continue
+            if sensor.mount is not None:
+                readings.append(self._attitude(states, sensor.mount.body)[sensor.component])
+                continue
             joint = m.joints[sensor.of]
             velocity = sensor.kind == "jointvel"
             place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
             readings.append(states[:, :, place])
         return np.stack(readings, axis=2)
+
+    def _attitude(self, states: Array, body: int) -> Array:
+        """Quaternion (4, ...) of a floating base by its yaw, pitch and roll."""
+        hinges = [j for j in self.mechanism.joints if j.body == body and j.is_base][3:]
+        half = [0.5 * states[..., 1 + joint.qpos] for joint in hinges]
+        (cy, cp, cr), (sy, sp, sr) = map(np.cos, half), map(np.sin, half)
+        return np.stack(
+            [
+                cy * cp * cr + sy * sp * sr,
+                cy * cp * sr - sy * sp * cr,
+                cy * sp * cr + sy * cp * sr,
+                sy * cp * cr - cy * sp * sr,
+            ]
+        )
 
     def _control(self, stretch: RecordedStretch, times: Array, samples: int) -> Array:
         """Commands and applied forces per step, (steps x both)."""

@@ -110,8 +110,12 @@ def test_what_cannot_be_read_is_named(
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (body('<joint name="fly" type="free"/>'), "joint 'fly', line 2: a free joint"),
-        (body('<joint name="eye" type="ball"/>'), "joint 'eye', line 2: a ball joint"),
+        (body('<joint name="fly" type="free" damping="1"/><site name="s"/>').replace("</mujoco>",
+              '<actuator><motor site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>'),
+         "joint 'fly', line 2: a free joint"),
+        (body('<joint name="eye" type="ball"/><site name="s"/>').replace("</mujoco>",
+              '<actuator><motor site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>'),
+         "joint 'eye', line 2: a ball joint"),
         (body('<joint name="j" type="slide" axis="0 0 1"/>',
               '<geom name="floor" type="plane" size="1 1 1" pos="0 0 0.95"/>'),
          "geoms touch (floor and ball at the reference itself)"),

@@ -116,9 +116,12 @@ def errors(folder: Path, effects: Mapping[str, Mapping[str, float]]) -> tuple[Ar
     off = []
     for path in (file, folder / "new.xml"):
         mechanism = read_mechanism(path)
-        named = zip(mechanism.actuators, INPUTS, strict=True)
+        columns = dict(zip(mechanism.commanded, INPUTS, strict=True))
         mechanism = replace(
-            mechanism, actuators=tuple(replace(a, column=column) for a, column in named)
+            mechanism,
+            actuators=tuple(
+                replace(a, column=columns.get(i, "")) for i, a in enumerate(mechanism.actuators)
+            ),
         )
         settings = SimulatorSettings(0.001, "RK4")
         plain = PlainModel(open_mujoco(path), mechanism, settings=settings)
