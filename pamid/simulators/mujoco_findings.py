@@ -23,10 +23,8 @@ NOT_ENFORCED = "is not enforced by the equations"  # where there are equations
 LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
-_READ = (
-    "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc "
-    "framepos framequat framelinvel frameangvel gyro velocimeter"
-)
+_READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
+FRAMED = ("framepos", "framequat", "framelinvel", "frameangvel", "gyro", "velocimeter")
 
 # switched off, these change nothing of what is written as equations
 _HARMLESS_FLAGS = (
@@ -214,20 +212,27 @@ def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]
         yield ModelFinding(text, "contact", "", 0, not rare)
 
 
-def is_relative(file: MujocoFile, sensor: int) -> bool:
-    """Does a sensor of a frame read it from another frame, or that of a camera or geom?"""
+def reads_frame(file: MujocoFile, sensor: int) -> bool:
+    """Is a sensor of a frame read? On a floating base, and from the world: those of a robot that
+    stands repeat what its joints read."""
     m, kinds = file.model, file.mujoco.mjtObj
-    word = file.word("mjtSensor", m.sensor_type[sensor])
-    usual = tuple(int(k) for k in (kinds.mjOBJ_BODY, kinds.mjOBJ_XBODY, kinds.mjOBJ_SITE))
-    is_framed = word.startswith("frame")
-    return is_framed and (m.sensor_refid[sensor] >= 0 or int(m.sensor_objtype[sensor]) not in usual)
+    if file.word("mjtSensor", m.sensor_type[sensor]) not in FRAMED or m.sensor_refid[sensor] >= 0:
+        return False
+    kind, number = int(m.sensor_objtype[sensor]), int(m.sensor_objid[sensor])
+    if kind == kinds.mjOBJ_SITE:
+        number = int(m.site_bodyid[number])
+    elif kind not in (int(kinds.mjOBJ_BODY), int(kinds.mjOBJ_XBODY)):
+        return False
+    floating = set(file.free.floating)
+    bases = {m.jnt_bodyid[j] for j in range(m.njnt) if file.name("joint", j) in floating}
+    return m.body_rootid[number] in bases
 
 
 def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nsensor):
         word = file.word("mjtSensor", m.sensor_type[i])
-        if word not in _READ.split() or is_relative(file, i):
+        if word not in _READ.split() and not reads_frame(file, i):
             text = f"a sensor of the kind {word} is left out"
             yield _finding(file, "sensor", i, text, hinders=False)
         elif m.sensor_delay[i]:
@@ -237,6 +242,17 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
 def _free(file: MujocoFile) -> Iterator[ModelFinding]:
     for name, line, text in file.free.notes:
         yield ModelFinding(text, "joint", name, line, False)
+    read = {
+        file.word("mjtSensor", file.model.sensor_type[i])
+        for i in range(file.model.nsensor)
+        if reads_frame(file, i)
+    }
+    if file.free.floating and file.model.nsensor and not read >= {"framepos", "framequat"}:
+        text = (
+            "no sensor reads where the floating base is: add <framepos> and <framequat> of its "
+            "body, and record them"
+        )
+        yield ModelFinding(text, "sensor", "", 0, False)
 
 
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:

@@ -24,7 +24,7 @@ from pamid.simulators.mechanism import (
     Vector,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.mujoco_findings import contact_share, findings_of, is_relative
+from pamid.simulators.mujoco_findings import contact_share, findings_of, reads_frame
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
@@ -448,7 +448,7 @@ def _sensors(
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
         of = int(m.sensor_objid[i])
-        if kind in FRAMES and not is_relative(file, i):
+        if kind in FRAMES and reads_frame(file, i):
             found += _frame_sensors(file, i, name, kind, taken)
             continue
         if kind not in SENSORS or _is_quaternion(kind, of, joints):

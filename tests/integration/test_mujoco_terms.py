@@ -139,6 +139,17 @@ def test_free_joints_are_noted_and_hinder_nothing(tmp_path: Path) -> None:
     assert {p.name for p in mechanism.ports if p.kind == "transmission"} == {"gimbal_transmission"}
 
 
+def test_an_unread_base_is_said(tmp_path: Path) -> None:
+    text = mechanisms.DRONE.replace(
+        '<framequat name="attitude" objtype="xbody" objname="drone"/>', ""
+    )
+    text = text.replace('<framequat name="view" objtype="site" objname="lens"/>', "")
+    said = [str(f) for f in read_mechanism(written(tmp_path, text)).findings]
+    assert any("no sensor reads where the floating base is: add <framepos>" in s for s in said)
+    whole = read_mechanism(written(tmp_path, mechanisms.DRONE)).findings
+    assert not any("floating base" in str(f) for f in whole)
+
+
 def test_a_base_without_sensors_is_read_by_place_and_quaternion(tmp_path: Path) -> None:
     text = mechanisms.DRONE[: mechanisms.DRONE.index("  <sensor>")] + "</mujoco>"
     file = written(tmp_path, text)
@@ -175,3 +186,20 @@ def test_a_touched_object_is_held_while_mujoco_steps(tmp_path: Path) -> None:
     data = mujoco.MjData(held)
     mujoco.mj_step(held, data, 995)
     assert y[-1, 0] == pytest.approx(data.qpos[0], abs=1e-3) and y[-1, 0] > 0.05
+
+
+def test_all_states_are_carried_from_step_to_step(tmp_path: Path) -> None:
+    """Those of a motor, and where a spring is relaxed that yields."""
+    rig = SteppedMechanism(read_mechanism(written(tmp_path, MOVING)))
+    model = mujoco.MjModel.from_xml_string(MOVING)
+    model.opt.tolerance, data = 1e-13, mujoco.MjData(model)
+    p, x = Assembly(rig).values()[None], np.zeros((1, len(rig.states)))
+    x[0] = [*data.qpos, *data.qvel, *data.act, *data.plastic]
+    for k in range(100):
+        u = np.array([0.6, 1.0, 5.0, 0.3]) * np.sin(0.02 * k)
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+        x, _ = rig.steps(x, np.array([[*u, *np.zeros(5)]]), p, 0.001, ())
+    after = np.array([*data.qpos, *data.qvel, *data.act, *data.plastic])
+    assert abs(data.plastic[0] - 0.2) > 0.04
+    assert np.abs(x[0] - after).max() < 1e-7
