@@ -1,9 +1,11 @@
 """A mechanism as a rig of equations: no simulator takes part in running it.
 
-    M(q) q'' + c(q, q') = drive + tendons - damping q' - stiffness (q - relaxed) + friction
+    M(q) q'' + c(q, q') = drive + tendons - damping(q') - stiffness(q - relaxed) + friction
+                          + couplings + gravity compensation
 
-with the friction of `pamid.simulators.soft_friction` at joints whose file states a loss; elsewhere,
-where a fit frees it, it grows with the velocity (`friction_slope`) until the loss is reached.
+with the couplings of `pamid.simulators.soft_constraints`, and the friction there at joints whose
+file states a loss; elsewhere, where a fit frees it, it grows with the velocity (`friction_slope`)
+until the loss is reached.
 Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
 `pamid.simulators.forward_dynamics`.
 """
@@ -12,21 +14,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeAlias
 
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.simulators.forward_dynamics import accelerations
-from pamid.simulators.mechanism import Actuator, Mechanism, MechanismSensor
+from pamid.simulators.mechanism import (
+    Actuator,
+    Coupling,
+    Mechanism,
+    MechanismSensor,
+    Mount,
+    Vector,
+)
 from pamid.simulators.mechanism_log_names import log_names_of, vector_sizes_of
 from pamid.simulators.mechanism_pose import mechanism_pose
-from pamid.simulators.soft_friction import SoftFriction
+from pamid.simulators.motor_equations import MotorEquations
+from pamid.simulators.soft_constraints import (
+    LEAST_SOFTNESS,
+    SoftCoupling,
+    SoftFriction,
+    impedance,
+)
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
     ZERO,
     Expr,
     Number,
+    absolute,
     clip,
     delay,
     expression,
@@ -36,6 +52,7 @@ from pamid.symbolic.vocabulary import (
 )
 
 DELAY_ROOM = 5.0  # times the delay that the file states
+RETURN_RATE = 200.0  # 1/s, at which a spring yields that is stretched further than it can be
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
 #: an angle (or way) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]
@@ -69,10 +86,10 @@ class CompiledMechanism(Rig):
         self.mechanism = m
         own.name = m.name
         own.inputs, own.outputs = m.inputs, m.outputs
-        own.optional = {a.column: 0.0 for a in m.actuators if a.adr < 0}
+        own.optional = {a.column: 0.0 for a in m.actuators if a.is_bare}
         own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
         own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
-        own.excited = {a.column: _amplitude(m, a) for a in m.actuators}
+        own.excited = {a.column: _amplitude(m, a) for a in m.actuators if a.column}
         own.ports = {
             p.name: Port(p.kind, p.unit, dict(p.signals), size=dict(p.size)) for p in m.ports
         }
@@ -100,8 +117,8 @@ class CompiledMechanism(Rig):
         return expression(stated if name is None else getattr(p, name))
 
     def port_of(self, element: str, number: int, kind: str) -> str:
-        """The name of an element's port of a kind."""
-        return self._ports[element, number, kind]
+        """The name of an element's port of a kind; "" where it has none."""
+        return self._ports.get((element, number, kind), "")
 
 
 def _remarks(m: Mechanism) -> tuple[str, ...]:
@@ -122,8 +139,12 @@ def _states(m: Mechanism) -> Iterator[State]:
     for joint in m.joints:
         yield State(f"{joint.name}_velocity", f"{joint.unit}/s")
     for actuator in m.actuators:
-        if actuator.state:
-            yield State(actuator.state)
+        yield from (State(name, unit) for name, unit in actuator.states)
+    for joint in m.joints:
+        if joint.spring_state:
+            low, high = (joint.reference + s * joint.spring_yield for s in (-1.0, 1.0))
+            relaxed = min(max(joint.spring_reference, low), high)  # it yields at once
+            yield State(joint.spring_state, joint.unit, relaxed)
 
 
 def _amplitude(m: Mechanism, actuator: Actuator) -> float:
@@ -137,10 +158,21 @@ def _amplitude(m: Mechanism, actuator: Actuator) -> float:
         far = 0.5 if actuator.force_unit == "N m" else 0.1
         return far if actuator.kind == "position" else 2.0 * far
     inertia = max((m.joints[j].typical_inertia for j in _driven(m, actuator)), default=1.0)
-    return 10.0 * inertia / max(abs(actuator.gear * actuator.gain[0]), 1e-9)
+    return 10.0 * inertia / max(abs(actuator.gear * _gain(actuator)), 1e-9)
+
+
+def _gain(actuator: Actuator) -> float:
+    """Force per command."""
+    motor = actuator.motor
+    if motor is None:
+        return actuator.gain[0]
+    per_input = {"voltage": motor.constant / motor.resistance, "pos": motor.controller[0]}
+    return {**per_input, "vel": motor.controller[2]}.get(motor.input, 1.0)
 
 
 def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
+    if actuator.mount is not None:
+        return m.chain(actuator.mount.body)
     return m.tendons[actuator.tendon].joints if actuator.tendon >= 0 else (actuator.joint,)
 
 
@@ -151,35 +183,63 @@ class MechanismEquations:
         self.rig, self.m, self.x, self.u, self.p, self.port = rig, rig.mechanism, x, u, p, port
         self.q = [getattr(x, j.name) for j in self.m.joints]
         self.qd = [getattr(x, f"{j.name}_velocity") for j in self.m.joints]
+        self._commands: dict[int, Expr] = {}
 
     # ---- actuators -------------------------------------------------------------------------------
 
     def command(self, i: int) -> Expr:
         """What an actuator is told: through its port, delayed, within its range."""
         a = self.m.actuators[i]
+        if not a.column:
+            return ZERO
+        if i in self._commands:
+            return self._commands[i]
         sent = self.port(self.rig.port_of("actuator", i, "command"), getattr(self.u, a.column))
         if a.delay_s > 0.0:
             late = self.rig.value(self.p, "actuator", i, "delay", a.delay_s)
             sent = delay(sent, late, DELAY_ROOM * a.delay_s)
-        return sent if a.command_range is None else clip(sent, *a.command_range)
+        self._commands[i] = sent if a.command_range is None else clip(sent, *a.command_range)
+        return self._commands[i]
 
-    def activation_rate(self, i: int) -> Expr:
-        """Rate of an actuator's own state."""
-        a, told = self.m.actuators[i], self.command(i)
-        state = getattr(self.x, a.state)
+    def actuator_rates(self, i: int) -> dict[str, Expr]:
+        """Rates of an actuator's own states."""
+        a = self.m.actuators[i]
+        if a.motor is not None:
+            return self.motor(i).rates
+        if not a.states:
+            return {}
+        told, state = self.command(i), getattr(self.x, a.states[0][0])
         if a.dynamics == "filter":
             constant = self.rig.value(self.p, "actuator", i, "time_constant", a.time_constant_s)
             told = (told - state) / maximum(constant, 1e-12)
-        if a.activation_range is None:
-            return told
-        low, high = a.activation_range
-        held_high = where(state >= high, minimum(told, 0.0), told)
-        return where(state <= low, maximum(held_high, 0.0), held_high)
+        if a.activation_range is not None:
+            low, high = a.activation_range
+            told = where(state >= high, minimum(told, 0.0), told)
+            told = where(state <= low, maximum(told, 0.0), told)
+        return {a.states[0][0]: told}
+
+    def motor(self, i: int) -> MotorEquations:
+        """Of an actuator with a winding."""
+        a = self.m.actuators[i]
+        assert a.motor is not None
+        return MotorEquations(
+            a,
+            a.motor,
+            lambda attribute, stated: self.rig.value(self.p, "actuator", i, attribute, stated),
+            {name: getattr(self.x, name) for name, _ in a.states},
+            self.command(i),
+            self.travel(i),
+        )
 
     def travel(self, i: int) -> tuple[Expr, Expr]:
         """Length and velocity of an actuator."""
         a = self.m.actuators[i]
         gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+        if a.mount is not None:
+            rate = ZERO
+            for j, moment in self.rigid.moments(a.mount, a.wrench).items():
+                rate = rate + moment * self.qd[j]
+            return ZERO, rate
         if a.tendon >= 0:
             length, rate = self.tendon(a.tendon)
             return gear * length, gear * rate
@@ -188,8 +248,10 @@ class MechanismEquations:
     def actuator_force(self, i: int) -> Expr:
         """Scalar force of an actuator, before its gear."""
         a = self.m.actuators[i]
+        if a.motor is not None:
+            return self.motor(i).torque
         length, rate = self.travel(i)
-        told = getattr(self.x, a.state) if a.state else self.command(i)
+        told = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
         gain, bias = self._law(i, a)
         force = _affine(gain, length, rate) * told + _affine(bias, length, rate)
         return force if a.force_range is None else clip(force, *a.force_range)
@@ -217,15 +279,55 @@ class MechanismEquations:
 
     def tendon_force(self, i: int) -> Expr:
         """What a tendon's spring and damper pull with, against its length."""
-        t = self.m.tendons[i]
-        if not (t.stiffness or t.damping):
-            return ZERO
+        t, value = self.m.tendons[i], self.rig.value
         length, rate = self.tendon(i)
+        passed = self.dampers(rate, tendon=i)
+        if not (t.stiffness or t.damping or any((*t.stiffness_powers, *t.damping_powers))):
+            return -passed
         low, high = t.rest
         beyond = length - clip(length, low, high) if high > low else length - low
-        force = -self.rig.value(self.p, "tendon", i, "stiffness", t.stiffness) * beyond
-        force = force - self.rig.value(self.p, "tendon", i, "damping", t.damping) * rate
-        return force
+        stiffness = value(self.p, "tendon", i, "stiffness", t.stiffness)
+        damping = value(self.p, "tendon", i, "damping", t.damping)
+        spring = self.polynomial("tendon", i, "stiffness", t.stiffness_powers, stiffness, beyond)
+        return (
+            -passed
+            - spring
+            - self.polynomial("tendon", i, "damping", t.damping_powers, damping, rate, odd=True)
+        )
+
+    def dampers(self, velocity: Expr, *, joint: int = -1, tendon: int = -1) -> Expr:
+        """What the dampers of the actuators of a joint or a tendon exert against its velocity."""
+        found = ZERO
+        for i, a in enumerate(self.m.actuators):
+            if (a.joint, a.tendon) == (joint, tendon) and (a.damping or any(a.damping_powers)):
+                gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+                found = found + gear * gear * self.polynomial(
+                    "actuator", i, "damping", a.damping_powers, expression(a.damping), velocity,
+                    odd=True,
+                )  # fmt: skip
+        return found
+
+    def polynomial(
+        self,
+        element: str,
+        number: int,
+        attribute: str,
+        powers: Vector,
+        linear: Expr,
+        x: Expr,
+        *,
+        odd: bool = False,
+    ) -> Expr:
+        """linear x + b x^2 + c x^3, with x |x| in the place of x^2 where it is odd."""
+        found = linear * x
+        for word, stated, of in (
+            ("quadratic", powers[0], absolute(x) * x if odd else x * x),
+            ("cubic", powers[1], x * x * x),
+        ):
+            if stated:
+                name = f"{attribute}_{word}"
+                found = found + self.rig.value(self.p, element, number, name, stated) * of
+        return found
 
     def joint_drive(self, j: int) -> Expr:
         """Torque or force of the actuators of one joint, without those that pull at tendons."""
@@ -240,6 +342,10 @@ class MechanismEquations:
         """What the actuators exert at every joint."""
         found = [self.joint_drive(j) for j in range(len(self.m.joints))]
         for i, a in enumerate(self.m.actuators):
+            if a.mount is not None:
+                force = self.actuator_force(i)
+                for j, moment in self.rigid.moments(a.mount, a.wrench).items():
+                    found[j] = found[j] + moment * force
             if a.tendon < 0:
                 continue
             gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
@@ -247,27 +353,86 @@ class MechanismEquations:
             t = self.m.tendons[a.tendon]
             for j, c in zip(t.joints, t.coefficients, strict=True):
                 found[j] = found[j] + c * force
+        if any(joint.compensated_by_actuator for joint in self.m.joints) and self._is_lifted():
+            for j, joint in enumerate(self.m.joints):
+                if joint.compensated_by_actuator:
+                    found[j] = found[j] + self.rigid.lift[j]
         return [
             f if joint.force_range is None else clip(f, *joint.force_range)
             for f, joint in zip(found, self.m.joints, strict=True)
         ]
 
+    def _is_lifted(self) -> bool:
+        return any(body.gravity_compensation for body in self.m.bodies)
+
     def passive(self, j: int) -> Expr:
-        """Spring and damper of a joint, the dampers of its actuators, friction where none is
-        stated."""
+        """Spring and damper of a joint, the dampers of its actuators, gravity compensation, and
+        friction where none is stated."""
         joint, value = self.m.joints[j], self.rig.value
-        q, qd = self.q[j], self.qd[j]
+        qd = self.qd[j]
         damping = value(self.p, "joint", j, "damping", joint.damping)
-        for i, a in enumerate(self.m.actuators):
-            if a.joint == j and a.damping:
-                gear = value(self.p, "actuator", i, "gear", a.gear)
-                damping = damping + gear * gear * a.damping
         stiffness = value(self.p, "joint", j, "stiffness", joint.stiffness)
-        held_back = -damping * qd - stiffness * (q - joint.spring_reference)
+        held_back = (
+            -self.polynomial("joint", j, "damping", joint.damping_powers, damping, qd, odd=True)
+            - self.polynomial(
+                "joint", j, "stiffness", joint.stiffness_powers, stiffness, self.stretch(j)
+            )
+            - self.dampers(qd, joint=j)
+        )
+        if self._is_lifted() and not joint.compensated_by_actuator:
+            held_back = held_back + self.rigid.lift[j]
         if joint.friction_loss:
             return held_back  # its friction is solved with the accelerations
         loss = value(self.p, "joint", j, "frictionloss", 0.0)
         return held_back - clip(joint.friction_slope * qd, -loss, loss)
+
+    def stretch(self, j: int) -> Expr:
+        """Way of a joint's spring from where it is relaxed."""
+        joint = self.m.joints[j]
+        if not joint.spring_state:
+            return self.q[j] - joint.spring_reference
+        most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
+        return clip(self.q[j] - getattr(self.x, joint.spring_state), -most, most)
+
+    def yielding(self, j: int) -> Expr:
+        """Rate at which a joint's spring gives way for good: with the joint, once it is stretched
+        as far as it can be. What it is stretched beyond that, by a step or by its start, goes."""
+        joint, qd = self.m.joints[j], self.qd[j]
+        most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
+        way = self.q[j] - getattr(self.x, joint.spring_state)
+        forward = where(way >= most, maximum(qd, 0.0), ZERO)
+        backward = where(way <= -most, minimum(qd, 0.0), ZERO)
+        return forward + backward + RETURN_RATE * (way - clip(way, -most, most))
+
+    def coupling(self, c: Coupling) -> SoftCoupling:
+        """A coupling at the present positions."""
+        (slopes, y), (below, x) = (
+            self._end(c, end, reference)
+            for end, reference in zip((c.first, c.second), c.references, strict=True)
+        )
+        value, slope = expression(c.coefficients[-1]), ZERO
+        for coefficient in reversed(c.coefficients[:-1]):
+            slope = slope * x + value
+            value = value * x + coefficient
+        for j, each in below.items():
+            slopes[j] = slopes.get(j, ZERO) - slope * each
+        error, speed = y - value, ZERO
+        for j, each in slopes.items():
+            speed = speed + each * self.qd[j]
+        share = impedance(c.impedance, error)
+        softness = maximum((1.0 - share) / share * c.weight, LEAST_SOFTNESS)
+        return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
+
+    def _end(self, c: Coupling, number: int, reference: float) -> tuple[dict[int, Expr], Expr]:
+        """Slopes by joint of one end of a coupling, and its way from the reference."""
+        if number < 0:
+            return {}, ZERO
+        if c.kind == "joint":
+            return {number: expression(1.0)}, self.q[number] - reference
+        t, slopes = self.m.tendons[number], dict[int, Expr]()
+        for j, share in zip(t.joints, t.coefficients, strict=True):
+            slopes[j] = slopes.get(j, ZERO) + share
+        return slopes, self.tendon(number)[0] - reference
 
     def friction(self, j: int) -> SoftFriction | None:
         """Of a joint whose file states a loss."""
@@ -294,6 +459,11 @@ class MechanismEquations:
             for j, f in enumerate(found)
         ]
 
+    @cached_property
+    def rigid(self) -> Tree:
+        """The tree where every link stands as its joint does."""
+        return self.tree()
+
     def tree(self, turned: Mapping[int, Turn] | None = None) -> Tree:
         """Links and motors; turned: by how much links stand beyond the motor of their joint."""
         value = self.rig.value
@@ -318,14 +488,17 @@ class MechanismEquations:
         applied = self.applied()
         tree, passed = self.carried(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
-        qdd = accelerations(tree, applied, passed, rubbing)
+        couplings = [self.coupling(c) for c in self.m.couplings]
+        qdd = accelerations(tree, applied, passed, rubbing, couplings)
         found: dict[str, Number] = {}
         for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
             found[joint.name] = qd
             found[f"{joint.name}_velocity"] = a
-        for i, actuator in enumerate(self.m.actuators):
-            if actuator.state:
-                found[actuator.state] = self.activation_rate(i)
+        for i in range(len(self.m.actuators)):
+            found.update(self.actuator_rates(i))
+        for j, joint in enumerate(self.m.joints):
+            if joint.spring_state:
+                found[joint.spring_state] = self.yielding(j)
         return found
 
     def carried(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
@@ -338,11 +511,14 @@ class MechanismEquations:
         behind one motor. Exact for one such joint.
         """
         turned: dict[int, Turn] = {}
-        tree = rigid = self.tree()
+        tree = rigid = self.rigid
         twisting: dict[int, Expr] = {}
         pushed: dict[int, Expr] = {}  # where the joint itself is what the motor moves
         moving = self.moving(rigid, applied)
         for j in range(tree.n):
+            port = self.rig.port_of("joint", j, "transmission")
+            if not port:
+                continue
             met = [self.load(rigid, applied, j, moving)]
 
             def behind(
@@ -358,7 +534,7 @@ class MechanismEquations:
                 return there if torque is here.torque else there.under(torque - here.torque)
 
             reaching = self.port(
-                self.rig.port_of("joint", j, "transmission"),
+                port,
                 met[0].torque,
                 position=self.q[j],
                 velocity=self.qd[j],
@@ -419,16 +595,32 @@ class MechanismEquations:
             value, rate = self.tendon(sensor.of)
         elif sensor.kind in ("actuatorpos", "actuatorvel"):
             value, rate = self.travel(sensor.of)
+        elif sensor.mount is not None:
+            value = self.mounted(sensor, sensor.mount)
         elif sensor.kind == "actuatorfrc":
             value = self.actuator_force(sensor.of)
         else:
             value = self.drive()[sensor.of]
-        if sensor.kind.endswith("vel"):
+        if sensor.mount is None and sensor.kind.endswith("vel"):
             assert rate is not None
             value, rate = rate, None
         name = self.rig.port_of("sensor", i, "reading")
         read: Expr = self.port(name, value) if rate is None else self.port(name, value, rate=rate)
         return clip(read, -sensor.cutoff, sensor.cutoff) if sensor.cutoff > 0.0 else read
+
+    def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
+        """What a sensor of a frame returns."""
+        tree, values = self.rigid, tuple[Expr, ...]()
+        if sensor.kind == "framequat":
+            values = tree.quaternion(mount)
+        elif sensor.kind == "framepos":
+            values = tree.mounted(mount).place
+        else:
+            motion = tree.motion(mount)
+            values = motion.a if sensor.kind in ("gyro", "frameangvel") else motion.b
+            if sensor.kind in ("gyro", "velocimeter"):
+                values = tree.mounted(mount).local(values)  # type: ignore[arg-type]
+        return values[sensor.component]
 
 
 def _affine(law: list[Expr], length: Expr, rate: Expr) -> Expr:

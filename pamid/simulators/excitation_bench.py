@@ -45,7 +45,7 @@ class ExcitationBench:
         self.period_s = period_s
         self.model.opt.timestep = period_s / self.count
         self.model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        self.forces = [i for i, a in enumerate(m.actuators) if a.adr >= 0 and a.force_range]
+        self.forces = [i for i, a in enumerate(m.actuators) if not a.is_bare and a.force_range]
         self.force_ends = np.array([m.actuators[i].force_range for i in self.forces]).reshape(-1, 2)
         self.efforts = [j for j, joint in enumerate(m.joints) if joint.force_range]
         self.effort_ends = np.array([m.joints[j].force_range for j in self.efforts]).reshape(-1, 2)
@@ -167,7 +167,7 @@ class ExcitationBench:
     def _trouble(self, data: Any, sample: int, learn: bool) -> Trouble | None:
         """What is wrong at this sample. learn: touching the surroundings is noted instead."""
         m, at = self.m, sample * self.period_s
-        everything = tuple(range(len(m.actuators)))
+        everything = m.commanded
         wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
         if not max(wild) < WILD:
             return Trouble("the run becomes unstable", at, everything)
@@ -196,7 +196,7 @@ class ExcitationBench:
 
     def _overload(self, data: Any, at: float) -> Trouble | None:
         m = self.m
-        f = data.actuator_force[[m.actuators[i].adr for i in self.forces]]
+        f = data.actuator_force[self.forces]
         for k in np.flatnonzero((f < self.force_ends[:, 0]) | (f > self.force_ends[:, 1]))[:1]:
             i = self.forces[int(k)]
             low, high = self.force_ends[k]
@@ -245,17 +245,18 @@ class ExcitationBench:
         between = one ^ other
         joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
         drivers = {i for j in joints for i in self._drivers(j)}
-        return tuple(sorted(drivers)) or tuple(range(len(self.m.actuators)))
+        return tuple(sorted(drivers)) or self.m.commanded
 
     def _drivers(self, joint: int) -> tuple[int, ...]:
         """The actuators of a joint, all where it has none of its own."""
         m = self.m
         found = [
             i
-            for i, a in enumerate(m.actuators)
+            for i in m.commanded
+            for a in [m.actuators[i]]
             if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints)
         ]
-        return tuple(found or range(len(m.actuators)))
+        return tuple(found) or m.commanded
 
 
 def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:

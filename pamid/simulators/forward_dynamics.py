@@ -1,5 +1,5 @@
-"""Accelerations of a tree under forces and friction, with derivatives that follow from the
-equations they solve.
+"""Accelerations of a tree under forces, friction and couplings, with derivatives that follow from
+the equations they solve.
 
 What q'' depends on is not found by differentiating how it is computed. Along a solution the inverse
 dynamics ID(q, q', q'', p) = force stay true, so that
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.simulators.soft_friction import SoftFriction, rub
+from pamid.simulators.soft_constraints import SoftCoupling, SoftFriction, System, rub
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
@@ -25,6 +25,7 @@ def accelerations(
     force: Sequence[Expr],
     passed: Sequence[Expr | None],
     friction: Sequence[SoftFriction | None],
+    couplings: Sequence[SoftCoupling] = (),
 ) -> list[Expr]:
     """q'' (n,) under these forces, with its exact derivatives.
 
@@ -34,7 +35,7 @@ def accelerations(
     reaching = [
         f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
     ]
-    found = rub(tree, reaching, friction)
+    found = rub(System(tree, couplings), reaching, friction)
     still = [held(v) for v in found.value]
     moving = tree.inverse_dynamics(still)
     change = []
@@ -44,7 +45,11 @@ def accelerations(
             change.append(own - force[i])
         else:
             change.append(own - tree.holding_change[i] - reaching[i])
-    inverse = [tree.unit(found.factors, i) for i in range(tree.n)]
+    for coupling in couplings:
+        force_along = coupling.force(still)
+        for j, slope in coupling.slopes.items():
+            change[j] = change[j] - slope * force_along
+    inverse = [found.system.column(i) for i in range(tree.n)]
     return [
         tangent(found.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
         for i in range(tree.n)

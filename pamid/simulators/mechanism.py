@@ -8,6 +8,7 @@ the world. Places and axes are (3,), quaternions (w, x, y, z).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pamid.model.parameter import Parameter
@@ -20,7 +21,8 @@ Range = tuple[float, float]
 class Body:
     """A rigid body. position, quaternion: of its frame in its parent's; centre, inertia_quaternion:
     of its principal axes in its own frame; inertia: kg m2 about these; line: where it stands in the
-    file, 0 unknown, as for all elements."""
+    file, 0 unknown, as for all elements; gravity_compensation: share of its weight that an upward
+    force at its centre carries."""
 
     name: str
     parent: int
@@ -31,6 +33,7 @@ class Body:
     inertia_quaternion: Vector
     inertia: Vector
     line: int = 0
+    gravity_compensation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -41,10 +44,15 @@ class MechanismJoint:
     reference        position at which the body stands as the file places it
     spring_reference position at which the spring is relaxed
     friction_rate, friction_softness  1/s, and 1/(kg m2) or 1/kg: how the friction sets in, see
-                     `pamid.simulators.soft_friction`
+                     `pamid.simulators.soft_constraints`
     typical_inertia  about the joint at the reference, kg m2 or kg
     range, force_range  None: without limits
     qpos, dof        places among the simulator's positions and velocities
+    damping_powers   (b, c) of a damper a v + b v|v| + c v^3, whose a is `damping`
+    stiffness_powers (b, c) of a spring a x + b x^2 + c x^3, whose a is `stiffness`
+    spring_yield     way beyond which the spring yields for good; 0: never
+    compensated_by_actuator  gravity compensation counts as a force of its actuators
+    is_base          one of the joints that stand for a free one: nothing but the motion itself
     """
 
     name: str
@@ -66,6 +74,16 @@ class MechanismJoint:
     line: int = 0
     qpos: int = 0
     dof: int = 0
+    damping_powers: Vector = (0.0, 0.0)
+    stiffness_powers: Vector = (0.0, 0.0)
+    spring_yield: float = 0.0
+    compensated_by_actuator: bool = False
+    is_base: bool = False
+
+    @property
+    def spring_state(self) -> str:
+        """Name of the state of a spring that yields: where it is relaxed."""
+        return f"{self.name}_spring_reference" if self.spring_yield else ""
 
     @property
     def unit(self) -> str:
@@ -84,7 +102,7 @@ class MechanismJoint:
 @dataclass(frozen=True)
 class MechanismTendon:
     """A fixed tendon: its length is the sum of coefficient times joint position. rest: lengths
-    between which its spring is relaxed."""
+    between which its spring is relaxed; powers as those of a joint."""
 
     name: str
     joints: tuple[int, ...]
@@ -94,6 +112,85 @@ class MechanismTendon:
     friction_loss: float
     rest: Range
     line: int = 0
+    damping_powers: Vector = (0.0, 0.0)
+    stiffness_powers: Vector = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """y - y0 = polynomial(x - x0) between the positions of two joints, or the lengths of two
+    tendons. It is soft: see `pamid.simulators.soft_constraints`.
+
+    kind            joint or tendon
+    first, second   numbers of y and x; -1: there is no x
+    references      (y0, x0)
+    coefficients    (5,) of the polynomial, constant first
+    rate, stiffness 1/s and 1/s2: of the acceleration at which the error is to vanish
+    impedance       (at no error, at a width, the width, midpoint, power)
+    weight          inverse inertia that the impedance refers to, 1/(kg m2) or 1/kg
+    """
+
+    name: str
+    kind: str
+    first: int
+    second: int
+    references: Range
+    coefficients: Vector
+    rate: float
+    stiffness: float
+    impedance: Vector
+    weight: float
+    line: int = 0
+
+
+def coupled_joints(
+    couplings: Sequence[Coupling], tendons: Sequence[MechanismTendon]
+) -> frozenset[int]:
+    """Joints that couplings move."""
+    found: set[int] = set()
+    for c in couplings:
+        for end in (c.first, c.second):
+            if end >= 0:
+                found.update((end,) if c.kind == "joint" else tendons[end].joints)
+    return frozenset(found)
+
+
+@dataclass(frozen=True)
+class DcMotor:
+    """A motor with a winding: v = R i + K w, torque = K i (MuJoCo, DC Motor Model).
+
+    input            what its command is: voltage, pos, vel or ff (torque); none: nothing
+    resistance, constant   R (Ohm) and K (N m/A or V s/rad)
+    current_rate     A/s, largest; 0: no limit
+    heating          (thermal resistance K/W, capacity J/K, ambient and reference temperature degC,
+                     temperature coefficient of R 1/K); first 0: none
+    cogging          (torque N m, periods per rad, phase rad)
+    bristles         (stiffness N m/rad, damping N m s/rad, sliding and static level N m, Stribeck
+                     velocity rad/s); first 0: none
+    controller       (kp, ki, kd): torque per error of the position, its integral, its rate
+    integral_limit, voltage_limit  0: none
+    The time constant L/R of the current is that of the actuator, 0: the current follows at once.
+    """
+
+    input: str
+    resistance: float
+    constant: float
+    current_rate: float
+    heating: Vector
+    cogging: Vector
+    bristles: Vector
+    controller: Vector
+    integral_limit: float
+    voltage_limit: float
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A frame on a body: its place and attitude in that of the body."""
+
+    body: int
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Vector = (1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -101,15 +198,19 @@ class Actuator:
     """force = gain . (1, length, velocity) * a + bias . (1, length, velocity), length = gear times
     the position of its joint or the length of its tendon; on these acts gear times the force.
 
-    kind      motor, position, velocity or general, by what its numbers make of it; dcmotor, whose
-              first gain is the resistance of its winding (Ohm)
+    kind      motor, position, velocity or general, by what its numbers make of it; dcmotor: the
+              law is that of `motor`
     dynamics  of a: none (a is the command), integrator (a' = command) or filter (a' = (command -
-              a) / time_constant_s)
+              a) / time_constant_s); dcmotor
     joint, tendon  the one it drives; -1: not that
-    column    of a recording, that holds its command; state: the name of a where it has dynamics
-    armature, damping  what the actuator adds to its joint's, times gear squared
-    adr       place of its command among the simulator's; -1: the file has no actuators, and its
-              command is a force or torque that acts on the joint itself
+    mount, wrench  where it acts on a body, with this (force, torque) per unit of its own force, in
+              the frame of the mount; it has no length, and its velocity is the power per force
+    column    of a recording, that holds its command; "": it has none, and exerts passive forces
+    states    (name, unit) of its own states; without `motor`, that is a alone
+    armature, damping, damping_powers  what the actuator adds to those of its joint or tendon, times
+              gear squared
+    adr       place of its command among the simulator's; -1: it has no command, or the file has no
+              actuators, and the command is a force or torque that acts on the joint itself
     """
 
     name: str
@@ -122,7 +223,7 @@ class Actuator:
     gain: Vector
     bias: Vector
     column: str
-    state: str = ""
+    states: tuple[tuple[str, str], ...] = ()
     command_unit: str = ""
     force_unit: str = "N m"
     command_range: Range | None = None
@@ -133,13 +234,23 @@ class Actuator:
     delay_s: float = 0.0
     line: int = 0
     adr: int = -1
+    damping_powers: Vector = (0.0, 0.0)
+    motor: DcMotor | None = None
+    mount: Mount | None = None
+    wrench: Vector = ()
+
+    @property
+    def is_bare(self) -> bool:
+        """Is its command a force that acts on the joint itself, in a file without actuators?"""
+        return self.adr < 0 and bool(self.column)
 
 
 @dataclass(frozen=True)
 class MechanismSensor:
     """A reading: kind as the simulator calls it (jointpos, jointvel, actuatorfrc, tendonpos ...);
     of: number of the joint, tendon or actuator that it reads; adr: place among the simulator's
-    sensor values, -1 where the file has no such sensor and pamid reads the joint itself."""
+    sensor values, -1 where the file has no such sensor and pamid reads the joint itself; mount,
+    component: of a sensor of a frame, where it is and which of its values this is."""
 
     name: str
     kind: str
@@ -150,6 +261,8 @@ class MechanismSensor:
     noise: float = 0.0
     adr: int = -1
     line: int = 0
+    mount: Mount | None = None
+    component: int = 0
 
 
 @dataclass(frozen=True)
@@ -231,6 +344,20 @@ class Mechanism:
     findings: tuple[ModelFinding, ...]
     contact_share: float = 0.0  # of the configurations within the joints' ranges
     sensor_values: int = 0
+    couplings: tuple[Coupling, ...] = ()
+
+    def chain(self, body: int) -> tuple[int, ...]:
+        """Joints that move a body."""
+        found: list[int] = []
+        while body > 0:
+            found += [j for j, joint in enumerate(self.joints) if joint.body == body]
+            body = self.bodies[body].parent
+        return tuple(sorted(found))
+
+    @property
+    def commanded(self) -> tuple[int, ...]:
+        """Numbers of the actuators that have a command."""
+        return tuple(i for i, a in enumerate(self.actuators) if a.column)
 
     @property
     def hindrances(self) -> tuple[ModelFinding, ...]:
@@ -239,7 +366,7 @@ class Mechanism:
 
     @property
     def inputs(self) -> dict[str, str]:
-        return {a.column: a.command_unit for a in self.actuators}
+        return {a.column: a.command_unit for a in self.actuators if a.column}
 
     @property
     def outputs(self) -> dict[str, str]:

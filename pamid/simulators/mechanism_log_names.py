@@ -13,21 +13,22 @@ _READINGS = {"pos": "position", "vel": "velocity", "frc": "effort"}
 def log_names_of(m: Mechanism) -> dict[str, LogName]:
     """By column of a recording."""
     return {
-        **{a.column: _command(m, a) for a in m.actuators},
+        **{m.actuators[i].column: _command(m, m.actuators[i]) for i in m.commanded},
         **{s.column: _reading(m, s) for s in m.sensors},
     }
 
 
 def vector_sizes_of(m: Mechanism) -> dict[str, int]:
     """How many values MuJoCo's own vectors hold of this model."""
-    own = sum(a.adr >= 0 for a in m.actuators)
+    own = sum(not m.actuators[i].is_bare for i in m.commanded)
+    forces = 0 if any(a.is_bare for a in m.actuators) else len(m.actuators)
     joints = len(m.joints)
     return {
         "qpos": joints,
         "qvel": joints,
         "qfrc_actuator": joints,
         "ctrl": own or joints,
-        "actuator_force": own,
+        "actuator_force": forces,
         "sensordata": m.sensor_values,
     }
 
@@ -53,6 +54,9 @@ def _reading(m: Mechanism, s: MechanismSensor) -> LogName:
         of = (joint.name,)
         array = {"pos": "qpos", "vel": "qvel", "frc": "qfrc_actuator"}[s.kind[-3:]]
         places[array] = joint.qpos if array == "qpos" else joint.dof
+    elif s.mount is not None:
+        of = (m.bodies[s.mount.body].name,)
+        return LogName((s.name, *of), "", places=places)
     elif s.kind.startswith("actuator"):
         of = (m.actuators[s.of].name,)
         if s.kind.endswith("frc"):

@@ -22,6 +22,7 @@ from pamid.base.errors import FileError
 from pamid.base.files import MIB, PathLike, open_data
 from pamid.parallel.limited_process import ProcessFailure, run_limited
 from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
+from pamid.simulators.free_joints import FreeJoints, settle_free_joints
 from pamid.simulators.mujoco_sources import require_plain_sources
 
 #: endings of the files that are read here
@@ -36,13 +37,14 @@ _LINE = re.compile(r"line (\d+)")
 @dataclass(frozen=True)
 class MujocoFile:
     """A loaded file: MuJoCo's module, its model (mjModel), the line of every element by kind and
-    number, 0 where it is not known, and MuJoCo's warnings."""
+    number, 0 where it is not known, MuJoCo's warnings, and what became of its free joints."""
 
     path: Path
     mujoco: ModuleType
     model: Any
     lines: dict[tuple[str, int], int]
     warnings: tuple[str, ...] = ()
+    free: FreeJoints = FreeJoints()
 
     def line(self, kind: str, number: int) -> int:
         return self.lines.get((kind, number), 0)
@@ -122,7 +124,8 @@ def open_mujoco(path: PathLike) -> MujocoFile:
                 error.message.replace(whole, str(file)), error.hint, code=error.code
             ) from error
     lines = {(kind, number): line for kind, number, line in answer["lines"]}
-    return MujocoFile(file, mujoco, model, lines, tuple(answer["warnings"]))
+    free = FreeJoints(tuple(answer["floating"]), tuple(map(tuple, answer["free"])))
+    return MujocoFile(file, mujoco, model, lines, tuple(answer["warnings"]), free)
 
 
 def compiled(path: str, folder: Path) -> dict[str, Any]:
@@ -137,6 +140,7 @@ def compiled(path: str, folder: Path) -> dict[str, Any]:
     require_plain_sources(file)
     try:
         spec = mujoco.MjSpec.from_file(path)
+        free = settle_free_joints(mujoco, spec, _line)
         model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FileError(f"{path}: {_reason(error)}", _hint(str(error)), code="model") from error
@@ -159,6 +163,8 @@ def compiled(path: str, folder: Path) -> dict[str, Any]:
     mujoco.mj_saveModel(model, str(folder / _COMPILED))
     return {
         "lines": [(kind, number, line) for (kind, number), line in lines.items()],
+        "floating": list(free.floating),
+        "free": [list(note) for note in free.notes],
         "warnings": [" ".join(text.split())[:_LONGEST] for text in warnings[:_MOST_WARNINGS]],
     }
 
@@ -205,9 +211,15 @@ def _owner(file: MujocoFile, array: str, row: int) -> str:
 
 def _lines(kind: str, elements: Iterable[Any]) -> Iterable[tuple[tuple[str, int], int]]:
     for element in elements:
-        found = _LINE.search(element.info or "")
-        if found and element.id >= 0:
-            yield (kind, int(element.id)), int(found.group(1))
+        line = _line(element)
+        if line and element.id >= 0:
+            yield (kind, int(element.id)), line
+
+
+def _line(element: Any) -> int:
+    """Where an element stands in the file, 0 where that is not known."""
+    found = _LINE.search(element.info or "")
+    return int(found.group(1)) if found else 0
 
 
 def _reason(error: Exception) -> str:

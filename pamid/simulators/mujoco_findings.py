@@ -1,7 +1,8 @@
 """What of a MuJoCo model cannot be written as equations, and what is left out either way.
 
 A mechanism can be written as equations where it is a tree of hinges and slides: no contacts in
-reach, no closed loops, no forces but those of joints, fixed tendons and plain actuators.
+reach, no closed loops but couplings of joints, no forces but those of joints, fixed tendons and
+actuators whose laws are known.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
 _READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
+FRAMED = ("framepos", "framequat", "framelinvel", "frameangvel", "gyro", "velocimeter")
 
 # switched off, these change nothing of what is written as equations
 _HARMLESS_FLAGS = (
@@ -35,6 +37,7 @@ def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding,
     """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
     found = [
         *_warnings(file),
+        *_free(file),
         *_joints(file),
         *_bodies(file),
         *_tendons(file),
@@ -75,6 +78,23 @@ def _place(file: MujocoFile, qpos: Any, random: np.random.Generator) -> None:
             at = int(m.jnt_qposadr[i])
             low, high = m.jnt_range[i] if m.jnt_limited[i] else m.qpos0[at] + [-WIDE, WIDE]
             qpos[at] = random.uniform(low, high)
+    follow(file, qpos)
+
+
+def follow(file: MujocoFile, qpos: Any) -> None:
+    """Put joints that follow another one where their couplings want them. A chain of couplings is
+    followed in the order of the file."""
+    m = file.model
+    joint = int(file.mujoco.mjtEq.mjEQ_JOINT)
+    for i in range(m.neq):
+        if int(m.eq_type[i]) != joint or not m.eq_active0[i]:
+            continue
+        first = m.jnt_qposadr[m.eq_obj1id[i]]
+        second, way = m.eq_obj2id[i], 0.0
+        if second >= 0:
+            at = m.jnt_qposadr[second]
+            way = float(qpos[at] - m.qpos0[at])
+        qpos[first] = m.qpos0[first] + np.polynomial.polynomial.polyval(way, m.eq_data[i, :5])
 
 
 def _finding(
@@ -98,9 +118,6 @@ def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
         if kind not in ("hinge", "slide"):
             yield _finding(file, "joint", i, f"a {kind} joint turns by a quaternion")
             continue
-        dof = int(m.jnt_dofadr[i])
-        if m.dof_dampingpoly[dof].any() or m.jnt_stiffnesspoly[i].any() or m.jnt_springyield[i]:
-            yield _finding(file, "joint", i, "a spring or damper that is not linear")
         if m.jnt_limited[i]:
             low, high = m.jnt_range[i]
             text = f"the range {low:.4g} .. {high:.4g} {NOT_ENFORCED}"
@@ -110,10 +127,9 @@ def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
 def _bodies(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nbody):
-        if m.body_gravcomp[i]:
-            yield _finding(file, "body", i, "gravity compensation")
         if m.body_mocapid[i] >= 0:
-            yield _finding(file, "body", i, "a mocap body is moved from outside")
+            text = "a mocap body is held where it stands"
+            yield _finding(file, "body", i, text, hinders=False)
 
 
 def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
@@ -124,10 +140,11 @@ def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
         if wraps != {"joint"}:
             yield _finding(file, "tendon", i, "a spatial tendon runs over sites")
         if m.tendon_limited[i]:
-            yield _finding(file, "tendon", i, "a limit of its length")
-        poly = m.tendon_dampingpoly[i].any() or m.tendon_stiffnesspoly[i].any()
-        if poly or m.tendon_springyield[i]:
-            yield _finding(file, "tendon", i, "a spring or damper that is not linear")
+            low, high = m.tendon_range[i]
+            text = f"the range {low:.4g} .. {high:.4g} {NOT_ENFORCED}"
+            yield _finding(file, "tendon", i, text, hinders=False)
+        if m.tendon_springyield[i]:
+            yield _finding(file, "tendon", i, "a spring that yields")
         if m.tendon_frictionloss[i]:
             yield _finding(file, "tendon", i, "a friction loss")
         if m.tendon_armature[i] or m.tendon_actfrclimited[i]:
@@ -137,35 +154,43 @@ def _tendons(file: MujocoFile) -> Iterator[ModelFinding]:
 def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nactuator):
-        if not m.actuator_ctrlnum[i]:
-            yield _finding(file, "actuator", i, "a motor without a command, for passive forces")
-            continue
         drives = file.word("mjtTrn", m.actuator_trntype[i])
-        if drives not in ("joint", "jointinparent", "tendon"):
+        if drives not in ("joint", "jointinparent", "tendon", "site"):
             yield _finding(file, "actuator", i, f"it acts on a {drives}, not a joint or tendon")
+        if drives == "site" and m.actuator_trnid[i, 1] >= 0:
+            yield _finding(file, "actuator", i, "it acts between two sites")
         dynamics = file.word("mjtDyn", m.actuator_dyntype[i])
-        if dynamics not in ("none", "integrator", "filter", "filterexact"):
+        winding = file.word("mjtGain", m.actuator_gaintype[i]) == "dcmotor"
+        if dynamics not in ("none", "integrator", "filter", "filterexact", "dcmotor"):
             yield _finding(file, "actuator", i, f"dynamics of the kind {dynamics}")
         for part, enum, kind, plain in (
-            ("gain", "mjtGain", m.actuator_gaintype[i], ("fixed", "affine")),
-            ("bias", "mjtBias", m.actuator_biastype[i], ("none", "affine")),
+            ("gain", "mjtGain", m.actuator_gaintype[i], ("fixed", "affine", "dcmotor")),
+            ("bias", "mjtBias", m.actuator_biastype[i], ("none", "affine", "dcmotor")),
         ):
             if file.word(enum, kind) not in plain:
                 yield _finding(file, "actuator", i, f"a {part} of the kind {file.word(enum, kind)}")
-        if m.actuator_ctrlnum[i] != 1 or m.actuator_plugin[i] >= 0:
+        if winding and m.actuator_dynprm[i, 7] > 0.0:
+            text = "a limit of its command's rate, which is a matter of the time step"
+            yield _finding(file, "actuator", i, text)
+        if m.actuator_ctrlnum[i] > 1 or m.actuator_plugin[i] >= 0:
             yield _finding(file, "actuator", i, "several commands, or a plugin")
-        if m.actuator_actearly[i]:
+        if m.actuator_actearly[i] and not winding:
             yield _finding(file, "actuator", i, "actearly, which is a matter of the time step")
-        if m.actuator_dampingpoly[i].any():
-            yield _finding(file, "actuator", i, "a damper that is not linear")
-        if drives == "tendon" and (m.actuator_armature[i] or m.actuator_damping[i]):
-            yield _finding(file, "actuator", i, "armature or damping at a tendon")
+        if drives in ("tendon", "site") and m.actuator_armature[i]:
+            yield _finding(file, "actuator", i, f"armature at a {drives}")
+
+
+def _is_coupling(file: MujocoFile, equality: int) -> bool:
+    """Does an equality couple joints, or tendons that are sums of joint positions?"""
+    m = file.model
+    kind = file.word("mjtEq", m.eq_type[equality])
+    return kind in ("joint", "tendon")
 
 
 def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]:
     m, mujoco = file.model, file.mujoco
     for i in range(m.neq):
-        if m.eq_active0[i]:
+        if m.eq_active0[i] and not _is_coupling(file, i):
             yield _finding(file, "equality", i, "a constraint that closes a loop")
     if m.opt.density or m.opt.viscosity:
         yield ModelFinding(
@@ -187,15 +212,47 @@ def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]
         yield ModelFinding(text, "contact", "", 0, not rare)
 
 
+def reads_frame(file: MujocoFile, sensor: int) -> bool:
+    """Is a sensor of a frame read? On a floating base, and from the world: those of a robot that
+    stands repeat what its joints read."""
+    m, kinds = file.model, file.mujoco.mjtObj
+    if file.word("mjtSensor", m.sensor_type[sensor]) not in FRAMED or m.sensor_refid[sensor] >= 0:
+        return False
+    kind, number = int(m.sensor_objtype[sensor]), int(m.sensor_objid[sensor])
+    if kind == kinds.mjOBJ_SITE:
+        number = int(m.site_bodyid[number])
+    elif kind not in (int(kinds.mjOBJ_BODY), int(kinds.mjOBJ_XBODY)):
+        return False
+    floating = set(file.free.floating)
+    bases = {m.jnt_bodyid[j] for j in range(m.njnt) if file.name("joint", j) in floating}
+    return m.body_rootid[number] in bases
+
+
 def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nsensor):
         word = file.word("mjtSensor", m.sensor_type[i])
-        if word not in _READ.split():
+        if word not in _READ.split() and not reads_frame(file, i):
             text = f"a sensor of the kind {word} is left out"
             yield _finding(file, "sensor", i, text, hinders=False)
         elif m.sensor_delay[i]:
             yield _finding(file, "sensor", i, "its delay is left out", hinders=False)
+
+
+def _free(file: MujocoFile) -> Iterator[ModelFinding]:
+    for name, line, text in file.free.notes:
+        yield ModelFinding(text, "joint", name, line, False)
+    read = {
+        file.word("mjtSensor", file.model.sensor_type[i])
+        for i in range(file.model.nsensor)
+        if reads_frame(file, i)
+    }
+    if file.free.floating and file.model.nsensor and not read >= {"framepos", "framequat"}:
+        text = (
+            "no sensor reads where the floating base is: add <framepos> and <framequat> of its "
+            "body, and record them"
+        )
+        yield ModelFinding(text, "sensor", "", 0, False)
 
 
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,18 @@ from pamid.base.units import NONE, quotient, split_column, with_unit
 from pamid.simulators.mechanism import (
     Actuator,
     Body,
+    Coupling,
+    DcMotor,
     Mechanism,
     MechanismJoint,
     MechanismSensor,
     MechanismTendon,
+    Mount,
     Range,
     Vector,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.mujoco_findings import contact_share, findings_of
+from pamid.simulators.mujoco_findings import contact_share, findings_of, reads_frame
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
@@ -35,7 +39,24 @@ SENSORS = {
     "actuatorvel": ("actuator", 1),
     "actuatorfrc": ("actuator", 2),
 }
-DYNAMICS = {"integrator": "integrator", "filter": "filter", "filterexact": "filter"}
+#: of a sensor of a frame: unit and endings of its values
+_XYZ = ("x", "y", "z")
+FRAMES = {
+    "framepos": ("m", _XYZ),
+    "framequat": ("", ("qw", "qx", "qy", "qz")),
+    "framelinvel": ("m/s", _XYZ),
+    "frameangvel": ("rad/s", _XYZ),
+    "gyro": ("rad/s", _XYZ),
+    "velocimeter": ("m/s", _XYZ),
+}
+DYNAMICS = {
+    "integrator": "integrator",
+    "filter": "filter",
+    "filterexact": "filter",
+    "dcmotor": "dcmotor",
+}
+#: what the single command of a motor with a winding is, by MuJoCo's bits
+INPUTS = {1: "pos", 2: "vel", 4: "ff", 8: "voltage", 16: "none"}
 _HINGE, _SLIDE = ("rad", "rad/s", "N m"), ("m", "m/s", "N")
 
 
@@ -51,12 +72,13 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
     joints = _joints(file, names)
     tendons = _tendons(file, names, joints)
     actuators = _actuators(file, names, joints, tendons)
+    couplings = _couplings(file, names)
     taken = {a.column for a in actuators}
     sensors = _sensors(file, names, joints, tendons, actuators, taken)
     share, met = contact_share(file)
     bodies = _bodies(file, names)
     option = file.model.opt
-    return Mechanism(
+    found = Mechanism(
         str(file.path),
         _word(Path(file.path).stem),
         float(option.timestep),
@@ -67,11 +89,15 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         actuators,
         sensors,
         parameters_of(file, bodies, joints, tendons, actuators),
-        ports_of(joints, tendons, actuators, sensors),
+        (),
         findings_of(file, share, met),
         share,
         int(file.model.nsensordata),
+        couplings,
     )
+    mounts = [a.mount.body for a in actuators if a.mount is not None]
+    moved = frozenset(j for body in mounts for j in found.chain(body))
+    return replace(found, ports=ports_of(joints, tendons, actuators, sensors, couplings, moved))
 
 
 # ---- names and numbers ---------------------------------------------------------------------------
@@ -105,13 +131,26 @@ def softness(file: MujocoFile, dof: int) -> tuple[float, float]:
     """Rate (1/s) and softness of a joint's friction: MuJoCo's b and R (documentation, Computation,
     Constraint model), from solreffriction and solimpfriction."""
     m = file.model
-    low, high = (min(max(float(v), 1e-4), 0.9999) for v in m.dof_solimp[dof, :2])
-    first, second = map(float, m.dof_solref[dof])
-    if first > 0.0:
-        safe = not m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
-        first = max(first, 2.0 * float(m.opt.timestep)) if safe else first
-    rate = -second / high if first <= 0.0 else 2.0 / (high * first)
+    low = _impedance(m.dof_solimp[dof, 0])
+    rate, _ = reference_law(file, m.dof_solref[dof], m.dof_solimp[dof, 1])
     return rate, max((1.0 - low) / low * float(m.dof_invweight0[dof]), 1e-15)
+
+
+def _impedance(value: Any) -> float:
+    return min(max(float(value), 1e-4), 0.9999)
+
+
+def reference_law(file: MujocoFile, solref: Any, impedance_at_width: Any) -> tuple[float, float]:
+    """MuJoCo's b (1/s) and k (1/s2) of a constraint: its reference acceleration is -b v - k d r
+    (documentation, Modeling, Solver parameters, Reference)."""
+    m, high = file.model, _impedance(impedance_at_width)
+    first, second = map(float, solref)
+    if first <= 0.0:
+        return -second / high, -first / high**2
+    safe = not m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+    first = max(first, 2.0 * float(m.opt.timestep)) if safe else first
+    stiffness = 1.0 / (high * first * second) ** 2 if second > 0.0 else 0.0
+    return 2.0 / (high * first), stiffness
 
 
 # ---- elements ------------------------------------------------------------------------------------
@@ -130,6 +169,7 @@ def _bodies(file: MujocoFile, names: _Names) -> tuple[Body, ...]:
             _vector(m.body_iquat[i]),
             _vector(m.body_inertia[i]),
             file.line("body", i),
+            float(m.body_gravcomp[i]),
         )
         for i in range(m.nbody)
     )
@@ -159,6 +199,11 @@ def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
                 file.line("joint", i),
                 int(q),
                 int(v),
+                _powers(m, "dof_dampingpoly", v),
+                _powers(m, "jnt_stiffnesspoly", i),
+                float(m.jnt_springyield[i]) if hasattr(m, "jnt_springyield") else 0.0,
+                bool(m.jnt_actgravcomp[i]),
+                file.name("joint", i) in file.free.floating,
             )
         )
     return tuple(found)
@@ -185,6 +230,48 @@ def _tendons(
                 float(m.tendon_frictionloss[i]),
                 (float(m.tendon_lengthspring[i, 0]), float(m.tendon_lengthspring[i, 1])),
                 file.line("tendon", i),
+                _powers(m, "tendon_dampingpoly", i),
+                _powers(m, "tendon_stiffnesspoly", i),
+            )
+        )
+    return tuple(found)
+
+
+def _powers(model: Any, array: str, row: Any) -> Vector:
+    """Coefficients of the second and third power; an earlier MuJoCo has none."""
+    stated = getattr(model, array, None)
+    return (0.0, 0.0) if stated is None else _vector(stated[row])
+
+
+def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
+    """The equalities between joints or fixed tendons."""
+    m, found = file.model, []
+    if m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_EQUALITY):
+        return ()
+    for i in range(m.neq):
+        kind = file.word("mjtEq", m.eq_type[i])
+        if kind not in ("joint", "tendon") or not m.eq_active0[i]:
+            continue
+        first, second = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
+        ends = [end for end in (first, second) if end >= 0]
+        if kind == "joint":
+            references = [float(m.qpos0[m.jnt_qposadr[j]]) for j in ends]
+            weights = [float(m.dof_invweight0[m.jnt_dofadr[j]]) for j in ends]
+        else:
+            references = [float(m.tendon_length0[t]) for t in ends]
+            weights = [float(m.tendon_invweight0[t]) for t in ends]
+        found.append(
+            Coupling(
+                names.of("equality", i),
+                kind,
+                first,
+                second,
+                (references[0], references[-1]),
+                _vector(m.eq_data[i, :5]),
+                *reference_law(file, m.eq_solref[i], m.eq_solimp[i, 1]),
+                _vector(m.eq_solimp[i]),
+                sum(weights),
+                file.line("equality", i),
             )
         )
     return tuple(found)
@@ -210,12 +297,13 @@ def _actuators(
 ) -> tuple[Actuator, ...]:
     m, found = file.model, []
     for i in range(m.nactuator):
-        if not m.actuator_ctrlnum[i]:  # a passive force at its joint
-            continue
         name, target = names.of("actuator", i), int(m.actuator_trnid[i, 0])
         drives = file.word("mjtTrn", m.actuator_trntype[i])
         at_joint = target if drives in ("joint", "jointinparent") else -1
         at_tendon = target if drives == "tendon" else -1
+        mount, wrench = None, _vector(m.actuator_gear[m.actuator_outadr[i]])
+        if drives == "site":
+            mount = _mount(file, int(file.mujoco.mjtObj.mjOBJ_SITE), target)
         law = file.word("mjtGain", m.actuator_gaintype[i])
         affine = law == "affine"
         gain = _vector(m.actuator_gainprm[i, :3]) if affine else (m.actuator_gainprm[i, 0], 0, 0)
@@ -223,41 +311,94 @@ def _actuators(
         bias = _vector(m.actuator_biasprm[i, :3]) if biased else (0.0, 0.0, 0.0)
         kind = law if law == "dcmotor" else _kind(_vector(gain), bias)
         units = _units_of(joints, tendons, at_joint, at_tendon)
+        if mount is not None:
+            units = _SLIDE if any(wrench[:3]) else _HINGE
         unit = {"position": units[0], "velocity": units[1]}.get(kind, "")
         how = DYNAMICS.get(file.word("mjtDyn", m.actuator_dyntype[i]), "none")
         unit = quotient(unit, "s") if unit and how == "integrator" else unit
+        column = with_unit(f"{name}_command", unit) if m.actuator_ctrlnum[i] else ""
+        states: tuple[tuple[str, str], ...] = ()
+        motor = _motor(m, i) if law == "dcmotor" else None
+        if motor is not None:
+            states = tuple(_motor_states(m, i, name, units[0]))
+        elif how != "none":
+            states = ((f"{name}_activation", ""),)
+        commanded = int(m.actuator_ctrladr[i]) if column else -1
+        commands = slice(commanded, commanded + 1)
         found.append(
             Actuator(
                 name,
                 kind,
                 at_joint,
                 at_tendon,
-                float(m.actuator_gear[i, 0]),
+                1.0 if mount is not None else wrench[0],
                 how,
-                float(m.actuator_dynprm[i, 0]) if how == "filter" else 0.0,
+                float(m.actuator_dynprm[i, 0]) if how in ("filter", "dcmotor") else 0.0,
                 _vector(gain),
                 bias,
-                with_unit(f"{name}_command", unit),
-                f"{name}_activation" if how != "none" else "",
+                column,
+                states,
                 unit,
                 units[2],
-                _range(m.actuator_ctrllimited[i], m.actuator_ctrlrange[i]),
+                _range(m.actuator_ctrllimited[commands].any(), m.actuator_ctrlrange[commanded])
+                if column
+                else None,
                 _range(m.actuator_forcelimited[i], m.actuator_forcerange[i]),
                 _range(m.actuator_actlimited[i], m.actuator_actrange[i]),
                 float(m.actuator_armature[i]),
                 float(m.actuator_damping[i]),
                 float(m.actuator_delay[i]),
                 file.line("actuator", i),
-                int(m.actuator_ctrladr[i]),
+                commanded,
+                _powers(m, "actuator_dampingpoly", i),
+                motor,
+                mount,
+                wrench if mount is not None else (),
             )
         )
-    return tuple(found) or tuple(_bare(joints))
+    # motors for passive forces leave the joints without commands
+    return tuple(found) if any(a.column for a in found) else (*found, *_bare(joints))
+
+
+def _motor(model: Any, i: int) -> DcMotor:
+    """Places in the arrays: those of mjs_setToDCMotor."""
+    gain, dynamics, bias = (
+        _vector(array[i])
+        for array in (model.actuator_gainprm, model.actuator_dynprm, model.actuator_biasprm)
+    )
+    return DcMotor(
+        INPUTS.get(int(model.actuator_ctrlspec[i]), ""),
+        gain[0],
+        gain[1],
+        dynamics[1],
+        (dynamics[2], dynamics[3], dynamics[4], gain[3], gain[2]),
+        bias[:3],
+        (*dynamics[5:7], *bias[3:6]),
+        gain[4:7],
+        dynamics[8],
+        gain[7],
+    )
+
+
+def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[str, str]]:
+    """In the order of MuJoCo's activations."""
+    gain, dynamics = model.actuator_gainprm[i], model.actuator_dynprm[i]
+    if dynamics[7] > 0.0:
+        yield f"{name}_slew", ""
+    if gain[5] > 0.0:
+        yield f"{name}_integral", f"{length} s"
+    if dynamics[2] > 0.0:
+        yield f"{name}_temperature", "K"
+    if dynamics[5] > 0.0:
+        yield f"{name}_bristle", length
+    if dynamics[0] > 0.0:
+        yield f"{name}_current", "A"
 
 
 def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
     """A force or torque at every joint: of a file without actuators, such as any URDF."""
     for j, joint in enumerate(joints):
-        if joint.kind not in ("hinge", "slide"):
+        if joint.kind not in ("hinge", "slide") or joint.is_base:
             continue
         unit = joint.force_unit
         column = f"{joint.name}_{'torque_nm' if unit == 'N m' else 'force_n'}"
@@ -302,11 +443,14 @@ def _sensors(
     taken: set[str],
 ) -> tuple[MechanismSensor, ...]:
     """The sensors that pamid can read; of a file without any, position and velocity of every
-    joint."""
-    m, found = file.model, []
+    joint, and the quaternion of a floating base."""
+    m, found = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
         of = int(m.sensor_objid[i])
+        if kind in FRAMES and reads_frame(file, i):
+            found += _frame_sensors(file, i, name, kind, taken)
+            continue
         if kind not in SENSORS or _is_quaternion(kind, of, joints):
             continue
         element, place = SENSORS[kind]
@@ -342,7 +486,50 @@ def _sensors(
         ):
             name = f"{joint.name}_{word}"
             found.append(MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
+    for joint in joints:
+        if joint.is_base and joint.name.endswith("_x"):
+            base = joint.name.removesuffix("_x")
+            for k, word in enumerate(FRAMES["framequat"][1]):
+                name, mount = f"{base}_{word}", Mount(joint.body)
+                column = _fresh(name, taken)
+                found.append(
+                    MechanismSensor(
+                        name, "framequat", joint.body, "", column, mount=mount, component=k
+                    )
+                )
     return tuple(found)
+
+
+def _frame_sensors(
+    file: MujocoFile, i: int, name: str, kind: str, taken: set[str]
+) -> Iterator[MechanismSensor]:
+    """The values of a sensor of a frame, one by one."""
+    m, (unit, words) = file.model, FRAMES[kind]
+    for k, word in enumerate(words):
+        yield MechanismSensor(
+            f"{name}_{word}",
+            kind,
+            int(m.sensor_objid[i]),
+            unit,
+            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), taken),
+            float(m.sensor_cutoff[i]) if unit else 0.0,  # MuJoCo limits no quaternions
+            float(m.sensor_noise[i]),
+            int(m.sensor_adr[i]) + k,
+            file.line("sensor", i),
+            _mount(file, int(m.sensor_objtype[i]), int(m.sensor_objid[i])),
+            k,
+        )
+
+
+def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
+    """The frame of a site, of a body, or that of its principal axes."""
+    m, kinds = file.model, file.mujoco.mjtObj
+    if kind == kinds.mjOBJ_SITE:
+        places = (m.site_pos[number], m.site_quat[number])
+        return Mount(int(m.site_bodyid[number]), *map(_vector, places))
+    if kind == kinds.mjOBJ_BODY:
+        return Mount(number, _vector(m.body_ipos[number]), _vector(m.body_iquat[number]))
+    return Mount(number)
 
 
 def _stem(name: str, unit: str) -> str:

@@ -16,9 +16,11 @@ from pamid.model.parameter import Parameter
 from pamid.simulators.mechanism import (
     Actuator,
     Body,
+    DcMotor,
     MechanismJoint,
     MechanismTendon,
     ModelParameter,
+    Vector,
     Write,
 )
 from pamid.simulators.mujoco_file import MujocoFile
@@ -41,12 +43,12 @@ def parameters_of(
     """All of them, bodies first, then joints, tendons and actuators."""
     found = [_mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)]
     for i, joint in enumerate(joints):
-        if joint.kind in ("hinge", "slide"):
+        if joint.kind in ("hinge", "slide") and not joint.is_base:
             found += _of_joint(i, joint, _strength(i, actuators))
     for i, tendon in enumerate(tendons):
         found += _of_tendon(i, tendon, joints)
     for i, actuator in enumerate(actuators):
-        found += _of_actuator(i, actuator) if actuator.adr >= 0 else []
+        found += [] if actuator.is_bare else _of_actuator(i, actuator)
     return tuple(found)
 
 
@@ -144,7 +146,7 @@ def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParam
             "joint", joint.name, i, attribute, value, typical, unit, Write(array, row, -1, 1.0)
         )
 
-    return [
+    found = [
         of("damping", joint.damping, inertia * TYPICAL_RATE, quotient(force, velocity),
            "dof_damping", joint.dof),
         of("frictionloss", joint.friction_loss, inertia * TYPICAL_ACCELERATION, force,
@@ -154,6 +156,40 @@ def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParam
         of("stiffness", joint.stiffness, inertia * TYPICAL_RATE**2, quotient(force, joint.unit),
            "jnt_stiffness", i),
     ]  # fmt: skip
+    found += _powers(
+        "joint", joint.name, i, force, joint.unit, joint.damping_powers, joint.stiffness_powers,
+        ("dof_dampingpoly", joint.dof), ("jnt_stiffnesspoly", i),
+    )  # fmt: skip
+    if joint.spring_yield:
+        found.append(of("springyield", joint.spring_yield, 1.0, joint.unit, "jnt_springyield", i))
+    return found
+
+
+def _powers(
+    element: str,
+    of: str,
+    number: int,
+    force: str,
+    length: str,
+    damping: Vector,
+    stiffness: Vector,
+    damping_place: tuple[str, int],
+    stiffness_place: tuple[str, int],
+) -> list[ModelParameter]:
+    """Coefficients of the second and third power that a file states."""
+    found = []
+    for word, stated, (array, row), x in (
+        ("damping", damping, damping_place, f"{length}/s"),
+        ("stiffness", stiffness, stiffness_place, length),
+    ):
+        for k, power in enumerate(("quadratic", "cubic")):
+            if stated[k]:
+                unit = quotient(force, *([x] * (k + 2)))
+                found.append(
+                    _number(element, of, number, f"{word}_{power}", stated[k], 1.0, unit,
+                            Write(array, row, k, 1.0))
+                )  # fmt: skip
+    return found
 
 
 def _of_tendon(
@@ -167,12 +203,16 @@ def _of_tendon(
         ("frictionloss", tendon.friction_loss, force),
         ("stiffness", tendon.stiffness, quotient(force, length)),
     )
-    return [
+    found = [
         _number("tendon", tendon.name, i, attribute, value, 1.0, unit,
                 Write(f"tendon_{attribute}", i, -1, 1.0))
         for attribute, value, unit in rows
         if value and tendon.joints
     ]  # fmt: skip
+    return found + _powers(
+        "tendon", tendon.name, i, force, length, tendon.damping_powers, tendon.stiffness_powers,
+        ("tendon_dampingpoly", i), ("tendon_stiffnesspoly", i),
+    )  # fmt: skip
 
 
 def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
@@ -205,21 +245,58 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
                     Write("actuator_biasprm", i, 2, -1.0),
                 )
             )
-    elif actuator.kind == "dcmotor":
-        held = stated(f"{name}_resistance", gain[0], "Ohm", fitted=False)
-        found.append(of("resistance", held, Write("actuator_gainprm", i, 0, 1.0)))
+    elif actuator.motor is not None:
+        found += _of_motor(i, actuator, actuator.motor)
     elif gain[0]:
         held = stated(f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general")
         found.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
     if actuator.time_constant_s > 0.0:
         constant = stated(f"{name}_time_constant", actuator.time_constant_s, "s")
         found.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
-    if math.isfinite(actuator.gear) and actuator.gear:
+    if math.isfinite(actuator.gear) and actuator.gear and actuator.mount is None:
         held = stated(f"{name}_gear", actuator.gear, "", fitted=False)
         found.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
     if actuator.delay_s > 0.0:
         delay = stated(f"{name}_delay", actuator.delay_s, "s")
         found.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
+    return found
+
+
+def _of_motor(i: int, actuator: Actuator, motor: DcMotor) -> list[ModelParameter]:
+    """What a winding, its controller, its cogging and its bristles have. The resistance is held: a
+    motor of twice the resistance drives half of all masses, dampings and frictions alike. A
+    controller commands torque, and without a limit the winding does not show in it."""
+    force, length = actuator.force_unit, "rad" if actuator.force_unit == "N m" else "m"
+    rate, found = f"{length}/s", []
+    shows = motor.input in ("voltage", "none")
+    kp, ki, kd = motor.controller
+    stiffness, damping, sliding, static, speed = motor.bristles
+    rows = [
+        ("resistance", motor.constant and motor.resistance, "Ohm", False, "gainprm", 0),
+        ("motorconst", motor.constant, quotient(force, "A"), shows, "gainprm", 1),
+        ("kp", kp, quotient(force, length), True, "gainprm", 4),
+        ("ki", ki, quotient(force, length, "s"), True, "gainprm", 5),
+        ("kd", kd, quotient(force, rate), True, "gainprm", 6),
+        ("cogging", motor.cogging[0], force, True, "biasprm", 0),
+    ]
+    if motor.heating[0]:
+        rows += [
+            ("thermal_resistance", motor.heating[0], "K/W", False, "dynprm", 2),
+            ("thermal_capacitance", motor.heating[1], "J/K", False, "dynprm", 3),
+        ]
+    if stiffness:
+        rows += [
+            ("lugre_stiffness", stiffness, quotient(force, length), True, "dynprm", 5),
+            ("lugre_damping", damping, quotient(force, rate), True, "dynprm", 6),
+            ("lugre_coulomb", sliding, force, True, "biasprm", 3),
+            ("lugre_static", static, force, True, "biasprm", 4),
+            ("lugre_stribeck", speed, rate, True, "biasprm", 5),
+        ]
+    for word, value, unit, fitted, array, place in rows:
+        if value:
+            parameter = stated(f"{actuator.name}_{word}", value, unit, fitted=fitted)
+            write = Write(f"actuator_{array}", i, place, 1.0)
+            found.append(ModelParameter(parameter, "actuator", actuator.name, i, word, (write,)))
     return found
 
 

@@ -12,10 +12,12 @@ from collections.abc import Sequence
 
 from pamid.simulators.mechanism import (
     Actuator,
+    Coupling,
     MechanismJoint,
     MechanismSensor,
     MechanismTendon,
     ModelPort,
+    coupled_joints,
 )
 from pamid.simulators.mujoco_parameters import TYPICAL_ACCELERATION
 
@@ -25,22 +27,32 @@ def ports_of(
     tendons: Sequence[MechanismTendon],
     actuators: Sequence[Actuator],
     sensors: Sequence[MechanismSensor],
+    couplings: Sequence[Coupling] = (),
+    mounted: frozenset[int] = frozenset(),
 ) -> tuple[ModelPort, ...]:
-    """All of them, in this order; the port of a joint has the joint's own name."""
+    """All of them, in this order; the port of a joint has the joint's own name. A coupled joint has
+    no transmission: what it carries does not give way by itself. The base has no motor.
+    mounted: joints that actuators at bodies move."""
     found: list[ModelPort] = []
-    driven = {a.joint for a in actuators}
-    driven.update(j for a in actuators if a.tendon >= 0 for j in tendons[a.tendon].joints)
+    coupled = coupled_joints(couplings, tendons)
+    drives = [a for a in actuators if a.column]
+    driven = {a.joint for a in drives} | mounted
+    driven.update(j for a in drives if a.tendon >= 0 for j in tendons[a.tendon].joints)
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide"):
-            found += _at_joint(i, joint, i in driven)
+            whole = i not in coupled and not joint.is_base
+            found += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
     taken = {port.name for port in found}
     for i, actuator in enumerate(actuators):
+        if not actuator.column:
+            continue
         name = numbered(f"{actuator.name}_command", taken)
         found.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
     for i, sensor in enumerate(sensors):
         name = numbered(sensor.name, taken)
         rates = {"rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}
-        offered = (("rate", rates[sensor.unit]),) if sensor.kind.endswith("pos") else ()
+        place = sensor.mount is None and sensor.kind.endswith("pos")
+        offered = (("rate", rates[sensor.unit]),) if place else ()
         found.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
     return tuple(found)
 

@@ -161,11 +161,28 @@ class PlainModel:
             if sensor.adr >= 0:
                 readings.append(sensed[:, :, sensor.adr])
                 continue
+            if sensor.mount is not None:
+                readings.append(self._attitude(states, sensor.mount.body)[sensor.component])
+                continue
             joint = m.joints[sensor.of]
             velocity = sensor.kind == "jointvel"
             place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
             readings.append(states[:, :, place])
         return np.stack(readings, axis=2)
+
+    def _attitude(self, states: Array, body: int) -> Array:
+        """Quaternion (4, ...) of a floating base by its yaw, pitch and roll."""
+        hinges = [j for j in self.mechanism.joints if j.body == body and j.is_base][3:]
+        half = [0.5 * states[..., 1 + joint.qpos] for joint in hinges]
+        (cy, cp, cr), (sy, sp, sr) = map(np.cos, half), map(np.sin, half)
+        return np.stack(
+            [
+                cy * cp * cr + sy * sp * sr,
+                cy * cp * sr - sy * sp * cr,
+                cy * sp * cr + sy * cp * sr,
+                sy * cp * cr - cy * sp * sr,
+            ]
+        )
 
     def _control(self, stretch: RecordedStretch, times: Array, samples: int) -> Array:
         """Commands and applied forces per step, (steps x both)."""
@@ -173,7 +190,7 @@ class PlainModel:
         control = np.zeros((len(times), m.nu + m.nv))
         held = np.searchsorted(stretch.times[:samples], times * (1.0 + 1e-9) + 1e-9, "right") - 1
         for a in self.mechanism.actuators:
-            if a.column not in stretch.inputs:
+            if not a.column or a.column not in stretch.inputs:
                 continue
             values = stretch.inputs[a.column][:samples]
             linear = a.column in self.linear
@@ -214,8 +231,8 @@ class PlainModel:
                 self.mujoco.mj_initSensorHistory(m, d, number, times, np.full(size, value), 0.0)
 
     def _sensor_number(self, adr: int) -> int:
-        places = list(map(int, self.model.sensor_adr))
-        return places.index(adr) if adr >= 0 else -1
+        # the last one that begins there or before: a sensor may have several values
+        return int(np.searchsorted(self.model.sensor_adr, adr, "right")) - 1 if adr >= 0 else -1
 
     # ---- the state at the start ------------------------------------------------------------------
 
@@ -273,7 +290,7 @@ class PlainModel:
             if not any(s.kind == "jointvel" and s.of == sensor.of for s in self.mechanism.sensors):
                 x[m.nq + joint.dof] = slope
         for i, a in enumerate(self.mechanism.actuators):
-            act = int(m.actuator_actadr[i]) if a.adr >= 0 else -1
+            act = int(m.actuator_actadr[i]) if a.adr >= 0 and a.motor is None else -1
             if act >= 0 and a.column in stretch.inputs:
                 filtered = a.dynamics == "filter"
                 at = x[self.mechanism.joints[a.joint].qpos] if a.joint >= 0 else 0.0

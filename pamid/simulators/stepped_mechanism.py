@@ -66,11 +66,13 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     def _further(self) -> tuple[State, ...]:
         """Activations that the description has no place for: of muscles and the like."""
         actuators, names = self.mechanism.actuators, self._stepper.actuator_names
-        described = {i for i, a in enumerate(actuators) if a.state}
+        described = {i for i, a in enumerate(actuators) if a.states}
+        model = self._stepper.model
         return tuple(
-            State(f"{actuators[i].name if i < len(actuators) else names[i]}_activation")
-            for i, at in enumerate(self._stepper.model.actuator_actadr)
-            if at >= 0 and i not in described
+            State(f"{names[i]}_activation{'' if not k else k + 1}")
+            for i in range(model.nactuator)
+            if i not in described
+            for k in range(max(0, int(model.actuator_actnum[i])))
         )
 
     @cached_property
@@ -81,12 +83,14 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         equations, m = MechanismEquations(self, x, u, p, port), self.mechanism
-        own = [i for i, a in enumerate(m.actuators) if a.adr >= 0]
+        own = [i for i in m.commanded if not m.actuators[i].is_bare]
         into: dict[str, Number] = {
             f"{m.actuators[i].name}_command": equations.command(i) for i in own
         }
         # what pamid puts in the place of actuators, where the file has none, goes in from outside
-        inside = self._known_forces(equations, p, own)
+        inside = self._known_forces(
+            equations, p, [i for i, a in enumerate(m.actuators) if not a.is_bare]
+        )
         for j, force in enumerate(self._known_forces(equations, p, range(len(m.actuators)))):
             name = self.port_of("joint", j, "motion")
             passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
@@ -121,7 +125,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         return any(
             f.element == "actuator" and f.name == self._stepper.actuator_names[actuator]
             for f in self.mechanism.hindrances
-            if self.mechanism.actuators[actuator].adr >= 0
+            if not self.mechanism.actuators[actuator].is_bare
         )
 
     def steps(
@@ -183,9 +187,16 @@ class _Stepper:
         self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
         self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
         self.known: dict[bytes, Any] = {}
-        acts = [i for i, a in enumerate(mechanism.actuators) if a.state]
-        acts += [
-            i for i in range(model.nactuator) if model.actuator_actadr[i] >= 0 and i not in acts
+        described = [i for i, a in enumerate(mechanism.actuators) if a.states]
+        further = [i for i in range(model.nactuator) if i not in described]
+        acts = [
+            [model.actuator_actadr[i] + k for i in of for k in range(model.actuator_actnum[i])]
+            for of in (described, further)
+        ]
+        plastic = [
+            self._plastic + model.jnt_plasticadr[j]
+            for j, joint in enumerate(mechanism.joints)
+            if joint.spring_state
         ]
         qpos, dof = [j.qpos for j in mechanism.joints], [j.dof for j in mechanism.joints]
         # time comes first
@@ -193,7 +204,9 @@ class _Stepper:
             [
                 *(1 + q for q in qpos),
                 *(1 + model.nq + d for d in dof),
-                *(1 + model.nq + model.nv + int(model.actuator_actadr[i]) for i in acts),
+                *(1 + model.nq + model.nv + act for act in acts[0]),
+                *plastic,
+                *(1 + model.nq + model.nv + act for act in acts[1]),
             ]
         )
         self.forces = np.array([*range(model.nu), *(model.nu + d for d in dof)])
@@ -202,6 +215,14 @@ class _Stepper:
         self.start = start
         self.values = [w for q in mechanism.parameters for w in q.writes]
         self.of = [k for k, q in enumerate(mechanism.parameters) for _ in q.writes]
+
+    @property
+    def _plastic(self) -> int:
+        """Place in a state of where springs that yield are relaxed: states stand in the order of
+        their bits."""
+        kinds = self.mujoco.mjtState
+        bit = int(getattr(kinds, "mjSTATE_PLASTIC", 0))
+        return int(self.mujoco.mj_stateSize(self.model, int(kinds.mjSTATE_FULLPHYSICS) & (bit - 1)))
 
     def steps(self, x: Array, f: Array, p: Array, h: float) -> Array:
         """States (n, states) h seconds after x under f, with parameters p (all of n rows)."""

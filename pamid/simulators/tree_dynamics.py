@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint
+from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, Mount
 from pamid.simulators.spatial import (
     AT_REST,
     IDENTITY,
@@ -58,6 +58,11 @@ class _Frame:
     fixed: Array
     place: Vec
 
+    def local(self, vector: Vec) -> Vec:
+        """A vector along the axes of the frame."""
+        turned = through(tuple(zip(*self.turn, strict=True)), vector)  # type: ignore[arg-type]
+        return through(constant(self.fixed.T), turned)
+
     def vector(self, own: Array) -> Vec:
         return through(self.turn, vec(list(_clean(self.fixed @ own))))
 
@@ -74,6 +79,8 @@ class _Mass:
     each: Inertia
 
 
+#: (w, x, y, z)
+Quaternion = tuple[Expr, Expr, Expr, Expr]
 #: of M = L' D L: L below its diagonal by (row, column), and 1 / D
 Factors = tuple[dict[tuple[int, int], Expr], list[Expr]]
 
@@ -95,17 +102,21 @@ class Tree:
         self.q, self.qd, self.masses, self.armature = q, qd, masses, armature
         self.n = len(mechanism.joints)
         self.gravity = Spatial(NOUGHT, vec([-g for g in mechanism.gravity]))
+        self.lifted = [body.gravity_compensation for body in mechanism.bodies]
         self.up: list[int] = []
         self.axis: list[Spatial] = []
         self.bodies: list[list[_Mass]] = [[] for _ in mechanism.joints]
+        self.mechanism = mechanism
+        self.frames: list[_Frame] = []
+        self.links: list[int] = []  # of every body, the joint that moves it; -1: none
         self._place(mechanism)
 
     # ---- where everything is ---------------------------------------------------------------------
 
     def _place(self, mechanism: Mechanism) -> None:
         ground = _Frame(IDENTITY, np.eye(3), NOUGHT)
-        frames: list[_Frame] = [ground]
-        last = [-1]
+        self.frames, self.links = [ground], [-1]
+        frames, last = self.frames, self.links
         for number, body in enumerate(mechanism.bodies[1:], 1):
             above = frames[body.parent]
             frame = _Frame(
@@ -141,6 +152,42 @@ class Tree:
         self.axis.append(Spatial(along, cross(point, along)))
         behind = _Frame((rows[0], rows[1], rows[2]), aligned.T @ frame.fixed, NOUGHT)
         return _Frame(behind.turn, behind.fixed, minus(point, behind.vector(anchor)))
+
+    # ---- frames on bodies -----------------------------------------------------------------------
+
+    def mounted(self, mount: Mount) -> _Frame:
+        """The frame in the world."""
+        frame, own = self.frames[mount.body], rotation(mount.quaternion)
+        place = frame.point(np.array(mount.position))
+        return _Frame(frame.turn, frame.fixed @ own, place)
+
+    def quaternion(self, mount: Mount) -> Quaternion:
+        """Attitude of the frame, continuous in the positions of the joints."""
+        chain, number = [mount.body], mount.body
+        while (number := self.mechanism.bodies[number].parent) > 0:
+            chain.insert(0, number)
+        found: Quaternion = (expression(1.0), ZERO, ZERO, ZERO)
+        for number in chain:
+            found = _turned(found, _unit(self.mechanism.bodies[number].quaternion))
+            for j, joint in enumerate(self.mechanism.joints):
+                if joint.body == number and joint.kind == "hinge":
+                    half = 0.5 * (self.q[j] - joint.reference)
+                    x, y, z = (sin(half) * float(a) for a in joint.axis)
+                    found = _turned(found, (cos(half), x, y, z))
+        return _turned(found, _unit(mount.quaternion))
+
+    def motion(self, mount: Mount) -> Spatial:
+        """Angular velocity of the frame and velocity of its origin, along the world's axes."""
+        link = self.links[mount.body]
+        moved = self.velocity[link] if link >= 0 else AT_REST
+        return Spatial(moved.a, plus(moved.b, cross(moved.a, self.mounted(mount).place)))
+
+    def moments(self, mount: Mount, wrench: Sequence[float]) -> dict[int, Expr]:
+        """What a (force, torque) along the axes of a frame, at its origin, exerts at joints."""
+        frame = self.mounted(mount)
+        force, torque = frame.vector(np.array(wrench[:3])), frame.vector(np.array(wrench[3:]))
+        whole = Spatial(plus(torque, cross(frame.place, force)), force)
+        return {j: self.axis[j].dot(whole) for j in self.path(self.links[mount.body])}
 
     # ---- inertia and motion ----------------------------------------------------------------------
 
@@ -233,6 +280,19 @@ class Tree:
         """c(q, q'): what the joints must hold where nothing accelerates."""
         total = self._gathered(self.forces(self.acceleration([ZERO] * self.n)))
         return [s.dot(f) for s, f in zip(self.axis, total, strict=True)]
+
+    @cached_property
+    def lift(self) -> list[Expr]:
+        """At each joint, of the forces that carry bodies' weight at their centres."""
+        found = []
+        for bodies in self.bodies:
+            total = MASSLESS
+            for one in bodies:
+                if share := self.lifted[one.body]:
+                    total = total + one.each.by(share * one.mass)
+            found.append(total.momentum(self.gravity))
+        total_force = self._gathered(found)
+        return [s.dot(f) for s, f in zip(self.axis, total_force, strict=True)]
 
     def factored(self, added: Sequence[Expr] | None = None) -> Factors:
         """M, with something added on its diagonal, as L' D L of the tree."""
@@ -369,6 +429,21 @@ def rotation(quaternion: Sequence[float]) -> Array:
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
+    )
+
+
+def _unit(quaternion: Sequence[float]) -> Quaternion:
+    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
+    return expression(float(w)), expression(float(x)), expression(float(y)), expression(float(z))
+
+
+def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The product of two quaternions."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
     )
 
 

@@ -97,8 +97,11 @@ def write_back(
 
 def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
     """The new model with the columns of the old one: a command of <general> has no unit."""
-    named = zip(new.actuators, old.actuators, strict=True)
-    return replace(new, actuators=tuple(replace(a, column=b.column) for a, b in named))
+    columns = {a.name: a.column for a in old.actuators}
+    return replace(
+        new,
+        actuators=tuple(replace(a, column=columns.get(a.name, a.column)) for a in new.actuators),
+    )
 
 
 def read_text(path: Path, text: bytes) -> MujocoFile:
@@ -222,19 +225,22 @@ class _Writer:
             return self._urdf_joint(tag, one.attribute, value)
         if one.element == "actuator":
             return self._actuator(tag, one, value)
-        powers: tuple[float, ...] = ()
-        if one.element == "joint" and one.attribute in ("damping", "stiffness"):
-            powers = self._powers(one.attribute, self.mechanism.joints[one.number])
-        self.edits.set(tag, one.attribute, _trimmed(np.array([value, *powers])))
+        word = one.attribute.partition("_")[0]
+        if word in ("damping", "stiffness"):
+            self.edits.set(tag, word, _trimmed(self._polynomial(one.element, one.number, word)))
+        elif one.attribute == "springyield":
+            self.edits.set(tag, word, self._angle(self.mechanism.joints[one.number], value))
+        else:
+            self.edits.set(tag, word, number(value))
         return ""
 
-    def _powers(self, attribute: str, joint: MechanismJoint) -> tuple[float, ...]:
-        """Coefficients of the second and third power of a joint's damper or spring."""
-        array, row = ("dof_dampingpoly", joint.dof)
-        if attribute == "stiffness":
-            array, row = "jnt_stiffnesspoly", self.mechanism.joints.index(joint)
-        stated = getattr(self.file.model, array, None)
-        return (0.0, 0.0) if stated is None else tuple(map(float, stated[row]))
+    def _polynomial(self, element: str, i: int, word: str) -> Array:
+        """Coefficients of the first to third power of a spring or damper, with the values found."""
+        owner = (self.mechanism.joints if element == "joint" else self.mechanism.tendons)[i]
+        stated = (getattr(owner, word), *getattr(owner, f"{word}_powers"))
+        names = (word, f"{word}_quadratic", f"{word}_cubic")
+        pairs = zip(names, stated, strict=True)
+        return np.array([self._number_of(element, i, name, value) for name, value in pairs])
 
     # ---- elements of the text --------------------------------------------------------------------
 
@@ -296,8 +302,8 @@ class _Writer:
             written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
             self._soften(tag, joint, friction, terms)
         if terms.damping.any():
-            total = np.array([damping, *self._powers("damping", joint)]) + terms.damping
-            written |= self._set_value(tag, j, "damping", float(total[0]), _trimmed(total))
+            total = self._polynomial("joint", j, "damping") + terms.damping
+            written |= self._set_polynomial(tag, j, "damping", total)
         if terms.spring.any():
             written |= self._spring(tag, j, joint, terms)
         if terms.stop is not None:
@@ -313,13 +319,23 @@ class _Writer:
         return written
 
     def _set_value(
-        self, tag: Tag, j: int, attribute: str, value: float, text: str = ""
+        self, tag: Tag, j: int, attribute: str, value: float, text: str = "", word: str = ""
     ) -> set[str]:
         name = self.names["joint", j, attribute]
         parameter = next(p.parameter for p in self.mechanism.parameters if p.parameter.name == name)
-        self.edits.set(tag, attribute, text or number(value))
+        self.edits.set(tag, word or attribute, text or number(value))
         self.changed[name] = (parameter.value * parameter.factor, value)
         return {name}
+
+    def _set_polynomial(self, tag: Tag, j: int, word: str, total: Array) -> set[str]:
+        """Write all coefficients of a joint's spring or damper."""
+        written = self._set_value(tag, j, word, float(total[0]), _trimmed(total))
+        for power, value in zip(("quadratic", "cubic"), total[1:], strict=True):
+            if ("joint", j, f"{word}_{power}") in self.names:
+                written |= self._set_value(
+                    tag, j, f"{word}_{power}", float(value), _trimmed(total), word
+                )
+        return written
 
     def _soften(self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms) -> None:
         """How the friction sets in. Friction that the file has by itself stays as soft as it is;
@@ -359,10 +375,9 @@ class _Writer:
     def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> set[str]:
         """The whole polynomial about one of its zeros, which is the spring's reference."""
         old = JointTerms()
-        first = self._number_of("joint", j, "stiffness", joint.stiffness)
+        first, square, cube = self._polynomial("joint", j, "stiffness")
         rest = joint.spring_reference
         old.add_spring(first, 0.0, rest)
-        square, cube = self._powers("stiffness", joint)
         old.spring += square * np.array([rest**2, -2.0 * rest, 1.0, 0.0])
         old.add_spring(0.0, cube, rest)
         total = np.polynomial.Polynomial(old.spring + terms.spring)
@@ -378,7 +393,7 @@ class _Writer:
         about = [float(total.deriv(k)(zero)) if k else 0.0 for k in (1, 2, 3)]
         coefficients = np.array([about[0], about[1] / 2.0, about[2] / 6.0])
         self.edits.set(tag, "springref", self._angle(joint, zero))
-        return self._set_value(tag, j, "stiffness", float(coefficients[0]), _trimmed(coefficients))
+        return self._set_polynomial(tag, j, "stiffness", coefficients)
 
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """The range within which both the file's own limits and the buffers leave the joint."""
@@ -530,8 +545,10 @@ class _Writer:
 
     def _is_reshaped(self, i: int) -> bool:
         """Is an actuator's law written anew, as one of <general>?"""
-        terms = self.forms.commands.get(i, CommandTerms())
-        lagged = terms.lag > 0.0 and self.mechanism.actuators[i].dynamics == "none"
+        terms, actuator = self.forms.commands.get(i, CommandTerms()), self.mechanism.actuators[i]
+        lagged = terms.lag > 0.0 and actuator.dynamics == "none"
+        if actuator.motor is not None:
+            return False
         return terms.gain != 1.0 or terms.offset != 0.0 or lagged
 
     def _command(self, i: int, terms: CommandTerms) -> None:
@@ -554,6 +571,11 @@ class _Writer:
             self.edits.set(tag, "ctrllimited", "true")
             self.edits.set(tag, "ctrlrange", numbers(np.clip(ends, -wide, wide)))
             self.edits.set(tag, "inheritrange", None)
+        if actuator.motor is not None and (terms.gain != 1.0 or terms.offset or terms.lag):
+            self.left.append(
+                f"effects at the command of {actuator.name}: a dcmotor has no gain, offset or lag "
+                "of its command"
+            )
         if not self._is_reshaped(i):
             return
         if actuator.dynamics == "integrator":
@@ -618,7 +640,7 @@ class _Writer:
 
     def _reading(self, s: int, terms: ReadingTerms) -> None:
         sensor = self.mechanism.sensors[s]
-        at = list(map(int, self.file.model.sensor_adr)).index(sensor.adr)
+        at = int(np.searchsorted(self.file.model.sensor_adr, sensor.adr, "right")) - 1
         name = self.file.mujoco.mj_id2name(
             self.file.model, self.file.mujoco.mjtObj.mjOBJ_SENSOR, at
         )
@@ -649,6 +671,9 @@ class _Writer:
             whole = len(tag.attributes.get("gear", "").split()) > 1
             self.edits.set(tag, "gear", numbers([value, *rest]) if whole else number(value))
             return ""
+        if tag.name == "dcmotor":
+            self._dc_motor(tag, one.number, one.attribute)
+            return ""
         if shortcut:
             self.edits.set(tag, shortcut, number(value))
             if shortcut == "kv" and "dampratio" in tag.attributes:
@@ -664,6 +689,46 @@ class _Writer:
             said[write.column] = write.factor * value
             self.edits.set(tag, word, numbers(list(np.trim_zeros(said, "b"))))
         return ""
+
+    def _dc_motor(self, tag: Tag, i: int, attribute: str) -> None:
+        """Write what stands together with a parameter in the attributes of <dcmotor>."""
+        m, actuator = self.file.model, self.mechanism.actuators[i]
+        motor = actuator.motor
+        assert motor is not None
+
+        def values(*words: str, stated: Sequence[float]) -> list[float]:
+            pairs = zip(words, stated, strict=True)
+            return [self._number_of("actuator", i, word, value) for word, value in pairs]
+
+        if attribute in ("resistance", "motorconst", "time_constant"):
+            resistance, constant = values(
+                "resistance", "motorconst", stated=(motor.resistance, motor.constant)
+            )
+            self.edits.set(tag, "nominal", None)
+            self.edits.set(tag, "resistance", number(resistance))
+            self.edits.set(tag, "motorconst", number(constant))
+            if actuator.time_constant_s > 0.0:
+                lag = values("time_constant", stated=(actuator.time_constant_s,))
+                self.edits.set(tag, "inductance", numbers([0.0, *lag]))
+            if actuator.force_range is not None:
+                torque = actuator.force_range[1]
+                self.edits.set(tag, "saturation", numbers([torque, 0.0, motor.current_rate]))
+        elif attribute in ("kp", "ki", "kd"):
+            gains = values("kp", "ki", "kd", stated=motor.controller)
+            rest = [m.actuator_dynprm[i, 7], motor.integral_limit, motor.voltage_limit]
+            self.edits.set(tag, "controller", numbers([*gains, *rest]))
+        elif attribute == "cogging":
+            amplitude = values("cogging", stated=motor.cogging[:1])
+            self.edits.set(tag, "cogging", numbers([*amplitude, *motor.cogging[1:]]))
+        elif attribute.startswith("thermal"):
+            _, _, ambient, reference, coefficient = motor.heating
+            heat = values("thermal_resistance", "thermal_capacitance", stated=motor.heating[:2])
+            self.edits.set(tag, "thermal", numbers([*heat, 0.0, coefficient, reference, ambient]))
+        else:
+            words = [
+                f"lugre_{w}" for w in ("stiffness", "damping", "coulomb", "static", "stribeck")
+            ]
+            self.edits.set(tag, "lugre", numbers(values(*words, stated=motor.bristles)))
 
     # ---- bodies ----------------------------------------------------------------------------------
 

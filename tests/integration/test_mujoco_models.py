@@ -110,13 +110,19 @@ def test_what_cannot_be_read_is_named(
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (body('<joint name="fly" type="free"/>'), "joint 'fly', line 2: a free joint"),
-        (body('<joint name="eye" type="ball"/>'), "joint 'eye', line 2: a ball joint"),
+        (body('<joint name="fly" type="free" damping="1"/><site name="s"/>').replace("</mujoco>",
+              '<actuator><motor site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>'),
+         "joint 'fly', line 2: a free joint"),
+        (body('<joint name="eye" type="ball"/><site name="s"/>').replace("</mujoco>",
+              '<actuator><motor site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>'),
+         "joint 'eye', line 2: a ball joint"),
         (body('<joint name="j" type="slide" axis="0 0 1"/>',
               '<geom name="floor" type="plane" size="1 1 1" pos="0 0 0.95"/>'),
          "geoms touch (floor and ball at the reference itself)"),
         (body('<joint name="j"/>', head='<option density="1.2"/>'), "a medium"),
-        (body('<joint name="j" springdamper="0.1 1" stiffness="1 2 3"/>'), "not linear"),
+        (body('<joint name="j"/>').replace("</mujoco>",
+              '<tendon><fixed name="t" stiffness="1" springyield="0.1"><joint joint="j" coef="1"/>'
+              "</fixed></tendon></mujoco>"), "a spring that yields"),
     ],
 )  # fmt: skip
 def test_why_a_model_is_not_compiled_is_said(text: str, told: str, tmp_path: Path) -> None:
@@ -151,8 +157,9 @@ def test_a_recording_that_names_a_model_file_does_not_open_it(tmp_path: Path) ->
         rig_of([read_recording(tmp_path / "rec.csv")])
 
 
-def test_every_value_goes_back_or_is_told(tmp_path: Path) -> None:
-    before = read_mechanism(written(tmp_path, mechanisms.TREE))
+@pytest.mark.parametrize("text", [mechanisms.TREE, mechanisms.TERMS], ids=["tree", "terms"])
+def test_every_value_goes_back_or_is_told(text: str, tmp_path: Path) -> None:
+    before = read_mechanism(written(tmp_path, text))
     wanted = {p.parameter.name: 1.1 * p.parameter.value * p.parameter.factor
               for p in before.parameters}  # fmt: skip
     done = write_back(before, wanted)

@@ -316,9 +316,9 @@ def test_what_becomes_unstable_is_seen_and_not_begun_anew(
 def test_a_quaternion_joint_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "free.xml"
     path.write_text(
-        '<mujoco><worldbody><body><joint name="arm"/><geom size="0.1" mass="1"/></body>'
-        '<body pos="1 0 0"><freejoint name="loose"/><geom size="0.1" mass="1"/></body>'
-        "</worldbody></mujoco>"
+        '<mujoco><worldbody><body><joint name="loose" type="ball"/><geom size="0.1" mass="1"/>'
+        '<body pos="1 0 0"><joint name="arm"/><geom size="0.1" mass="1"/></body></body>'
+        '</worldbody><actuator><motor joint="arm"/></actuator></mujoco>'
     )
-    with pytest.raises(PamidError, match="joint 'loose'.* is a free joint, whose quaternion"):
+    with pytest.raises(PamidError, match="joint 'loose'.* is a ball joint, whose quaternion"):
         rig_named(str(path))

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.simulators.compiled_rig import CompiledMechanism
+from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.symbolic.expression import Expr, plain, symbol, walk
 from pamid.symbolic.operators import OPERATORS
@@ -114,6 +115,104 @@ TREE = """<mujoco model="tree">
   </sensor>
 </mujoco>
 """.replace('<joint axis="0.3 1 0.2"', '<joint name="joint_unnamed_stand_in" axis="0.3 1 0.2"')
+
+# motors with windings, springs and dampers that are not linear, a spring that yields, gravity
+# compensation, and couplings of joints and tendons
+TERMS = """<mujoco model="terms">
+  <compiler angle="radian"/>
+  <option timestep="0.001" gravity="0.4 0.3 -9.5"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="upper" gravcomp="0.7">
+      <joint name="shoulder" axis="0 1 0" damping="0.1 0.02 0.03" stiffness="1 0.2 0.3"
+             springyield="0.2" ref="0.1" springref="0.2"/>
+      <geom size="0.1" mass="1" pos="0.2 0 0"/>
+      <body name="lower" pos="0.4 0 0" gravcomp="1.2">
+        <joint name="elbow" axis="0.2 1 0" damping="0 0.2 0" frictionloss="0.3"
+               actuatorgravcomp="true" actuatorfrcrange="-2 2" actuatorfrclimited="true"/>
+        <joint name="rail" type="slide" axis="1 0 0" stiffness="3 0 20"/>
+        <geom size="0.1" mass="1" pos="0.2 0 0"/>
+      </body>
+    </body>
+    <body name="left" pos="1 0 0">
+      <joint name="driver" axis="0 1 0"/><geom size="0.1" mass="0.3" pos="0.1 0 0.1"/>
+    </body>
+    <body name="right" pos="1 1 0">
+      <joint name="follower" axis="0 0 1" frictionloss="0.1"/>
+      <geom size="0.1" mass="0.2" pos="0.1 0 0.1"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="cable" stiffness="3 0.4 0.5" damping="0.1 0.2 0.3" springlength="0.1 0.2">
+      <joint joint="shoulder" coef="0.5"/><joint joint="elbow" coef="-2"/>
+    </fixed>
+    <fixed name="cross" range="-1 1" limited="true">
+      <joint joint="driver" coef="0.5"/><joint joint="follower" coef="-2"/>
+    </fixed>
+  </tendon>
+  <equality>
+    <joint name="mimic" joint1="follower" joint2="driver" polycoef="0.1 0.5 0.2 0.3 0.1"
+           solimp="0.3 0.8 0.5 0.3 3" solref="0.05 0.7"/>
+    <tendon tendon1="cross" polycoef="0.2 0 0 0 0" solref="-100 -5"/>
+    <joint joint1="rail" joint2="elbow" polycoef="0 0.1 0 0 0"/>
+  </equality>
+  <actuator>
+    <dcmotor name="rub" joint="elbow" input="none" resistance="1" motorconst="0" gear="3"
+             lugre="30 0.1 0.01 0.02 0.05" cogging="0.02 7 0.3"/>
+    <dcmotor name="servo" joint="shoulder" input="pos" gear="3" resistance="2"
+             motorconst="0.1 0.12" inductance="0.01 0" thermal="5 20 0 0.004 25 22"
+             lugre="30 0.1 0.01 0.02 0.05" cogging="0.02 7 0.3" damping="0.01 0.002 0.003"
+             armature="0.0002" controller="3 0.5 0.2 0 1.5 24" saturation="0.5 0 100"/>
+    <dcmotor name="speed" joint="driver" input="vel" resistance="3" motorconst="0.2"
+             controller="1 0 0.4 0 0 5" thermal="5 20 0 0.004 25 22"/>
+    <dcmotor name="volts" joint="rail" nominal="24 0.5 300" gear="20"/>
+    <dcmotor name="torque" tendon="cable" nominal="24 0.5 300" gear="20" input="ff"
+             inductance="0 0.003" damping="0.001 0.002 0.003"/>
+  </actuator>
+  <sensor>
+    <actuatorfrc actuator="rub"/><actuatorfrc actuator="servo"/><actuatorfrc actuator="speed"/>
+    <actuatorfrc actuator="torque"/><jointactuatorfrc joint="elbow"/><jointpos joint="rail"/>
+  </sensor>
+</mujoco>
+"""
+
+# a floating base with thrusters at sites, a link on it, and an object that nothing drives
+DRONE = """<mujoco model="drone">
+  <compiler angle="radian"/>
+  <default><joint damping="0.05" armature="0.01"/></default>
+  <option timestep="0.001" integrator="RK4"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="drone" pos="0.1 0.2 1">
+      <freejoint name="fly"/>
+      <inertial pos="0.02 0 0.01" mass="1.2" fullinertia="0.02 0.03 0.025 0.001 -0.002 0.003"/>
+      <site name="left" pos="0.1 0.1 0" quat="0.9 0.1 0 0"/>
+      <site name="right" pos="-0.1 -0.1 0"/>
+      <body name="camera" pos="0.2 0 0" quat="0.8 0 0.2 0.1">
+        <joint name="gimbal" axis="0 1 0.2"/>
+        <geom size="0.03" mass="0.2" pos="0.1 0 0"/>
+        <site name="lens" pos="0.1 0 0.02" quat="0.9 0 0.1 0.3"/>
+      </body>
+    </body>
+    <body name="box" pos="1 0 0"><freejoint name="loose"/><geom size="0.1" mass="1"/></body>
+  </worldbody>
+  <actuator>
+    <motor name="thrust_left" site="left" gear="0 0 1 0 0 0.1"/>
+    <general name="thrust_right" site="right" gear="0 0 1 0 0 -0.1" biastype="affine"
+             biasprm="0 0 -0.1"/>
+    <position name="turn" joint="gimbal" kp="0.5"/>
+  </actuator>
+  <sensor>
+    <framepos name="place" objtype="xbody" objname="drone"/>
+    <framequat name="attitude" objtype="xbody" objname="drone"/>
+    <gyro name="gyro" site="lens"/><velocimeter name="speed" site="lens"/>
+    <framepos name="centre" objtype="body" objname="camera"/>
+    <framequat name="view" objtype="site" objname="lens"/>
+    <framelinvel name="moving" objtype="site" objname="lens"/>
+    <frameangvel name="turning" objtype="body" objname="camera"/>
+    <jointpos name="gimbal_angle" joint="gimbal"/>
+  </sensor>
+  <keyframe><key qpos="0 0 1 1 0 0 0 0 1 0 0 1 0 0 0"/></keyframe>
+</mujoco>
+"""
 
 
 def _seven() -> str:
@@ -224,19 +323,22 @@ def mujoco_at(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """MuJoCo's own accelerations, activation rates and readings in the same state."""
     mujoco, m = needs_mujoco(), rig.mechanism
-    model = mujoco.MjModel.from_xml_path(m.path)
+    model = open_mujoco(m.path).model
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     model.opt.tolerance, model.opt.iterations = 0.0, 200
+    model.actuator_actearly[:] = 0  # a matter of the time step
     data = mujoco.MjData(model)
     for joint in m.joints:
         data.qpos[joint.qpos] = x[joint.name]
         data.qvel[joint.dof] = x[f"{joint.name}_velocity"]
-    states = [a for a in m.actuators if a.state]
-    for i, actuator in enumerate(states):
-        data.act[i] = x[actuator.state]
-    for actuator in m.actuators:
-        data.ctrl[actuator.adr] = u[actuator.column]
+    for j, joint in enumerate(m.joints):
+        if joint.spring_state:
+            data.plastic[model.jnt_plasticadr[j]] = x[joint.spring_state]
+    states = [name for a in m.actuators for name, _ in a.states]  # in the order of act
+    data.act[:] = [x[name] for name in states]
+    for i in m.commanded:
+        data.ctrl[m.actuators[i].adr] = u[m.actuators[i].column]
     mujoco.mj_forward(model, data)
     rates = {f"{j.name}_velocity": float(data.qacc[j.dof]) for j in m.joints}
-    rates |= {a.state: float(data.act_dot[i]) for i, a in enumerate(states)}
+    rates |= {name: float(data.act_dot[i]) for i, name in enumerate(states)}
     return rates, {s.column: float(data.sensordata[s.adr]) for s in m.sensors if s.adr >= 0}

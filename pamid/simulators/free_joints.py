@@ -1,0 +1,156 @@
+"""Joints of a MuJoCo model that turn by a quaternion, before anything is made of the model.
+
+An object in the scene, which no actuator, tendon, coupling or sensor of a joint touches, stands
+where the file places it. A floating base gets three slides along the axes of the world and three
+hinges: the same motion, with yaw, pitch and roll in the place of the quaternion. It is singular
+where the base points straight up or down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+#: joints in the place of a free one: (ending of the name, is it a hinge, axis)
+BASE = (
+    ("x", False, (1.0, 0.0, 0.0)),
+    ("y", False, (0.0, 1.0, 0.0)),
+    ("z", False, (0.0, 0.0, 1.0)),
+    ("yaw", True, (0.0, 0.0, 1.0)),
+    ("pitch", True, (0.0, 1.0, 0.0)),
+    ("roll", True, (1.0, 0.0, 0.0)),
+)
+HELD = "a free joint of an object that nothing drives or reads: it is held where it stands"
+FLOATING = "a free joint: three slides and yaw, pitch and roll stand for it"
+
+
+@dataclass(frozen=True)
+class FreeJoints:
+    """floating: names of the joints that stand for free ones; notes: (name, line, text)."""
+
+    floating: tuple[str, ...] = ()
+    notes: tuple[tuple[str, int, str], ...] = ()
+
+
+def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) -> FreeJoints:
+    """Change the free joints of a model that MuJoCo has read, and ball joints of objects. line_of:
+    at which an element stands in the file, 0 unknown."""
+    loose = [
+        joint
+        for joint in spec.joints
+        if joint.type in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+    ]
+    if not loose:
+        return FreeJoints()
+    model = spec.compile()
+    touched = set(_touched(mujoco, model)) or {int(t) for t in model.body_treeid}
+    floating: list[str] = []
+    notes: list[tuple[str, int, str]] = []
+    for joint in loose:
+        body, is_free = joint.parent, joint.type == mujoco.mjtJoint.mjJNT_FREE
+        line = line_of(joint) or line_of(body)  # <freejoint> has none
+        name = joint.name or f"of {body.name or f'body_{body.id}'}"
+        if int(model.body_treeid[body.id]) not in touched:
+            notes.append((name, line, HELD))
+        elif is_free and not _has_forces(model, joint.id):
+            notes.append((name, line, FLOATING))
+            floating += _as_base(mujoco, spec, body, joint.name or body.name or "base")
+        else:
+            continue
+        spec.delete(joint)
+    if notes:
+        for key in list(spec.keys):
+            spec.delete(key)
+    return FreeJoints(tuple(floating), tuple(notes))
+
+
+def _has_forces(model: Any, joint: int) -> bool:
+    """Has a free joint a spring, a damper, friction or an armature of its own?"""
+    dofs = slice(int(model.jnt_dofadr[joint]), int(model.jnt_dofadr[joint]) + 6)
+    arrays = (model.dof_damping, model.dof_armature, model.dof_frictionloss)
+    return bool(model.jnt_stiffness[joint]) or any(array[dofs].any() for array in arrays)
+
+
+def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
+    """Give a body the joints of a floating base; their names."""
+    taken = {joint.name for joint in spec.joints}
+    while any(f"{name}_{word}" in taken for word, _, _ in BASE):
+        name = f"{name}_base"
+    place = np.array(body.pos)
+    body.quat = [1.0, 0.0, 0.0, 0.0]
+    for word, turns, axis in BASE:
+        body.add_joint(
+            name=f"{name}_{word}",
+            type=mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=axis,
+            pos=[0.0, 0.0, 0.0],
+            ref=0.0 if turns else float(place @ axis),
+            springref=0.0,
+            damping=[0.0, 0.0, 0.0],
+            stiffness=[0.0, 0.0, 0.0],
+            armature=0.0,
+            frictionloss=0.0,
+            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            actfrclimited=mujoco.mjtLimited.mjLIMITED_FALSE,
+        )
+    return [f"{name}_{word}" for word, _, _ in BASE]
+
+
+def _touched(mujoco: Any, m: Any) -> Iterator[int]:
+    """Numbers of the trees that an actuator, a tendon, an equality or a sensor of a joint touches;
+    one may come several times."""
+    kinds = mujoco.mjtObj
+
+    def trees(kind: int, number: int) -> Iterator[int]:
+        if number < 0:
+            return
+        if kind in (kinds.mjOBJ_BODY, kinds.mjOBJ_XBODY):
+            yield int(m.body_treeid[number])
+        elif kind == kinds.mjOBJ_JOINT:
+            yield int(m.body_treeid[m.jnt_bodyid[number]])
+        elif kind == kinds.mjOBJ_SITE:
+            yield int(m.body_treeid[m.site_bodyid[number]])
+        elif kind == kinds.mjOBJ_GEOM:
+            yield int(m.body_treeid[m.geom_bodyid[number]])
+        elif kind == kinds.mjOBJ_TENDON:
+            for k in range(m.tendon_adr[number], m.tendon_adr[number] + m.tendon_num[number]):
+                yield from trees(wraps.get(int(m.wrap_type[k]), -1), int(m.wrap_objid[k]))
+
+    wrap, drive = mujoco.mjtWrap, mujoco.mjtTrn
+    wraps = {
+        int(wrap.mjWRAP_JOINT): int(kinds.mjOBJ_JOINT),
+        int(wrap.mjWRAP_SITE): int(kinds.mjOBJ_SITE),
+        int(wrap.mjWRAP_SPHERE): int(kinds.mjOBJ_GEOM),
+        int(wrap.mjWRAP_CYLINDER): int(kinds.mjOBJ_GEOM),
+    }
+    drives = {
+        int(drive.mjTRN_JOINT): int(kinds.mjOBJ_JOINT),
+        int(drive.mjTRN_JOINTINPARENT): int(kinds.mjOBJ_JOINT),
+        int(drive.mjTRN_TENDON): int(kinds.mjOBJ_TENDON),
+        int(drive.mjTRN_BODY): int(kinds.mjOBJ_BODY),
+    }
+    for i in range(m.nactuator):
+        kind = drives.get(int(m.actuator_trntype[i]), int(kinds.mjOBJ_SITE))
+        ends = (0, 1) if kind == int(kinds.mjOBJ_SITE) else (0,)
+        for end in ends:
+            yield from trees(kind, int(m.actuator_trnid[i, end]))
+    if not m.nactuator:  # a force acts on every hinge and slide
+        for i in range(m.njnt):
+            if int(m.jnt_type[i]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                yield from trees(int(kinds.mjOBJ_JOINT), i)
+    for i in range(m.ntendon):
+        yield from trees(int(kinds.mjOBJ_TENDON), i)
+    of = {"JOINT": kinds.mjOBJ_JOINT, "TENDON": kinds.mjOBJ_TENDON}
+    for i in range(m.neq):
+        word = mujoco.mjtEq(int(m.eq_type[i])).name.removeprefix("mjEQ_")
+        kind = int(of.get(word, m.eq_objtype[i]))
+        if m.eq_active0[i]:
+            yield from trees(kind, int(m.eq_obj1id[i]))
+            yield from trees(kind, int(m.eq_obj2id[i]))
+    for i in range(m.nsensor):
+        kind = int(m.sensor_objtype[i])
+        if kind == kinds.mjOBJ_JOINT:
+            yield from trees(kind, int(m.sensor_objid[i]))

@@ -1,0 +1,249 @@
+"""Friction losses and couplings as MuJoCo has them, solved together with the accelerations.
+
+At a joint with a loss, MuJoCo looks for the force f, |f| <= loss, that comes nearest to stopping
+it: where the loss is not reached,
+
+    f = -(q'' + rate q') / softness
+
+so that the joint does not stick but creeps (documentation, Computation, Constraint model, friction
+loss). What the joints do is coupled through q''. Which of them have reached their loss is found by
+a few sweeps of projected Gauss-Seidel over the forces; with that known, f adds 1 / softness to the
+inertia of a joint that creeps and is a constant at one that slides, and q'' follows exactly. It is
+solved for twice: the first one still moves joints from one side to the other.
+
+A coupling with the error r, whose slopes by the positions are J, exerts J' f with
+
+    f = (-rate J q' - stiffness d(r) r - J q'') / softness
+
+(the same chapter, equality). Its impedance d(r) lies between 0 and 1; the softness is (1 - d) / d
+times an inverse inertia. The couplings are few: they are solved for by the Woodbury identity on the
+factors of M.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from pamid.simulators.tree_dynamics import Factors, Tree
+from pamid.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    absolute,
+    clip,
+    exp,
+    expression,
+    log,
+    maximum,
+    where,
+)
+
+SWEEPS, SOLVES = 4, 2  # of several joints; a single one is found at once
+LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999
+LEAST_SOFTNESS = 1e-15
+
+
+@dataclass(frozen=True)
+class SoftFriction:
+    """loss: N m or N; rate: 1/s, softness: 1/(kg m2) or 1/kg, as above; velocity of the joint."""
+
+    loss: Expr
+    rate: float
+    softness: float
+    velocity: Expr
+
+
+@dataclass(frozen=True)
+class SoftCoupling:
+    """slopes: J by joint, as above; aim: the J q'' at which it exerts no force; softness."""
+
+    slopes: Mapping[int, Expr]
+    aim: Expr
+    softness: Expr
+
+    def force(self, qdd: Sequence[Expr]) -> Expr:
+        """Force along the coupling at these accelerations."""
+        moved = ZERO
+        for j, slope in self.slopes.items():
+            moved = moved + slope * qdd[j]
+        return (self.aim - moved) / self.softness
+
+
+def impedance(shape: Sequence[float], error: Expr) -> Expr:
+    """d(r) for (at no error, at a width, the width, midpoint, power): MuJoCo's solimp
+    (documentation, Modeling, Solver parameters, Impedance)."""
+    low, high = (min(max(v, LEAST_IMPEDANCE), LARGEST_IMPEDANCE) for v in shape[:2])
+    width, power = shape[2], max(shape[4], 1.0)
+    middle = min(max(shape[3], LEAST_IMPEDANCE), LARGEST_IMPEDANCE)
+    if low == high or width <= LEAST_SOFTNESS:
+        return expression(0.5 * (low + high))
+    share = clip(absolute(error) / width, 0.0, 1.0)
+    if power > 1.0:
+        near = _power(share, power) / middle ** (power - 1.0)
+        far = 1.0 - _power(1.0 - share, power) / (1.0 - middle) ** (power - 1.0)
+        share = where(share <= middle, near, far)
+    return low + share * (high - low)
+
+
+def _power(base: Expr, power: float) -> Expr:
+    if power == int(power):
+        found = base
+        for _ in range(int(power) - 1):
+            found = found * base
+        return found
+    return exp(power * log(maximum(base, 1e-12)))
+
+
+class System:
+    """M q'' = force of a tree with couplings, and something added on the diagonal of M."""
+
+    def __init__(
+        self,
+        tree: Tree,
+        couplings: Sequence[SoftCoupling] = (),
+        added: Sequence[Expr] | None = None,
+    ) -> None:
+        self.tree, self.couplings = tree, couplings
+        self.factors: Factors = tree.factors if added is None else tree.factored(added)
+
+    def with_added(self, added: Sequence[Expr]) -> System:
+        return System(self.tree, self.couplings, added)
+
+    def solve(self, force: Sequence[Expr]) -> list[Expr]:
+        """q'' where the couplings aim at no acceleration: (M + J' J / softness)^-1 force."""
+        return self._coupled(self.tree.solve(self.factors, force), aimed=False)
+
+    def accelerated(self, force: Sequence[Expr]) -> list[Expr]:
+        """q'' under this force and that of the couplings."""
+        return self._coupled(self.tree.solve(self.factors, force), aimed=True)
+
+    def column(self, i: int) -> list[Expr]:
+        """What q'' changes by with the force at a joint."""
+        return self.solve([expression(1.0 if k == i else 0.0) for k in range(self.tree.n)])
+
+    def _coupled(self, free: list[Expr], *, aimed: bool) -> list[Expr]:
+        if not self.couplings:
+            return free
+        right = []
+        for c in self.couplings:
+            moved = ZERO
+            for j, slope in c.slopes.items():
+                moved = moved + slope * free[j]
+            right.append((c.aim if aimed else ZERO) - moved)
+        force = _solved_dense(self._reduced, right)
+        found = list(free)
+        for f, reach in zip(force, self._reach, strict=True):
+            found = [a + f * r for a, r in zip(found, reach, strict=True)]
+        return found
+
+    @cached_property
+    def _reach(self) -> list[list[Expr]]:
+        """M^-1 J', a row for each coupling."""
+        n = self.tree.n
+        return [
+            self.tree.solve(self.factors, [c.slopes.get(j, ZERO) for j in range(n)])
+            for c in self.couplings
+        ]
+
+    @cached_property
+    def _reduced(self) -> list[list[Expr]]:
+        """J M^-1 J' + softness."""
+        rows = []
+        for k, c in enumerate(self.couplings):
+            row = []
+            for i, reach in enumerate(self._reach):
+                total = c.softness if i == k else ZERO
+                for j, slope in c.slopes.items():
+                    total = total + slope * reach[j]
+                row.append(total)
+            rows.append(row)
+        return rows
+
+
+def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> list[Expr]:
+    """Gaussian elimination of a positive definite system: it needs no pivots."""
+    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    n = len(rows)
+    for k in range(n):
+        for i in range(k + 1, n):
+            share = rows[i][k] / rows[k][k]
+            rows[i] = [a - share * b if c > k else ZERO for c, (a, b) in
+                       enumerate(zip(rows[i], rows[k], strict=True))]  # fmt: skip
+    found: list[Expr] = [ZERO] * n
+    for k in reversed(range(n)):
+        rest = rows[k][n]
+        for j in range(k + 1, n):
+            rest = rest - rows[k][j] * found[j]
+        found[k] = rest / rows[k][k]
+    return found
+
+
+@dataclass(frozen=True)
+class Rubbed:
+    """q'' (value), what creeping joints have more of inertia (added), the rest of their friction
+    force (friction), and the system with what is added."""
+
+    value: list[Expr]
+    added: list[Expr]
+    friction: list[Expr]
+    system: System
+
+
+def rub(
+    system: System, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
+) -> Rubbed:
+    """Accelerations under what reaches each joint and friction; see above."""
+    none = [ZERO] * system.tree.n
+    value = system.accelerated(reaching)
+    where_ = {i: f for i, f in enumerate(friction) if f is not None}
+    if not where_:
+        return Rubbed(value, none, none, system)
+    aims = _swept(system, value, where_)
+    found = Rubbed(value, none, none, system)
+    for _ in range(SOLVES if len(where_) > 1 else 1):
+        found = _solved(system, reaching, where_, aims)
+        aims = {i: found.value[i] + f.rate * f.velocity for i, f in where_.items()}
+    return found
+
+
+def _swept(system: System, free: list[Expr], friction: dict[int, SoftFriction]) -> dict[int, Expr]:
+    """Projected Gauss-Seidel: q'' + rate q' of each joint as its friction force says it."""
+    columns = {i: system.column(i) for i in friction}
+    a = {i: free[i] for i in friction}
+    force: dict[int, Expr] = dict.fromkeys(friction, ZERO)
+    order = list(friction)
+    for _ in range(SWEEPS if len(friction) > 1 else 1):
+        for i in order:
+            f = friction[i]
+            aim = a[i] + f.rate * f.velocity + f.softness * force[i]
+            new = clip(force[i] - aim / (columns[i][i] + f.softness), -f.loss, f.loss)
+            change = new - force[i]
+            for j in friction:
+                a[j] = a[j] + columns[i][j] * change
+            force[i] = new
+        order.reverse()
+    # beyond what the loss allows where it was reached: the side of it is all that counts
+    found = {}
+    for i, f in friction.items():
+        reached = absolute(force[i]) >= f.loss
+        found[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
+    return found
+
+
+def _solved(
+    system: System,
+    reaching: Sequence[Expr],
+    friction: dict[int, SoftFriction],
+    aims: dict[int, Expr],
+) -> Rubbed:
+    n = system.tree.n
+    added, more = [ZERO] * n, [ZERO] * n
+    for i, f in friction.items():
+        creeps = absolute(aims[i]) < f.softness * f.loss
+        slides = where(aims[i] > 0.0, -f.loss, f.loss)
+        added[i] = where(creeps, 1.0 / f.softness, 0.0)
+        more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
+    loaded = system.with_added(added)
+    value = loaded.accelerated([r + m for r, m in zip(reaching, more, strict=True)])
+    return Rubbed(value, added, more, loaded)
