@@ -11,7 +11,7 @@ import math
 import re
 import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,10 +22,11 @@ from pamid.base.errors import FileError
 from pamid.base.files import MIB, PathLike, open_data
 from pamid.parallel.limited_process import ProcessFailure, run_limited
 from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
-from pamid.simulators.mujoco_sources import require_plain_sources
+from pamid.simulators.model_packages import ModelPackages, model_packages
+from pamid.simulators.mujoco_sources import ModelAssets, require_plain_sources
 
 #: endings of the files that are read here
-SUFFIXES = (".xml", ".mjcf", ".urdf")
+SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 _COMPILED = "model.mjb"
 _FINITE = "Every number of a model has to be finite: mend it where it stands."
@@ -36,13 +37,15 @@ _LINE = re.compile(r"line (\d+)")
 @dataclass(frozen=True)
 class MujocoFile:
     """A loaded file: MuJoCo's module, its model (mjModel), the line of every element by kind and
-    number, 0 where it is not known, and MuJoCo's warnings."""
+    number, 0 where it is not known, and MuJoCo's warnings. left_out: a sentence on the meshes and
+    textures that could not be read, "" where all were."""
 
     path: Path
     mujoco: ModuleType
     model: Any
     lines: dict[tuple[str, int], int]
     warnings: tuple[str, ...] = ()
+    left_out: str = ""
 
     def line(self, kind: str, number: int) -> int:
         return self.lines.get((kind, number), 0)
@@ -89,7 +92,7 @@ def _dropped(_: str) -> None:
 
 
 def open_mujoco(path: PathLike) -> MujocoFile:
-    """Load a file (MJCF or URDF).
+    """Load a file (MJCF or URDF); its meshes are looked for in `model_packages` too.
 
     FileError: it is absent or no regular file, MuJoCo refuses it (its words and its line are passed
     on), it takes more time or memory than `pamid.simulators.foreign_limits` allows, a number in it
@@ -107,7 +110,7 @@ def open_mujoco(path: PathLike) -> MujocoFile:
         try:
             answer = run_limited(
                 f"{__name__}:compiled",
-                {"path": whole},
+                {"path": whole, "packages": asdict(model_packages())},
                 folder,
                 limits.compilation,
                 f"compiling {file.name}, for at most {limits.compilation.patience:.0f} s",
@@ -122,22 +125,24 @@ def open_mujoco(path: PathLike) -> MujocoFile:
                 error.message.replace(whole, str(file)), error.hint, code=error.code
             ) from error
     lines = {(kind, number): line for kind, number, line in answer["lines"]}
-    return MujocoFile(file, mujoco, model, lines, tuple(answer["warnings"]))
+    return MujocoFile(
+        file, mujoco, model, lines, tuple(answer["warnings"]), str(answer["left_out"])
+    )
 
 
-def compiled(path: str, folder: Path) -> dict[str, Any]:
+def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Compile a file and save the model into the folder; lines of its elements, and warnings.
 
-    Called in a process of its own, by `open_mujoco`.
+    Called in a process of its own, by `open_mujoco`. packages: a `ModelPackages` as plain values.
     """
     file = Path(path)
     mujoco = mujoco_package(file)
     warnings: list[str] = []
     mujoco.set_mju_user_warning(warnings.append)
-    require_plain_sources(file)
+    folders = require_plain_sources(file)
+    assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages))
     try:
-        spec = mujoco.MjSpec.from_file(path)
-        model = spec.compile()
+        spec, model = assets.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FileError(f"{path}: {_reason(error)}", _hint(str(error)), code="model") from error
     kinds = {
@@ -160,6 +165,7 @@ def compiled(path: str, folder: Path) -> dict[str, Any]:
     return {
         "lines": [(kind, number, line) for (kind, number), line in lines.items()],
         "warnings": [" ".join(text.split())[:_LONGEST] for text in warnings[:_MOST_WARNINGS]],
+        "left_out": assets.note(),
     }
 
 
@@ -221,6 +227,18 @@ def _hint(said: str) -> str:
     if "unknown exception" in said or "alloc" in said:
         most = foreign_limits().compilation.memory // MIB
         return f"Most likely it needs more than {most} MiB of memory. {RAISED}"
+    if "mass and inertia of moving bodies" in said:
+        return (
+            "Give that body its mass (<inertial>), or let MuJoCo assume a small one, in a URDF with"
+            ' <mujoco><compiler boundmass="1e-4" boundinertia="1e-7"/></mujoco> inside <robot>.'
+        )
+    if "A + B >= C" in said:
+        return (
+            "Mend the inertia of that body, or let MuJoCo do it, in a URDF with"
+            ' <mujoco><compiler balanceinertia="true"/></mujoco> inside <robot>.'
+        )
+    if "missing element: 'inertia'" in said:
+        return "Add <inertia> to that <inertial>; without <inertial> the shapes give the mass."
     if "Schema violation" in said:
         return "Mend or remove the element; `python -m mujoco.viewer --mjcf FILE` shows the same."
     return ""

@@ -199,5 +199,7 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
 
 
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:
+    if file.left_out:
+        yield ModelFinding(file.left_out, "model", "", 0, False)
     for text in file.warnings:
         yield ModelFinding(f"MuJoCo warns: {text}", "model", "", 0, False)

@@ -301,8 +301,8 @@ def _sensors(
     actuators: tuple[Actuator, ...],
     taken: set[str],
 ) -> tuple[MechanismSensor, ...]:
-    """The sensors that pamid can read; of a file without any, position and velocity of every
-    joint."""
+    """The sensors that pamid can read; of a file without such a sensor, position and velocity of
+    every joint."""
     m, found = file.model, []
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
@@ -331,7 +331,7 @@ def _sensors(
                 file.line("sensor", i),
             )
         )
-    if m.nsensor:
+    if found:
         return tuple(found)
     for i, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide"):
