@@ -13,6 +13,7 @@ from .options import (
     noise_factor,
     parse_known,
     require_png,
+    rig_words,
     seed_option,
     write_figure,
 )
@@ -95,5 +96,5 @@ def command(
     text = found.summary()
     if figure is not None:
         text += f"\n\n{write_figure(figure, found.picture())}"
-    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig or found.rig)}"
+    follow = f"pamid simulate --excitation {quoted(excitation)} {rig_words(rig or found.rig)}"
     return frame.Result(found.to_dict(), f"{text}\nNext: {follow} --output rec.csv")

@@ -1,8 +1,9 @@
 """Places of the files that a model names: `package://`, `file://` and plain paths.
 
 A URDF names its meshes by the ROS package that they lie in. MuJoCo does not know where packages
-are. The environment variable PAMID_MODEL_PACKAGES holds NAME=DIR pairs as `--package` gives them;
-it reaches the processes that compile a model. Files are only looked for and read.
+are. What `--package` and `pamid.model_packages` state stands in the environment variable
+PAMID_MODEL_PACKAGES: it reaches the processes that compile a model and those that do the jobs of a
+diagnosis. Files are only looked for and read.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from urllib.parse import unquote
 
 from pamid.base.errors import FileError, UsageError
-from pamid.base.files import open_data
+from pamid.base.files import PathLike, open_data
 from pamid.simulators.xml_text import tags_of
 
 VARIABLE = "PAMID_MODEL_PACKAGES"
@@ -46,34 +48,61 @@ class ModelPackages:
             yield from _package_below(root, name)
 
 
-def model_packages() -> ModelPackages:
+def known_packages() -> ModelPackages:
     """The packages that the environment states. UsageError: it is not NAME=DIR pairs."""
-    pairs = [pair for pair in os.environ.get(VARIABLE, "").split(os.pathsep) if pair]
+    pairs = map(split_package, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)))
     roots = [
         *_entries("ROS_PACKAGE_PATH"),
         *(prefix / "share" for prefix in _entries("AMENT_PREFIX_PATH")),
     ]
-    return ModelPackages(tuple(map(stated_package, pairs)), tuple(map(str, roots)))
+    stated = tuple((name, str(Path(folder).absolute())) for name, folder in pairs)
+    return ModelPackages(stated, tuple(map(str, roots)))
 
 
-def stated_package(pair: str) -> tuple[str, str]:
-    """("ur_description", "/opt/ur_description") of "ur_description=/opt/ur_description".
+@contextmanager
+def model_packages(**folders: PathLike) -> Iterator[None]:
+    """State where ROS packages lie, for models that name their meshes by `package://NAME/...`.
 
-    UsageError: it is not NAME=DIR, or there is no such folder.
+        with pamid.model_packages(ur_description="/opt/ros/share/ur_description"):
+            found = pamid.diagnose("log.csv", rig="ur5e.urdf")
+
+    The folders hold within the block, here and in processes that begin there. They go before every
+    other place. UsageError: there is no such folder.
     """
+    stated = [f"{name}={_whole_folder(name, folder)}" for name, folder in folders.items()]
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = os.pathsep.join([*stated, *([before] if before else [])])
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[VARIABLE]
+        else:
+            os.environ[VARIABLE] = before
+
+
+def split_package(pair: str) -> tuple[str, str]:
+    """("ur_description", "/opt/ur_description") of "ur_description=/opt/ur_description".
+    UsageError: it is not NAME=DIR."""
     name, sign, folder = pair.partition("=")
     if not (sign and folder and _NAME.fullmatch(name)):
         raise UsageError(
             f"--package {pair!r} is not NAME=DIR.",
             "For example --package ur_description=/opt/ros/share/ur_description.",
         )
+    return name, folder
+
+
+def _whole_folder(name: str, folder: PathLike) -> str:
+    """The folder of a package, as an absolute path. UsageError: there is no such folder."""
     place = Path(folder).expanduser().absolute()
-    if not place.is_dir():
+    if not place.is_dir() or os.pathsep in str(place):
+        more = f", or has {os.pathsep!r} in its path" if os.pathsep in str(place) else ""
         raise UsageError(
-            f"--package {pair}: {folder} is not a folder.",
+            f"package {name}: {folder} is not a folder{more}.",
             f"Give the folder that holds the meshes of {name}, the one with its {_PACKAGE_FILE}.",
         )
-    return name, str(place)
+    return str(place)
 
 
 def package_of(name: str) -> str:

@@ -22,7 +22,7 @@ from pamid.base.errors import FileError
 from pamid.base.files import MIB, PathLike, open_data
 from pamid.parallel.limited_process import ProcessFailure, run_limited
 from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
-from pamid.simulators.model_packages import ModelPackages, model_packages
+from pamid.simulators.model_packages import ModelPackages, known_packages
 from pamid.simulators.mujoco_sources import ModelAssets, require_plain_sources
 
 #: endings of the files that are read here
@@ -92,7 +92,7 @@ def _dropped(_: str) -> None:
 
 
 def open_mujoco(path: PathLike) -> MujocoFile:
-    """Load a file (MJCF or URDF); its meshes are looked for in `model_packages` too.
+    """Load a file (MJCF or URDF); its meshes are looked for in `known_packages` too.
 
     FileError: it is absent or no regular file, MuJoCo refuses it (its words and its line are passed
     on), it takes more time or memory than `pamid.simulators.foreign_limits` allows, a number in it
@@ -110,7 +110,7 @@ def open_mujoco(path: PathLike) -> MujocoFile:
         try:
             answer = run_limited(
                 f"{__name__}:compiled",
-                {"path": whole, "packages": asdict(model_packages())},
+                {"path": whole, "packages": asdict(known_packages())},
                 folder,
                 limits.compilation,
                 f"compiling {file.name}, for at most {limits.compilation.patience:.0f} s",

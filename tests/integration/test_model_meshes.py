@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pamid_cli import frame
+from pamid_cli.table import every_command
 
 pytest.importorskip("mujoco")
 
 from pamid.base.errors import FileError, UsageError
-from pamid.simulators.model_packages import VARIABLE, stated_package
+from pamid.simulators.model_packages import VARIABLE, model_packages, split_package
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_mechanism import mechanism_of, read_mechanism
 
@@ -221,12 +223,48 @@ def test_a_pipe_in_a_package_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_package_is_a_name_and_a_folder(tmp_path: Path) -> None:
-    assert stated_package(f"a_b={tmp_path}") == ("a_b", str(tmp_path))
-    for pair in ("a_b", f"={tmp_path}", "a_b=", f"a/b={tmp_path}"):
+    assert split_package("a_b=x=y") == ("a_b", "x=y")
+    for pair in ("a_b", "=x", "a_b=", "a/b=x"):
         with pytest.raises(UsageError, match="NAME=DIR"):
-            stated_package(pair)
-    with pytest.raises(UsageError, match="is not a folder"):
-        stated_package(f"a_b={tmp_path / 'absent'}")
+            split_package(pair)
+    with (
+        pytest.raises(UsageError, match="is not a folder"),
+        model_packages(a_b=tmp_path / "absent"),
+    ):
+        pass
+
+
+def test_packages_hold_within_their_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tetrahedron(tmp_path / "ws" / "a" / "lever.stl")
+    path = urdf(tmp_path / "robots" / "lever.urdf", "package://lever/lever.stl", inertial="")
+    monkeypatch.chdir(tmp_path / "ws")
+    with model_packages(other="."):
+        with model_packages(lever="a"):
+            assert open_mujoco(path).model.ngeom == 1
+        assert os.environ[VARIABLE] == f"other={tmp_path / 'ws'}"
+    assert VARIABLE not in os.environ and "'lever' is not found" in refusal(path).message
+
+
+def test_commands_take_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tetrahedron(tmp_path / "parts" / "lever.stl")
+    urdf(tmp_path / "robots" / "lever.urdf", "package://lever/lever.stl", inertial="")
+    monkeypatch.chdir(tmp_path)
+    words = ["check", "robots/lever.urdf"]
+    assert frame.run(words) == 3 and "--package lever=DIR" in capsys.readouterr().out
+    assert frame.run([*words, "--package", "lever=parts"]) == 0
+    said = capsys.readouterr().out
+    assert "--rig robots/lever.urdf --package lever=" in said and VARIABLE not in os.environ
+    assert frame.run([*words, "--package", "lever"]) == 2
+    assert "NAME=DIR" in capsys.readouterr().err
+
+
+def test_every_command_that_takes_a_model_takes_packages() -> None:
+    for command in every_command():
+        takes_rig = any("--rig" in p.opts for p in command.params)
+        takes_packages = any("--package" in p.opts for p in command.params)
+        assert takes_packages == (takes_rig and command.name != "force-law"), command.name
 
 
 # ---- meshes that are not needed, and those that are ----------------------------------------------
