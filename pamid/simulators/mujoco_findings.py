@@ -11,8 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.errors import FileError
+from pamid.base.files import read_data
+from pamid.simulators.foreign_limits import foreign_limits
 from pamid.simulators.mechanism import ModelFinding
 from pamid.simulators.mujoco_file import MujocoFile
+from pamid.simulators.xml_text import tags_of
 
 CONFIGURATIONS = 300  # configurations looked at for contacts
 RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
@@ -35,6 +39,7 @@ def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding,
     """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
     found = [
         *_warnings(file),
+        *_first_link(file),
         *_joints(file),
         *_bodies(file),
         *_tendons(file),
@@ -196,6 +201,25 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
             yield _finding(file, "sensor", i, text, hinders=False)
         elif m.sensor_delay[i]:
             yield _finding(file, "sensor", i, "its delay is left out", hinders=False)
+
+
+def _first_link(file: MujocoFile) -> Iterator[ModelFinding]:
+    """The link of a URDF that no joint leads to, where it has a mass: MuJoCo holds it in place."""
+    if file.path.suffix.lower() != ".urdf":
+        return
+    try:
+        tags = tags_of(read_data(file.path, foreign_limits().text))
+    except FileError:  # more lenient than this parser, MuJoCo has read it
+        return
+    led = {tag.attributes.get("link") for tag in tags if tag.name == "child"}
+    for mass in tags:
+        link = tags[tags[mass.parent].parent] if mass.name == "mass" else mass
+        if link.name == "link" and mass.name == "mass" and link.attributes.get("name") not in led:
+            text = (
+                "it stands still, as MuJoCo holds the first link of a URDF; a base that floats "
+                'hangs on a massless first link by <joint type="floating">'
+            )
+            yield ModelFinding(text, "link", link.attributes.get("name", ""), link.line, False)
 
 
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:

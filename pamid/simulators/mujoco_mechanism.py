@@ -251,13 +251,24 @@ def _actuators(
                 int(m.actuator_ctrladr[i]),
             )
         )
-    return tuple(found) or tuple(_bare(joints))
+    return tuple(found) or tuple(_bare(joints, _followers(file)))
 
 
-def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
-    """A force or torque at every joint: of a file without actuators, such as any URDF."""
+def _followers(file: MujocoFile) -> set[int]:
+    """Joints that follow another one through a constraint, as a URDF's mimic joints do."""
+    m, joint = file.model, int(file.mujoco.mjtEq.mjEQ_JOINT)
+    return {
+        int(m.eq_obj1id[i])
+        for i in range(m.neq)
+        if m.eq_active0[i] and m.eq_type[i] == joint and m.eq_obj2id[i] >= 0
+    }
+
+
+def _bare(joints: tuple[MechanismJoint, ...], followers: set[int]) -> Iterator[Actuator]:
+    """A force or torque at every joint that nothing else drives: of a file without actuators, such
+    as any URDF."""
     for j, joint in enumerate(joints):
-        if joint.kind not in ("hinge", "slide"):
+        if joint.kind not in ("hinge", "slide") or j in followers:
             continue
         unit = joint.force_unit
         column = f"{joint.name}_{'torque_nm' if unit == 'N m' else 'force_n'}"

@@ -401,3 +401,41 @@ def test_inertias_that_mujoco_refuses_have_a_cure(tmp_path: Path, inertial: str,
     shape = '<collision><geometry><mesh filename="x.stl"/></geometry></collision>'
     path.write_text(path.read_text().replace(shape, ""))
     assert hint in refusal(path).hint
+
+
+# ---- joints without a motor ----------------------------------------------------------------------
+
+FINGER = """<link name="finger">{inertial}</link>
+<joint name="finger" type="prismatic"><parent link="lever"/><child link="finger"/>
+<axis xyz="1 0 0"/><limit lower="0" upper="1" effort="3" velocity="4"/>
+<mimic joint="hinge" multiplier="0.5" offset="0"/></joint>"""
+
+
+def test_a_joint_that_mimics_another_has_no_drive(tmp_path: Path) -> None:
+    more = FINGER.format(inertial=INERTIAL)
+    mechanism = read_mechanism(urdf(tmp_path / "lever.urdf", "lever.stl", more=more))
+    assert list(mechanism.inputs) == ["hinge_torque_nm"]
+    assert "finger_position_m" in mechanism.outputs
+    ports = {port.name: port for port in mechanism.ports}
+    assert ports["hinge"].kind == ports["finger"].kind == "motion"
+
+
+@pytest.mark.parametrize(
+    ("first", "held"), [('<link name="base"/>', False),
+                        (f'<link name="base">{INERTIAL}</link>', True)],
+)  # fmt: skip
+def test_a_first_link_with_a_mass_is_said_to_stand(tmp_path: Path, first: str, held: bool) -> None:
+    path = urdf(tmp_path / "lever.urdf", "lever.stl")
+    path.write_text(path.read_text().replace('<link name="base"/>', first))
+    found = [str(f) for f in read_mechanism(path).findings if "stands still" in f.text]
+    assert len(found) == held and all("link 'base', line 3" in text for text in found)
+
+
+def test_sensors_that_cannot_be_read_leave_those_of_the_joints(tmp_path: Path) -> None:
+    (tmp_path / "lever.xml").write_text(
+        '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>'
+        '<geom size="0.1" mass="1"/></body></worldbody><sensor><clock name="c"/></sensor></mujoco>'
+    )
+    mechanism = read_mechanism(tmp_path / "lever.xml")
+    assert list(mechanism.outputs) == ["hinge_position_rad", "hinge_velocity_rad_per_s"]
+    assert any("a sensor of the kind clock is left out" in f.text for f in mechanism.findings)
