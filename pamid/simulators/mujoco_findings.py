@@ -11,12 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pamid.base.errors import FileError
-from pamid.base.files import read_data
-from pamid.simulators.foreign_limits import foreign_limits
 from pamid.simulators.mechanism import ModelFinding
 from pamid.simulators.mujoco_file import MujocoFile
-from pamid.simulators.xml_text import tags_of
 
 CONFIGURATIONS = 300  # configurations looked at for contacts
 RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
@@ -204,22 +200,12 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
 
 
 def _first_link(file: MujocoFile) -> Iterator[ModelFinding]:
-    """The link of a URDF that no joint leads to, where it has a mass: MuJoCo holds it in place."""
-    if file.path.suffix.lower() != ".urdf":
-        return
-    try:
-        tags = tags_of(read_data(file.path, foreign_limits().text))
-    except FileError:  # more lenient than this parser, MuJoCo has read it
-        return
-    led = {tag.attributes.get("link") for tag in tags if tag.name == "child"}
-    for mass in tags:
-        link = tags[tags[mass.parent].parent] if mass.name == "mass" else mass
-        if link.name == "link" and mass.name == "mass" and link.attributes.get("name") not in led:
-            text = (
-                "it stands still, as MuJoCo holds the first link of a URDF; a base that floats "
-                'hangs on a massless first link by <joint type="floating">'
-            )
-            yield ModelFinding(text, "link", link.attributes.get("name", ""), link.line, False)
+    if file.first_link is not None:
+        text = (
+            "it stands still, as MuJoCo holds the first link of a URDF; a base that floats hangs "
+            'on a massless first link by <joint type="floating">'
+        )
+        yield ModelFinding(text, "link", *file.first_link, False)
 
 
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:

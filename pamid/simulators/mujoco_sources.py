@@ -101,6 +101,21 @@ def _tags(path: Path) -> list[Tag]:
     return []
 
 
+def weighty_first_link(path: Path) -> tuple[str, int] | None:
+    """Name and line of the link of a URDF that no joint leads to, where it has a mass."""
+    tags = _tags(path)
+    if not tags or tags[0].name != "robot":
+        return None
+    led = {tag.attributes.get("link") for tag in tags if tag.name == "child"}
+    for mass in (tag for tag in tags if tag.name == "mass"):
+        link = tags[tags[mass.parent].parent]
+        name = link.attributes.get("name", "")
+        weighty = mass.attributes.get("value", "").strip("0. ") != ""
+        if link.name == "link" and name not in led and weighty:
+            return name, link.line
+    return None
+
+
 # ---- meshes and textures -------------------------------------------------------------------------
 
 
