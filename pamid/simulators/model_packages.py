@@ -20,7 +20,7 @@ from pamid.base.errors import FileError, UsageError
 from pamid.base.files import PathLike, open_data
 from pamid.simulators.xml_text import tags_of
 
-VARIABLE = "PAMID_MODEL_PACKAGES"
+PACKAGES_VARIABLE = "PAMID_MODEL_PACKAGES"
 _PACKAGE_FILE = "package.xml"
 _PACKAGE_FILE_BYTES = 1 << 20
 _MOST_FOLDERS = 2000  # searched in one entry of ROS_PACKAGE_PATH
@@ -50,7 +50,9 @@ class ModelPackages:
 
 def known_packages() -> ModelPackages:
     """The packages that the environment states. UsageError: it is not NAME=DIR pairs."""
-    pairs = map(split_package, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)))
+    pairs = map(
+        split_package, filter(None, os.environ.get(PACKAGES_VARIABLE, "").split(os.pathsep))
+    )
     roots = [
         *_entries("ROS_PACKAGE_PATH"),
         *(prefix / "share" for prefix in _entries("AMENT_PREFIX_PATH")),
@@ -70,15 +72,15 @@ def model_packages(**folders: PathLike) -> Iterator[None]:
     other place. UsageError: there is no such folder.
     """
     stated = [f"{name}={_whole_folder(name, folder)}" for name, folder in folders.items()]
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = os.pathsep.join([*stated, *([before] if before else [])])
+    before = os.environ.get(PACKAGES_VARIABLE)
+    os.environ[PACKAGES_VARIABLE] = os.pathsep.join([*stated, *([before] if before else [])])
     try:
         yield
     finally:
         if before is None:
-            del os.environ[VARIABLE]
+            del os.environ[PACKAGES_VARIABLE]
         else:
-            os.environ[VARIABLE] = before
+            os.environ[PACKAGES_VARIABLE] = before
 
 
 def split_package(pair: str) -> tuple[str, str]:

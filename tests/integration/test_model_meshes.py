@@ -15,7 +15,7 @@ from pamid_cli.table import every_command
 pytest.importorskip("mujoco")
 
 from pamid.base.errors import FileError, UsageError
-from pamid.simulators.model_packages import VARIABLE, model_packages, split_package
+from pamid.simulators.model_packages import PACKAGES_VARIABLE, model_packages, split_package
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_mechanism import mechanism_of, read_mechanism
 
@@ -77,7 +77,7 @@ def refusal(path: Path) -> FileError:
 
 @pytest.fixture(autouse=True)
 def no_packages(monkeypatch: pytest.MonkeyPatch) -> None:
-    for variable in (VARIABLE, "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+    for variable in (PACKAGES_VARIABLE, "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         monkeypatch.delenv(variable, raising=False)
 
 
@@ -108,7 +108,7 @@ def _in_ros_2(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _stated(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tetrahedron(root / "somewhere else" / "meshes" / "lever.stl")
-    monkeypatch.setenv(VARIABLE, f"lever_description={root / 'somewhere else'}")
+    monkeypatch.setenv(PACKAGES_VARIABLE, f"lever_description={root / 'somewhere else'}")
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_a_stated_package_goes_before_one_that_lies_near(
     tetrahedron(tmp_path / "mine" / "lever.stl", 0.4)
     path = urdf(tmp_path / "lever.urdf", "package://lever_description/lever.stl", inertial="")
     near = open_mujoco(path).model.body_mass[-1]
-    monkeypatch.setenv(VARIABLE, f"lever_description={tmp_path / 'mine'}")
+    monkeypatch.setenv(PACKAGES_VARIABLE, f"lever_description={tmp_path / 'mine'}")
     assert open_mujoco(path).model.body_mass[-1] == pytest.approx(8.0 * near)
 
 
@@ -241,8 +241,8 @@ def test_packages_hold_within_their_block(tmp_path: Path, monkeypatch: pytest.Mo
     with model_packages(other="."):
         with model_packages(lever="a"):
             assert open_mujoco(path).model.ngeom == 1
-        assert os.environ[VARIABLE] == f"other={tmp_path / 'ws'}"
-    assert VARIABLE not in os.environ and "'lever' is not found" in refusal(path).message
+        assert os.environ[PACKAGES_VARIABLE] == f"other={tmp_path / 'ws'}"
+    assert PACKAGES_VARIABLE not in os.environ and "'lever' is not found" in refusal(path).message
 
 
 def test_commands_take_packages(
@@ -255,7 +255,9 @@ def test_commands_take_packages(
     assert frame.run(words) == 3 and "--package lever=DIR" in capsys.readouterr().out
     assert frame.run([*words, "--package", "lever=parts"]) == 0
     said = capsys.readouterr().out
-    assert "--rig robots/lever.urdf --package lever=" in said and VARIABLE not in os.environ
+    assert (
+        "--rig robots/lever.urdf --package lever=" in said and PACKAGES_VARIABLE not in os.environ
+    )
     assert frame.run([*words, "--package", "lever"]) == 2
     assert "NAME=DIR" in capsys.readouterr().err
 
