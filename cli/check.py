@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .options import figure_option, require_png, write_figure
+from .options import figure_option, require_png, rig_words, write_figure
 from .terminal import quoted, told_progress
 
 if TYPE_CHECKING:
@@ -67,13 +67,13 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
 
 def _follow(file: Path, rig: str | None, kind: str, content: dict[str, Any]) -> str:
     """Next command, for the last line of the output."""
-    path, named = quoted(file), f" --rig {quoted(rig)}" if rig else ""
+    path, named = quoted(file), f" {rig_words(rig)}" if rig else ""
     if not content["ok"]:
         return f"mend it, then pamid check {path}{named}"
     if kind == "effect":
         return f"pamid diagnose rec.csv --effect {path}"
     if kind != "recording":
-        return f"pamid check {_recording_of(file)} --rig {path}"
+        return f"pamid check {_recording_of(file)} {rig_words(file)}"
     if rig or content["rig"]:
         return f"pamid diagnose {path}{named}"
     return f"pamid new-rig {path}   (writes a rig for it; --rig names one that there is)"

@@ -27,6 +27,7 @@ from .terminal import aside, hang_up, say
 if TYPE_CHECKING:
     from pamid.schemas.model import Model
 
+PACKAGES = "pamid.packages"  # of a context: the values of --package
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _EPILOG = (
     "Options may also stand in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
@@ -52,7 +53,7 @@ def command(
     the frame prints it.
 
     The docstring is the help; `example` holds the shell lines that end it (a test runs them).
-    `--json` and `--debug` are added.
+    `--json` and `--debug` are added, and `--package` where a model file can be given.
     """
 
     def wrap(function: Callable[..., Result]) -> click.Command:
@@ -62,6 +63,8 @@ def command(
         for param in wrapped.params:
             if param.type is click.STRING:
                 param.type = names.OPTIONS.get(str(param.name), param.type)
+        if any("--rig" in p.opts and not isinstance(p.type, click.Choice) for p in wrapped.params):
+            wrapped.params.append(_package_option())
         wrapped.params += [
             click.Option(
                 ["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."
@@ -76,6 +79,27 @@ def command(
         return wrapped
 
     return wrap
+
+
+def _package_option() -> click.Option:
+    """--package: folders of ROS packages, which hold while the command runs."""
+
+    def state(ctx: click.Context, _: click.Parameter, pairs: tuple[str, ...]) -> None:
+        if pairs and not ctx.resilient_parsing:
+            from pamid.simulators.model_packages import model_packages, split_package
+
+            ctx.meta[PACKAGES] = pairs
+            ctx.with_resource(model_packages(**dict(map(split_package, pairs))))
+
+    return click.Option(
+        ["--package"],
+        multiple=True,
+        metavar="NAME=DIR",
+        expose_value=False,
+        callback=state,
+        help="Folder of a ROS package that a URDF or MuJoCo model names (package://NAME/...). "
+        "[default: looked for near the model, then in ROS_PACKAGE_PATH]",
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -10,7 +10,7 @@ import click
 from . import frame
 from .excite import PlannedExcitation, make, refuse_other_options, settled
 from .hints import unused, why_not_driven
-from .options import figure_option, require_png_name, seed_option
+from .options import figure_option, require_png_name, rig_words, seed_option
 from .terminal import quoted
 
 PLACE = 10
@@ -241,6 +241,6 @@ def _simulated(output: Path, planned: PlannedExcitation, rig: str) -> str:
     if why:
         return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
     return (
-        f"pamid simulate --rig {quoted(rig)} --excitation {quoted(output)} "
+        f"pamid simulate {rig_words(rig)} --excitation {quoted(output)} "
         f"--output {quoted(unused('rec.csv', [output]))}"
     )

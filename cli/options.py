@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from .frame import PACKAGES
 from .terminal import quoted
 
 
@@ -93,6 +94,13 @@ def write_figure(figure: Path, png: bytes) -> str:
     make_folder(figure.parent)
     write_atomically(figure, png)
     return f"Figure: {figure}"
+
+
+def rig_words(rig: str | Path) -> str:
+    """--rig and what this command was given of its packages, for a command to be copied."""
+    ctx = click.get_current_context(silent=True)
+    pairs = ctx.meta.get(PACKAGES, ()) if ctx else ()
+    return " ".join([f"--rig {quoted(rig)}", *(f"--package {quoted(pair)}" for pair in pairs)])
 
 
 no_check_option = click.option(

@@ -13,6 +13,7 @@ from .options import (
     noise_factor,
     parse_known,
     require_png,
+    rig_words,
     seed_option,
     write_figure,
 )
@@ -95,5 +96,5 @@ def command(
     text = result.summary()
     if figure is not None:
         text += f"\n\n{write_figure(figure, result.picture())}"
-    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(rig or result.rig)}"
+    follow = f"pamid simulate --excitation {quoted(excitation)} {rig_words(rig or result.rig)}"
     return frame.Result(result.to_dict(), f"{text}\nNext: {follow} --output rec.csv")

@@ -8,7 +8,7 @@ import click
 
 from . import frame
 from .hints import unused
-from .options import noise_factor, parse_known, seed_option
+from .options import noise_factor, parse_known, rig_words, seed_option
 from .terminal import quoted, told_progress, warning
 
 PLACE = 20
@@ -145,5 +145,5 @@ def _follow(output: Path, samples: int, rig: str) -> str:
 
     if samples < FEWEST_SAMPLES:
         why = f"(a fit needs {FEWEST_SAMPLES} samples)"
-        return f"pamid check {quoted(output)} --rig {quoted(rig)}   {why}"
-    return f"pamid diagnose {quoted(output)} --rig {quoted(rig)} --output {unused('run')}"
+        return f"pamid check {quoted(output)} {rig_words(rig)}   {why}"
+    return f"pamid diagnose {quoted(output)} {rig_words(rig)} --output {unused('run')}"

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from pamid.model.step_rig import StepRig
     from pamid.recording.recording import Recording, read_recording, write_recording
     from pamid.report.writing import Report
+    from pamid.simulators.model_packages import model_packages
 
     def report(
         run: FitResult | NetworkResult | str | os.PathLike[str],
@@ -95,6 +96,7 @@ _HOME = {
     "fit": "pamid.api.fitting",
     "force_law_of": "pamid.correction.trained_force_law",
     "guess_mapping": "pamid.ingest.ingesting",
+    "model_packages": "pamid.simulators.model_packages",
     "new_rig": "pamid.api.new_rigs",
     "open_run": "pamid.api.carried_runs",
     "power": "pamid.api.planning",
@@ -142,6 +144,7 @@ __all__ = [
     "force_law_of",
     "guess_mapping",
     "ingest",
+    "model_packages",
     "new_rig",
     "open_run",
     "power",

@@ -15,7 +15,7 @@ from pathlib import Path
 
 #: endings of model files that a rig can be made of (`pamid.model.model_file`). The binary of an FMU
 #: is run; like code all of them are opened only where the user names them
-MODEL_ENDINGS = (".xml", ".mjcf", ".urdf", ".fmu")
+MODEL_ENDINGS = (".xml", ".mjcf", ".urdf", ".xacro", ".fmu")
 
 
 def is_code(name: str) -> bool:

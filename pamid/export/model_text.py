@@ -10,40 +10,32 @@ from pamid.correction.identified_model import Identified
 from pamid.export.form import Written
 from pamid.export.plain_check import plain_check
 from pamid.simulators.mechanism import Mechanism
+from pamid.simulators.mujoco_file import mjcf_of
 from pamid.simulators.mujoco_forms import FoundEffect
-from pamid.simulators.write_back import write_back
+from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.simulators.write_back import WrittenModel, stored_text, write_back
 
 LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 
 
 def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
-    """The text for the file, with its errors in MuJoCo. FileError for a rig that is not made of a
-    model file, or of one in another language."""
+    """The text for the file, with its errors in MuJoCo; of a URDF also as MJCF, which holds more.
+    FileError for a rig that is not made of a model file, or for an MJCF as URDF."""
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise FileError(
             f"The rig {model.name!r} was not made of a model file, so there is none to write into.",
             "fmu, c, onnx and matlab write any model.",
         )
-    language_of_rig = LANGUAGES.get(Path(mechanism.path).suffix.lower(), "mjcf")
-    if language_of_rig != language:
-        raise FileError(
-            f"{mechanism.path} is not {language.upper()}.", f"Take --to {language_of_rig}."
-        )
-    keys, values = model.assembly.keys, model.values
-    parameters = {
-        p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters
-    }
-    effects = [
-        FoundEffect(
-            a.label,
-            a.effect.name,
-            {p.name: float(values[keys[f"{a.label}:{p.name}"]]) for p in a.effect.parameters},
-            tuple(port for port in mechanism.ports if port.name in a.ports),
-        )
-        for a in model.effects
-    ]
-    written = write_back(mechanism, parameters, effects)
+    path = Path(mechanism.path)
+    language_of_rig = LANGUAGES.get(path.suffix.lower(), "mjcf")
+    if language_of_rig == language:
+        written = _written(model, mechanism)
+    elif language == "mjcf":
+        with stored_text(path.with_suffix(".xml"), mjcf_of(path)) as translation:
+            written = _written(model, read_mechanism(translation))
+    else:
+        raise FileError(f"{path} is not {language.upper()}.", f"Take --to {language_of_rig}.")
     tell("running the file in MuJoCo")
     check = plain_check(model, mechanism, written.file, written.mechanism)
     notes = [*written.notes, *written.left]
@@ -54,6 +46,26 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
     return Written({files[0]: written.text}, notes=tuple(notes), check=check)
+
+
+def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
+    """The file of a mechanism with the model's parameters and effects."""
+    keys, values = model.assembly.keys, model.values
+    parameters = {
+        p.parameter.name: float(values[keys[p.parameter.name]])
+        for p in mechanism.parameters
+        if p.parameter.name in keys
+    }
+    effects = [
+        FoundEffect(
+            a.label,
+            a.effect.name,
+            {p.name: float(values[keys[f"{a.label}:{p.name}"]]) for p in a.effect.parameters},
+            tuple(port for port in mechanism.ports if port.name in a.ports),
+        )
+        for a in model.effects
+    ]
+    return write_back(mechanism, parameters, effects)
 
 
 def _rivals_note(model: Identified) -> str:

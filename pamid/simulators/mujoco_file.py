@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 import re
 import tempfile
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,10 +24,15 @@ from pamid.base.files import MIB, PathLike, open_data
 from pamid.parallel.limited_process import ProcessFailure, run_limited
 from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
 from pamid.simulators.free_joints import FreeJoints, settle_free_joints
-from pamid.simulators.mujoco_sources import require_plain_sources
+from pamid.simulators.model_packages import ModelPackages, known_packages
+from pamid.simulators.mujoco_sources import (
+    ModelAssets,
+    require_plain_sources,
+    weighty_first_link,
+)
 
 #: endings of the files that are read here
-SUFFIXES = (".xml", ".mjcf", ".urdf")
+SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 _COMPILED = "model.mjb"
 _FINITE = "Every number of a model has to be finite: mend it where it stands."
@@ -37,7 +43,9 @@ _LINE = re.compile(r"line (\d+)")
 @dataclass(frozen=True)
 class MujocoFile:
     """A loaded file: MuJoCo's module, its model (mjModel), the line of every element by kind and
-    number, 0 where it is not known, MuJoCo's warnings, and what became of its free joints."""
+    number, 0 where it is not known, MuJoCo's warnings, and what became of its free joints.
+    left_out: a sentence on the meshes and textures that could not be read, "" where all were;
+    first_link: see `weighty_first_link`."""
 
     path: Path
     mujoco: ModuleType
@@ -45,6 +53,8 @@ class MujocoFile:
     lines: dict[tuple[str, int], int]
     warnings: tuple[str, ...] = ()
     free: FreeJoints = FreeJoints()
+    left_out: str = ""
+    first_link: tuple[str, int] | None = None
 
     def line(self, kind: str, number: int) -> int:
         return self.lines.get((kind, number), 0)
@@ -91,59 +101,81 @@ def _dropped(_: str) -> None:
 
 
 def open_mujoco(path: PathLike) -> MujocoFile:
-    """Load a file (MJCF or URDF).
+    """Load a file (MJCF or URDF); its meshes are looked for in `known_packages` too.
 
     FileError: it is absent or no regular file, MuJoCo refuses it (its words and its line are passed
     on), it takes more time or memory than `pamid.simulators.foreign_limits` allows, a number in it
     is not finite, or the extra is not installed.
     """
     file = Path(path)
+    with _apart(compiled, file) as (answer, folder):
+        mujoco = mujoco_package(file)
+        model = mujoco.MjModel.from_binary_path(str(folder / _COMPILED))
+    lines = {(kind, number): line for kind, number, line in answer["lines"]}
+    return MujocoFile(
+        file,
+        mujoco,
+        model,
+        lines,
+        tuple(answer["warnings"]),
+        FreeJoints(tuple(answer["floating"]), tuple(map(tuple, answer["free"]))),
+        answer["left_out"],
+        None if answer["first_link"] is None else tuple(answer["first_link"]),
+    )
+
+
+def mjcf_of(path: PathLike) -> bytes:
+    """The text of a model as MJCF, such as that of a URDF. Errors as `open_mujoco`."""
+    with _apart(translated, Path(path)) as (answer, _):
+        return str(answer["text"]).encode()
+
+
+@contextmanager
+def _apart(function: Callable[..., Any], file: Path) -> Iterator[tuple[dict[str, Any], Path]]:
+    """The answer of a function of this module on a file, from a process of its own, and the folder
+    with what it wrote. FileError: see `open_mujoco`."""
     if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of a .xml (MJCF) or .urdf file")
     limits = foreign_limits()
     open_data(file, limits.text).close()
-    mujoco = mujoco_package(file)
+    mujoco_package(file)
     whole = str(file.absolute())
     with tempfile.TemporaryDirectory(prefix="pamid-") as name:
         folder = Path(name)
         try:
             answer = run_limited(
-                f"{__name__}:compiled",
-                {"path": whole},
+                f"{__name__}:{function.__name__}",
+                {"path": whole, "packages": asdict(known_packages())},
                 folder,
                 limits.compilation,
                 f"compiling {file.name}, for at most {limits.compilation.patience:.0f} s",
             )
-            model = mujoco.MjModel.from_binary_path(str(folder / _COMPILED))
         except ProcessFailure as failure:
             raise FileError(
                 f"{file}: MuJoCo cannot compile it: {failure}.", RAISED, code="too-large"
             ) from failure
         except FileError as error:
             raise FileError(
-                error.message.replace(whole, str(file)), error.hint, code=error.code
+                error.message.replace(whole, str(file)),
+                error.hint.replace(whole, str(file)),
+                code=error.code,
             ) from error
-    lines = {(kind, number): line for kind, number, line in answer["lines"]}
-    free = FreeJoints(tuple(answer["floating"]), tuple(map(tuple, answer["free"])))
-    return MujocoFile(file, mujoco, model, lines, tuple(answer["warnings"]), free)
+        yield answer, folder
 
 
-def compiled(path: str, folder: Path) -> dict[str, Any]:
+def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Compile a file and save the model into the folder; lines of its elements, and warnings.
 
-    Called in a process of its own, by `open_mujoco`.
+    Called in a process of its own, by `open_mujoco`. packages: a `ModelPackages` as plain values.
     """
     file = Path(path)
-    mujoco = mujoco_package(file)
     warnings: list[str] = []
+    mujoco = mujoco_package(file)
     mujoco.set_mju_user_warning(warnings.append)
-    require_plain_sources(file)
-    try:
-        spec = mujoco.MjSpec.from_file(path)
-        free = settle_free_joints(mujoco, spec, _line)
+    spec, model, left_out = _compile(file, packages)
+    free = settle_free_joints(mujoco, spec, _line)
+    if free.notes:
         model = spec.compile()
-    except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise FileError(f"{path}: {_reason(error)}", _hint(str(error)), code="model") from error
     kinds = {
         "body": spec.bodies,
         "joint": spec.joints,
@@ -166,7 +198,27 @@ def compiled(path: str, folder: Path) -> dict[str, Any]:
         "floating": list(free.floating),
         "free": [list(note) for note in free.notes],
         "warnings": [" ".join(text.split())[:_LONGEST] for text in warnings[:_MOST_WARNINGS]],
+        "left_out": left_out,
+        "first_link": weighty_first_link(file),
     }
+
+
+def translated(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The text of a file as MJCF. Called in a process of its own, by `mjcf_of`."""
+    spec, _, _ = _compile(Path(path), packages)
+    return {"text": spec.to_xml()}
+
+
+def _compile(file: Path, packages: dict[str, Any]) -> tuple[Any, Any, str]:
+    """The MjSpec of a file, its mjModel, and a note on what is left out."""
+    mujoco = mujoco_package(file)
+    folders = require_plain_sources(file)
+    assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages))
+    try:
+        spec, model = assets.compile()
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        raise FileError(f"{file}: {_reason(error)}", _hint(str(error)), code="model") from error
+    return spec, model, assets.note()
 
 
 def require_finite(file: MujocoFile) -> None:
@@ -233,6 +285,18 @@ def _hint(said: str) -> str:
     if "unknown exception" in said or "alloc" in said:
         most = foreign_limits().compilation.memory // MIB
         return f"Most likely it needs more than {most} MiB of memory. {RAISED}"
+    if "mass and inertia of moving bodies" in said:
+        return (
+            "Give that body its mass (<inertial>), or let MuJoCo assume a small one, in a URDF with"
+            ' <mujoco><compiler boundmass="1e-4" boundinertia="1e-7"/></mujoco> inside <robot>.'
+        )
+    if "A + B >= C" in said:
+        return (
+            "Mend the inertia of that body, or let MuJoCo do it, in a URDF with"
+            ' <mujoco><compiler balanceinertia="true"/></mujoco> inside <robot>.'
+        )
+    if "missing element: 'inertia'" in said:
+        return "Add <inertia> to that <inertial>; without <inertial> the shapes give the mass."
     if "Schema violation" in said:
         return "Mend or remove the element; `python -m mujoco.viewer --mjcf FILE` shows the same."
     return ""

@@ -38,6 +38,7 @@ def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding,
     found = [
         *_warnings(file),
         *_free(file),
+        *_first_link(file),
         *_joints(file),
         *_bodies(file),
         *_tendons(file),
@@ -255,6 +256,17 @@ def _free(file: MujocoFile) -> Iterator[ModelFinding]:
         yield ModelFinding(text, "sensor", "", 0, False)
 
 
+def _first_link(file: MujocoFile) -> Iterator[ModelFinding]:
+    if file.first_link is not None:
+        text = (
+            "it stands still, as MuJoCo holds the first link of a URDF; a base that floats hangs "
+            'on a massless first link by <joint type="floating">'
+        )
+        yield ModelFinding(text, "link", *file.first_link, False)
+
+
 def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:
+    if file.left_out:
+        yield ModelFinding(file.left_out, "model", "", 0, False)
     for text in file.warnings:
         yield ModelFinding(f"MuJoCo warns: {text}", "model", "", 0, False)

@@ -357,7 +357,8 @@ def _actuators(
             )
         )
     # motors for passive forces leave the joints without commands
-    return tuple(found) if any(a.column for a in found) else (*found, *_bare(joints))
+    bare = () if any(a.column for a in found) else _bare(joints, _followers(file))
+    return (*found, *bare)
 
 
 def _motor(model: Any, i: int) -> DcMotor:
@@ -395,10 +396,21 @@ def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[
         yield f"{name}_current", "A"
 
 
-def _bare(joints: tuple[MechanismJoint, ...]) -> Iterator[Actuator]:
-    """A force or torque at every joint: of a file without actuators, such as any URDF."""
+def _followers(file: MujocoFile) -> set[int]:
+    """Joints that follow another one through a constraint, as a URDF's mimic joints do."""
+    m, joint = file.model, int(file.mujoco.mjtEq.mjEQ_JOINT)
+    return {
+        int(m.eq_obj1id[i])
+        for i in range(m.neq)
+        if m.eq_active0[i] and m.eq_type[i] == joint and m.eq_obj2id[i] >= 0
+    }
+
+
+def _bare(joints: tuple[MechanismJoint, ...], followers: set[int]) -> Iterator[Actuator]:
+    """A force or torque at every joint that nothing else drives: of a file without actuators, such
+    as any URDF."""
     for j, joint in enumerate(joints):
-        if joint.kind not in ("hinge", "slide") or joint.is_base:
+        if joint.kind not in ("hinge", "slide") or joint.is_base or j in followers:
             continue
         unit = joint.force_unit
         column = f"{joint.name}_{'torque_nm' if unit == 'N m' else 'force_n'}"
@@ -442,8 +454,8 @@ def _sensors(
     actuators: tuple[Actuator, ...],
     taken: set[str],
 ) -> tuple[MechanismSensor, ...]:
-    """The sensors that pamid can read; of a file without any, position and velocity of every
-    joint, and the quaternion of a floating base."""
+    """The sensors that pamid can read; of a file without such a sensor, position and velocity of
+    every joint, and the quaternion of a floating base."""
     m, found = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
@@ -475,7 +487,7 @@ def _sensors(
                 file.line("sensor", i),
             )
         )
-    if m.nsensor:
+    if found:
         return tuple(found)
     for i, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide"):

@@ -1,28 +1,38 @@
 """The files that an MJCF or URDF file names: includes, meshes, textures, height fields.
 
 MuJoCo opens whatever stands under their names. A pipe there would block it for ever, and a device
-has no end.
+has no end. Meshes and textures that MuJoCo does not find are looked for where ROS and other tools
+have them. Those that are nowhere and that the motion does not depend on are left out.
 """
 
 from __future__ import annotations
 
 import contextlib
-import re
-from pathlib import Path
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+from types import ModuleType
+from typing import Any
 
 from pamid.base.errors import FileError
 from pamid.base.files import open_data
 from pamid.simulators.foreign_limits import foreign_limits
+from pamid.simulators.model_packages import ModelPackages, package_of, places_of
 from pamid.simulators.xml_text import Tag, tags_of
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of <compiler>
-_SCHEME = re.compile(r"^[a-z]+:/*")  # package://, file://
 _TEXTS = ("include", "model", "attach")  # elements whose file is a model itself
+_ANY_SIZE = 1 << 62  # the memory of the process is limited
+_MOST_NAMED = 6  # files in a note
 
 
-def require_plain_sources(path: Path) -> None:
-    """FileError for a pipe, a device or a socket where a model, or one that it includes, names a
-    file. What is missing or is no XML is left for MuJoCo to say."""
+def require_plain_sources(path: Path) -> tuple[Path, ...]:
+    """The folders that names of files in a model count from.
+
+    FileError for a pipe, a device or a socket where a model, or one that it includes, names a file,
+    and for a text that xacro has yet to expand. A missing include, or a text that is not XML, is
+    left to MuJoCo's own error.
+    """
     pending, seen = [path], set()
     folders: dict[Path, None] = {path.parent: None}
     names: dict[str, None] = {}
@@ -32,6 +42,7 @@ def require_plain_sources(path: Path) -> None:
             continue
         seen.add(text)
         tags = _tags(text)
+        _require_expanded(text, tags)
         folders[text.parent] = None
         for tag in tags:
             for key in _FOLDERS:
@@ -45,17 +56,41 @@ def require_plain_sources(path: Path) -> None:
     for name in names:
         for base in folders:
             for place in {base / name, base / Path(name).name}:
-                if place.exists() and not place.is_dir():
-                    open_data(place, _ANY_SIZE).close()
+                _require_regular(place)
+    return tuple(folders)
 
 
-_ANY_SIZE = 1 << 62  # the memory of the process is limited
+def _require_regular(place: Path) -> None:
+    if _is_there(place):
+        open_data(place, _ANY_SIZE).close()
+
+
+def _is_there(place: Path) -> bool:
+    """Is there a file, a pipe or the like?"""
+    try:
+        return place.exists() and not place.is_dir()
+    except (OSError, ValueError):  # a name too long, or a zero in it
+        return False
+
+
+def _require_expanded(path: Path, tags: Iterable[Tag]) -> None:
+    """FileError for a text with macros of xacro, which MuJoCo does not know."""
+    tag = next((t for t in tags if t.name.startswith("xacro:")), None)
+    if tag is None and path.suffix != ".xacro":
+        return
+    plain = path.with_suffix("") if path.suffix == ".xacro" else path
+    plain = plain if plain.suffix == ".urdf" and plain != path else plain.with_suffix(".plain.urdf")
+    at = f", line {tag.line}: <{tag.name}>" if tag else ""
+    raise FileError(
+        f"{path}{at} is a text for xacro, not yet a URDF.",
+        f"Expand it first: xacro {path} > {plain} (pip install xacro, or ROS).",
+        code="model",
+    )
 
 
 def _files(tag: Tag) -> list[str]:
     """Names of files in an element: "file", "fileright" ..., and "filename" of URDF."""
-    found = (value for key, value in tag.attributes.items() if key.startswith("file") and value)
-    return [_SCHEME.sub("", value) if "://" in value else value for value in found]
+    return [value for key, value in tag.attributes.items() if key.startswith("file") and value]
 
 
 def _tags(path: Path) -> list[Tag]:
@@ -64,3 +99,195 @@ def _tags(path: Path) -> list[Tag]:
         with contextlib.suppress(FileError):
             return tags_of(text)
     return []
+
+
+def weighty_first_link(path: Path) -> tuple[str, int] | None:
+    """Name and line of the link of a URDF that no joint leads to, where it has a mass."""
+    tags = _tags(path)
+    if not tags or tags[0].name != "robot":
+        return None
+    led = {tag.attributes.get("link") for tag in tags if tag.name == "child"}
+    for mass in (tag for tag in tags if tag.name == "mass"):
+        link = tags[tags[mass.parent].parent]
+        name = link.attributes.get("name", "")
+        weighty = mass.attributes.get("value", "").strip("0. ") != ""
+        if link.name == "link" and name not in led and weighty:
+            return name, link.line
+    return None
+
+
+# ---- meshes and textures -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class AbsentFile:
+    """A mesh or texture that cannot be read: its name in the model, and the reason."""
+
+    name: str
+    reason: str
+
+
+class ModelAssets:
+    """The meshes and textures of a model that MuJoCo is about to compile."""
+
+    def __init__(
+        self,
+        mujoco: ModuleType,
+        path: Path,
+        folders: tuple[Path, ...],
+        packages: ModelPackages,
+    ) -> None:
+        self.mujoco, self.path, self.folders, self.packages = mujoco, path, folders, packages
+        self.absent: dict[str, AbsentFile] = {}  # meshes by their name
+        self.textures: dict[str, AbsentFile] = {}
+        self.bodies: dict[str, None] = {}  # that lack some of their collision shapes
+        self.present: dict[str, tuple[Any, Path]] = {}  # meshes of the latest parse, their places
+
+    def compile(self) -> tuple[Any, Any]:
+        """The model's MjSpec, and what MuJoCo compiles of it.
+
+        FileError: it depends on a mesh that cannot be read. ValueError: as MuJoCo raises it.
+        """
+        spec = self._parsed()
+        try:
+            return spec, spec.compile()
+        except ValueError:
+            unread = {name: why for name in self.present if (why := self._why_unread(name))}
+            if not unread:
+                raise
+        self.absent |= {name: AbsentFile(self._name(name), why) for name, why in unread.items()}
+        spec = self._parsed()
+        return spec, spec.compile()
+
+    def note(self) -> str:
+        """A sentence on what is left out, "" where nothing is."""
+        by_reason: dict[str, list[str]] = {}
+        for absent in dict.fromkeys([*self.absent.values(), *self.textures.values()]):
+            by_reason.setdefault(absent.reason, []).append(absent.name)
+        if not by_reason:
+            return ""
+        reasons = "; ".join(f"{_listed(names)} ({why})" for why, names in by_reason.items())
+        note = f"left out, because the motion does not depend on them: {reasons}"
+        if self.bodies:
+            note += f"; contacts of these shapes of {_listed(list(self.bodies))} are not seen"
+        return note
+
+    def _parsed(self) -> Any:
+        """The model with every mesh and texture at its place, and without the absent ones."""
+        spec = self.mujoco.MjSpec.from_file(str(self.path))
+        stripped, self.present = spec.strippath, {}
+        for mesh in spec.meshes:
+            name = _mesh_name(mesh)
+            if not mesh.file or name in self.absent:
+                continue
+            place, why = self._put(mesh, stripped)
+            if place is None:
+                self.absent[name] = AbsentFile(mesh.file, why)
+            else:
+                self.present[name] = mesh, place
+        for texture in spec.textures:
+            if not texture.file:
+                continue
+            place, why = self._put(texture, stripped)
+            if place is None:
+                self.textures[texture.file] = AbsentFile(texture.file, why)
+                texture.file, texture.builtin = "", self.mujoco.mjtBuiltin.mjBUILTIN_FLAT
+                texture.width = texture.height = 1
+        for asset in (*spec.hfields, *spec.skins):  # the motion may depend on them
+            if asset.file:
+                self._put(asset, stripped)
+        spec.strippath = False  # every file stands with its whole path now
+        self._leave_out(spec)
+        return spec
+
+    def _put(self, asset: Any, stripped: bool) -> tuple[Path | None, str]:
+        """Write into a mesh or texture where its file lies, unless MuJoCo finds it by itself; its
+        place, or None and the reason."""
+        name = asset.file
+        place = next(filter(_is_there, self._places(name)), None)
+        if place is None:
+            package = package_of(name)
+            unknown = package and not any(self.packages.folders(package, self.path))
+            return None, f"package {package!r} is not found" if unknown else "no such file"
+        _require_regular(place)
+        if stripped or not any(_is_there(base / name) for base in self.folders):
+            asset.file = str(place)
+        return place, ""
+
+    def _places(self, name: str) -> Iterator[Path]:
+        return places_of(name, self.path, self.folders, self.packages)
+
+    def _name(self, mesh: str) -> str:
+        return self.present[mesh][1].name
+
+    def _why_unread(self, name: str) -> str:
+        """Why MuJoCo cannot read a mesh by itself, "" where it can."""
+        mesh, place = self.present[name]
+        alone = self.mujoco.MjSpec()
+        copy = alone.add_mesh(name="mesh", file=str(place), inertia=mesh.inertia)
+        copy.content_type, copy.scale = mesh.content_type, mesh.scale
+        try:
+            alone.compile()
+        except ValueError as error:
+            first = str(error).splitlines()[0].removeprefix("Error: ")
+            return f"MuJoCo: {first.replace(str(place), place.name)}"
+        return ""
+
+    def _leave_out(self, spec: Any) -> None:
+        """Remove the shapes of absent meshes. FileError for one that a moving body has its mass
+        from."""
+        for geom in list(spec.geoms):
+            absent = self.absent.get(geom.meshname)
+            if absent is None:
+                continue
+            if _is_moving(geom.parent) and self._has_mass_from(geom):
+                raise self._needed(geom.parent.name, absent)
+            if geom.contype or geom.conaffinity:
+                self.bodies[geom.parent.name] = None
+            spec.delete(geom)
+        for mesh in list(spec.meshes):
+            if _mesh_name(mesh) in self.absent:
+                spec.delete(mesh)
+
+    def _has_mass_from(self, geom: Any) -> bool:
+        """Does the mass or inertia of the body depend on this shape?"""
+        modes, mode = self.mujoco.mjtInertiaFromGeom, geom.compiler.inertiafromgeom
+        if mode == modes.mjINERTIAFROMGEOM_FALSE or (
+            mode == modes.mjINERTIAFROMGEOM_AUTO and geom.parent.explicitinertial
+        ):
+            return False
+        low, high = geom.compiler.inertiagrouprange
+        weightless = geom.mass == 0.0 or (geom.mass != geom.mass and geom.density == 0.0)
+        return low <= geom.group <= high and not weightless
+
+    def _needed(self, body: str, absent: AbsentFile) -> FileError:
+        package = package_of(absent.name)
+        cure = (
+            f"Give the folder of the package (--package {package}=DIR)"
+            if package
+            else "Put the file in its place (the model's folder, meshdir) as .stl, .obj or .msh"
+        )
+        return FileError(
+            f"{self.path}: {body!r} has no <inertial>, so its mass comes from the mesh "
+            f"{absent.name}, which cannot be read: {absent.reason}.",
+            f"{cure}, or write the mass of {body!r} as <inertial> into the model.",
+            code="model",
+        )
+
+
+def _mesh_name(mesh: Any) -> str:
+    """The name by which shapes refer to a mesh; of one without a name that of its file."""
+    return str(mesh.name or PureWindowsPath(mesh.file).stem)
+
+
+def _is_moving(body: Any) -> bool:
+    while body is not None:
+        if len(body.joints):
+            return True
+        body = body.parent
+    return False
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -105,16 +106,23 @@ def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
 
 
 def read_text(path: Path, text: bytes) -> MujocoFile:
-    """A changed text of a model file as MuJoCo reads it. It is stored next to the file for a
-    moment, where its meshes are; elsewhere where that folder cannot be written."""
+    """A changed text of a model file as MuJoCo reads it."""
+    with stored_text(path, text) as copy:
+        try:
+            return open_mujoco(copy)
+        except FileError as error:
+            raise FileError(f"{path}: the changed model cannot be read: {error}") from error
+
+
+@contextmanager
+def stored_text(path: Path, text: bytes) -> Iterator[Path]:
+    """A file with the text of a model for a moment, next to the model, where its meshes are;
+    elsewhere where that folder cannot be written."""
     folder = path.parent if os.access(path.parent, os.W_OK) else None
     with tempfile.NamedTemporaryFile(dir=folder, suffix=path.suffix) as copy:
         copy.write(text)
         copy.flush()
-        try:
-            return open_mujoco(copy.name)
-        except FileError as error:
-            raise FileError(f"{path}: the changed model cannot be read: {error}") from error
+        yield Path(copy.name)
 
 
 def _lost(again: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:

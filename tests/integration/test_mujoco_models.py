@@ -90,8 +90,7 @@ def test_check_says_how_it_goes_and_what_is_left_out(
               head='<asset><mesh name="hull" file="hull.stl"/></asset>'),
          ("hull.stl", "meshdir")),
         (body(""), ("no joints",)),
-        (body('<joint name="j"/>').replace("</mujoco>",
-              '<sensor><clock name="c"/></sensor></mujoco>'), ("no sensor that pamid can read",)),
+        (body('<joint name="j" type="ball"/>'), ("no sensor that pamid can read", "ball joint")),
         ("not xml at all", ("MuJoCo cannot read it",)),
     ],
 )  # fmt: skip

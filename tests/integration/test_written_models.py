@@ -483,8 +483,33 @@ def test_urdf_gets_friction_damping_and_inertials(
     text = new.read_text()
     assert '<dynamics damping="0.3" friction="0.2"/>' in text and 'mass value="1.8"' in text
     assert 'ixx="0.024"' in text
-    refused = export(capsys, *words, "--to", "mjcf", "--overwrite", code=3)
-    assert "--to urdf" in refused["hint"]
+
+
+def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.xml"
+    u, readings = commands()[:, 0], ("pivot_position_rad",)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    model.opt.timestep, model.dof_armature[0] = 2e-4, 0.05
+    data, rows = mujoco.MjData(model), []
+    for torque in u:
+        rows.append(float(data.qpos[0]))
+        data.qfrc_applied[0] = torque
+        mujoco.mj_step(model, data, 20)
+    log = {"pivot_torque_nm": u, readings[0]: np.array(rows)}
+    run = make_run(
+        tmp_path / "run", file, log, readings, fitted_values(file, (), {"pivot_armature": 0.05})
+    )
+    said = export(capsys, run, "--rig", file, "--output", new, "--to", "mjcf")
+    channel = said["plain_mujoco"]["channels"][readings[0]]
+    assert channel["now"] < 0.2 * channel["before"]
+    assert mujoco.MjModel.from_xml_path(str(new)).dof_armature[0] == pytest.approx(0.05)
+    assert sorted(p.suffix for p in tmp_path.iterdir() if p.is_file()) == [".urdf", ".xml"]
+    refused = export(
+        capsys, run, "--rig", new, "--output", tmp_path / "new.urdf", "--to", "urdf", code=3
+    )
+    assert refused["code"]
 
 
 def test_a_rig_of_equations_has_no_model_file(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ installed anew. What is called `make` runs in a copy of the sources and installs
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import re
 import shlex
@@ -61,6 +62,18 @@ ALREADY: dict[str, tuple[str | Path, ...]] = {
 }
 
 
+#: packages that a page needs and pamid does not, by the page; `pip install` of each in words
+NEEDED = {"own-robot": {"airo_models": "pip install --no-deps airo-models"}}
+
+
+def missing_package(page: Path) -> str:
+    """Why a page cannot be run here, "" where it can."""
+    for package, command in NEEDED.get(page.stem, {}).items():
+        if importlib.util.find_spec(package) is None:
+            return f"{package} is not installed: {command}"
+    return ""
+
+
 def prepared(page: Path) -> list[Step]:
     """The steps of a page, after those that give its reader what it takes for granted."""
     found: list[Step] = []
@@ -105,7 +118,11 @@ def environment(place: Path, full: bool) -> Path:
 
 
 def run(page: Path, programs: Path, place: Path, tests: str = "") -> bool:
-    """Go through a page; False where a command fails."""
+    """Go through a page; False where a command fails. One that needs a package which is not
+    installed is skipped."""
+    if why := missing_package(page):
+        print(f"{page.stem}: skipped, {why}", flush=True)
+        return True
     work, home = place / page.stem, place / "home"
     work.mkdir()
     home.mkdir(exist_ok=True)  # one for all: what was compiled in it is kept there
