@@ -11,8 +11,12 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.units import column_size, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
-from pamid.estimation.intervals import background_pull, estimates
+from pamid.estimation.identifiable_combinations import (
+    IdentifiableCombination,
+    combinations_of,
+    reported_parameters,
+)
+from pamid.estimation.intervals import background_pull
 from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import agreed
@@ -79,7 +83,7 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
                 source=x.bound.source,
                 null=None if x.bound.null is None else x.bound.null / x.bound.factor,
             )
-            for x in estimates(g.fit, g.draws)
+            for x in reported_parameters(g.fit, g.draws)
             if not x.bound.nuisance
         },
         intervals="block bootstrap" if g.draws is not None else "Jacobian",

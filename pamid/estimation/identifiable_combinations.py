@@ -13,7 +13,7 @@ Biol. 3(10), e189.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations as subsets
 from itertools import islice
 from typing import Any
@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.estimation.intervals import NORMAL_95, SETTLED, word_for
+from pamid.estimation.intervals import (
+    NORMAL_95,
+    SETTLED,
+    FittedParameter,
+    estimates,
+    word_for,
+)
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own_of
 
@@ -83,6 +89,26 @@ def combinations_of(
             )
         )
     return list(combinations.values()), ties
+
+
+def reported_parameters(fitted: Fit, draws: Array | None = None) -> list[FittedParameter]:
+    """`estimates`, with the declared combinations that hold inner parameters in the place of those
+    (`Parameter.inner`)."""
+    found = estimates(fitted, draws)
+    inner = {e.name: e.bound for e in found if e.bound.inner}
+    if not inner:
+        return found
+    space = Space(fitted.problem, agreed(fitted), fitted.covariance)
+    for q in own_of(space, fitted.problem.assembly):
+        c = _combination(space, q, draws, True)
+        held = [inner[name] for name in c.members if name in inner]
+        if held:
+            bound = replace(held[0], key=c.name, name=c.name, unit=c.unit, factor=1.0)
+            strain = abs(c.value - c.prior) / float(np.linalg.norm(q.slope_prior))
+            found.append(
+                FittedParameter(bound, c.value, c.low, c.high, c.prior, c.word, None, strain)
+            )
+    return [e for e in found if e.name not in inner]
 
 
 def tied_text(found: dict[str, Any]) -> list[str]:

@@ -31,9 +31,7 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
             f"{mechanism.path} is not {language.upper()}.", f"Take --to {language_of_rig}."
         )
     keys, values = model.assembly.keys, model.values
-    parameters = {
-        p.parameter.name: float(values[keys[p.parameter.name]]) for p in mechanism.parameters
-    }
+    parameters = {p.name: float(values[keys[p.name]]) for p in model.assembly.rig.parameters}
     effects = [
         FoundEffect(
             a.label,

@@ -14,6 +14,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, error_removed
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.identifiable_combinations import reported_parameters
 from pamid.estimation.intervals import NORMAL_95, background_pull, estimates
 from pamid.model.isolability import Isolability, isolability
 from pamid.model.port_flow import rig_map
@@ -434,7 +435,7 @@ def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
             word=e.word,
             at_bound=e.at_bound,
         )
-        for e in estimates(model.fit)
+        for e in reported_parameters(model.fit)
         if not e.bound.owner
     }
 
