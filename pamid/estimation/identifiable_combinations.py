@@ -93,18 +93,22 @@ def combinations_of(
 
 def reported_parameters(fitted: Fit, draws: Array | None = None) -> list[FittedParameter]:
     """`estimates`, with the declared combinations that hold inner parameters in the place of those
-    (`Parameter.inner`)."""
+    (`Parameter.inner`).
+
+    Their prior is linear in the inner parameters at the fit, because products of these may have no
+    slope at the data sheet. Their strain is the largest of the inner parameters they hold.
+    """
     found = estimates(fitted, draws)
-    inner = {e.name: e.bound for e in found if e.bound.inner}
+    inner = {e.name: e for e in found if e.bound.inner}
     if not inner:
         return found
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
     for q in own_of(space, fitted.problem.assembly):
-        c = _combination(space, q, draws, True)
+        c = _combination(space, replace(q, slope_prior=q.slope), draws, True)
         held = [inner[name] for name in c.members if name in inner]
         if held:
-            bound = replace(held[0], key=c.name, name=c.name, unit=c.unit, factor=1.0)
-            strain = abs(c.value - c.prior) / float(np.linalg.norm(q.slope_prior))
+            bound = replace(held[0].bound, key=c.name, name=c.name, unit=c.unit, factor=1.0)
+            strain = max(e.strain for e in held)
             found.append(
                 FittedParameter(bound, c.value, c.low, c.high, c.prior, c.word, None, strain)
             )

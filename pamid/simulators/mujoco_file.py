@@ -137,6 +137,9 @@ def compiled(path: str, folder: Path) -> dict[str, Any]:
     require_plain_sources(file)
     try:
         spec = mujoco.MjSpec.from_file(path)
+        for body in spec.bodies:
+            # a diagonal mass matrix that MuJoCo stores as such could not follow a moved centre
+            body.simple = 0
         model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FileError(f"{path}: {_reason(error)}", _hint(str(error)), code="model") from error
