@@ -128,8 +128,10 @@ def tied_text(found: dict[str, Any]) -> list[str]:
 
 def _groups(space: Space) -> Iterator[list[int]]:
     """Parameters that are not settled by themselves, but are once the others are given, and tied to
-    one another."""
-    loose = [k for k in space.own if space.covariance[k, k] > SETTLED**2]
+    one another. Inner ones have no names that a reader would know."""
+    loose = [
+        k for k in space.own if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
+    ]
     if not loose:
         return
     among = space.covariance[np.ix_(loose, loose)]
