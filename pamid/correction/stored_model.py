@@ -15,7 +15,7 @@ from pamid.engine.program import Stepping
 from pamid.estimation.baseline_repair import rig_with_background
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
-from pamid.model.between_samples import stated
+from pamid.model.between_samples import as_fitted, stated
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
@@ -36,6 +36,7 @@ def stored_model(
     """The model that a file stores, the values of its parameters (SI) in the assembly's order, and
     its steps; FileError, with the path of the file, where it is of another rig."""
     periods = [recording.period_s for recording in recordings if recording.period_s]
+    rig = as_fitted(rig, saved.values)
     rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
     rig = rig_with_background(rig, {key.partition(":")[0] for key in saved.values})
     assembly = Assembly(

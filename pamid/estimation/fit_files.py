@@ -11,8 +11,8 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.units import column_size, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.identifiable_combinations import combinations_of
-from pamid.estimation.intervals import background_pull, estimates
+from pamid.estimation.identifiable_combinations import combinations_of, reported_parameters
+from pamid.estimation.intervals import background_pull
 from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import agreed
@@ -66,7 +66,9 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
             recheck=g.recheck,
         ),
         noise={c: column_size(c, e.noise[i]) for i, c in enumerate(e.channels)},
-        parameters={b.full_name: e for b, e in estimates(g.fit, g.draws).items() if not b.nuisance},
+        parameters={
+            b.full_name: e for b, e in reported_parameters(g.fit, g.draws).items() if not b.nuisance
+        },
         intervals="block bootstrap" if g.draws is not None else "Jacobian",
         background={k: result.BackgroundPull(pull=v) for k, v in background_pull(g.fit).items()},
         mae={

@@ -101,7 +101,7 @@ def fit_model(
         fit_robustly(problem, progress=_counting(progress)),
         evidence.noise,
     )
-    if touching:
+    if touching or not fitted.converged:
         progress("fitting from shorter windows")
         fitted = fit_from_shorter_windows(fitted)
     if is_failed(fitted):

@@ -13,6 +13,7 @@ Biol. 3(10), e189.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations as subsets
 from itertools import islice
 from typing import Any
@@ -20,9 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.estimation.intervals import NORMAL_95, SETTLED, word_for
+from pamid.estimation.intervals import NORMAL_95, SETTLED, estimates, word_for
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own_of
+from pamid.model.bound_parameter import Bound
+from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import Combination, Tie
 
 Array = NDArray[np.float64]
@@ -61,6 +64,35 @@ def combinations_of(
     return combinations, tuple(ties)
 
 
+def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, Estimate]:
+    """`estimates`, with the declared combinations that hold inner parameters in the place of those
+    (`Parameter.inner`).
+
+    Their prior is linear in the inner parameters at the fit, because products of these may have no
+    slope at the data sheet. Their strain is the largest of the inner parameters they hold.
+    """
+    reported = estimates(fitted, draws)
+    inner = {b.full_name: (b, e) for b, e in reported.items() if b.inner}
+    if not inner:
+        return reported
+    space = Space(fitted.problem, agreed(fitted), fitted.covariance)
+    for q in own_of(space, fitted.problem.assembly):
+        c = _combination(space, replace(q, slope_prior=q.slope), draws, True)
+        members = [inner[name] for name in c.members if name in inner]
+        if members:
+            bound = replace(members[0][0], key=q.name, name=q.name, unit=q.unit, factor=1.0)
+            reported[bound] = Estimate(
+                value=c.value,
+                low=c.low,
+                high=c.high,
+                prior=c.prior,
+                unit=c.unit,
+                word=c.word,
+                strain=max(e.strain or 0.0 for _, e in members),
+            )
+    return {b: e for b, e in reported.items() if b.full_name not in inner}
+
+
 def tied_text(found: dict[str, Any]) -> list[str]:
     """A sentence per group of fit.json's `tied`."""
     lines = []
@@ -74,8 +106,10 @@ def tied_text(found: dict[str, Any]) -> list[str]:
 
 def _groups(space: Space) -> Iterator[list[int]]:
     """Parameters that are not settled by themselves, but are once the others are given, and tied to
-    one another."""
-    loose = [k for k in space.own if space.covariance[k, k] > SETTLED**2]
+    one another. Inner ones have no names that a reader would know."""
+    loose = [
+        k for k in space.own if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
+    ]
     if not loose:
         return
     among = space.covariance[np.ix_(loose, loose)]

@@ -52,9 +52,7 @@ def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
     """The file of a mechanism with the model's parameters and effects."""
     keys, values = model.assembly.keys, model.values
     parameters = {
-        p.parameter.name: float(values[keys[p.parameter.name]])
-        for p in mechanism.parameters
-        if p.parameter.name in keys
+        p.name: float(values[keys[p.name]]) for p in model.assembly.rig.parameters if p.name in keys
     }
     effects = [
         FoundEffect(

@@ -4,7 +4,7 @@ deviations and their covariance, as YAML."""
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,21 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE
+from pamid.base.units import size_to_si, split_column
 from pamid.correction.identified_model import Identified
 from pamid.correction.residual_data import REFIT_REMEDY
 from pamid.estimation.intervals import NORMAL_95
+from pamid.estimation.quantities import declared
 from pamid.export.plain_check import DIAGNOSIS_FILE
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.estimates import Interval
 from pamid.schemas.fit_file import FitFile, Posterior
+from pamid.simulators.body_inertia import shapes_of
 from pamid.simulators.mechanism import Mechanism
 
 Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-6  # of a parameter's size, for derivatives of combinations
 
 
 def randomisation_yaml(model: Identified) -> bytes:
@@ -45,18 +50,45 @@ def randomisation_yaml(model: Identified) -> bytes:
     ratio = wanted / np.maximum(deviation, 1e-300)
     covariance *= np.outer(ratio, ratio)
     places = _places(model)
-    units = {b.key: b.unit for b in model.assembly.parameters}
+    rows, nominal, units = _reported(model, posterior.keys)
+    covariance = rows @ covariance @ rows.T
+    wanted = np.sqrt(np.diag(covariance))
     lines = ["# Nominal values and standard deviations in SI units; the covariance is in the order",
              "# of the parameters.", "parameters:"]  # fmt: skip
-    for key, size in zip(posterior.keys, wanted, strict=True):
+    for key, size in zip(nominal, wanted, strict=True):
         lines.append(f"  - name: {json.dumps(key)}")
         lines += [f"    {k}: {json.dumps(v)}" for k, v in places.get(key, {}).items()]
         lines.append(f"    unit: {json.dumps(units[key])}")
-        lines.append(f"    nominal: {_number(values[key])}")
+        lines.append(f"    nominal: {_number(nominal[key])}")
         lines.append(f"    standard_deviation: {_number(float(size))}")
     lines.append("covariance:")
     lines += [f"  - [{', '.join(_number(float(x)) for x in row)}]" for row in covariance]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _reported(
+    model: Identified, keys: Sequence[str]
+) -> tuple[Array, dict[str, float], dict[str, str]]:
+    """Derivatives of what is reported by the parameters of these keys, and its values and units by
+    name, SI: the parameters, with the rig's combinations in the place of inner ones."""
+    a, p, places = model.assembly, model.values, [model.assembly.keys[k] for k in keys]
+    inner = [k for k, i in enumerate(places) if a.parameters[i].inner]
+    kept = [k for k in range(len(keys)) if k not in inner]
+    rows = list(np.eye(len(keys))[kept])
+    values = {keys[k]: float(p[places[k]]) for k in kept}
+    units = {keys[k]: a.parameters[places[k]].unit for k in kept}
+    for name, measure in declared(a).items() if inner else ():
+        row = np.zeros(len(keys))
+        for k, i in enumerate(places):
+            step = np.zeros(len(p))
+            step[i] = DIFFERENCE * max(abs(float(p[i])), a.parameters[i].spread)
+            row[k] = (measure(p + step) - measure(p - step)) / (2.0 * step[i])
+        if row[inner].any():
+            stem, unit = split_column(name)
+            factor = size_to_si(1.0, unit)
+            rows.append(factor * row)
+            values[stem], units[stem] = factor * measure(p), unit
+    return np.array(rows), values, units
 
 
 def _number(value: float) -> str:
@@ -125,4 +157,8 @@ def _places(model: Identified) -> Mapping[str, Mapping[str, str]]:
             places[p.parameter.name] = {
                 "element": p.element, "of": p.of, "attribute": p.attribute,
             }  # fmt: skip
+        for shape in shapes_of(mechanism):
+            for name in (*shape.centre_names, *shape.inertia_names):
+                attribute = name.removeprefix(f"{shape.body.name}_")
+                places[name] = {"element": "body", "of": shape.body.name, "attribute": attribute}
     return places

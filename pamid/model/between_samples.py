@@ -14,10 +14,11 @@ is taken before: the command of the row before still acts on it.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from pamid.base.errors import FileError, nearest
+from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
 from pamid.recording.file_checks import BEFORE
 from pamid.recording.recording import Recording, match_column
@@ -46,10 +47,11 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
 
 def released(rig: Rig, free: Mapping[str, float]) -> Rig:
     """The rig with these parameters fitted, which it holds, and known within these standard
-    deviations (in the unit of the name). FileError for a name that it does not have."""
+    deviations (in the unit of the name); a name of `Rig.on_request` adds parameters, known within
+    so many of their spreads. FileError for a name that it does not have."""
     if not free:
         return rig
-    names = {p.outside_name: p for p in rig.parameters}
+    names = (*(p.outside_name for p in rig.parameters), *rig.on_request)
     for name, deviation in free.items():
         if name not in names or not deviation > 0.0:
             raise FileError(
@@ -58,13 +60,30 @@ def released(rig: Rig, free: Mapping[str, float]) -> Rig:
                 nearest(name, names) or f"parameters of rig {rig.name!r}: {', '.join(names)}",
                 code="free",
             )
-    changed = copy.copy(rig)
-    vars(changed)["parameters"] = tuple(
+    held = [
         replace(p, fitted=True, log=False, spread=free[p.outside_name])
         if p.outside_name in free
         else p
         for p in rig.parameters
-    )
+    ]
+    added = [
+        replace(p, spread=free[name] * p.spread)
+        for name in rig.on_request
+        if name in free
+        for p in rig.on_request[name]
+    ]
+    return _with_parameters(rig, (*held, *added))
+
+
+def as_fitted(rig: Rig, keys: Collection[str]) -> Rig:
+    """The rig with those parameters of `Rig.on_request` that a fitted model has, by their keys."""
+    added = [p for group in rig.on_request.values() for p in group if p.name in keys]
+    return _with_parameters(rig, (*rig.parameters, *added)) if added else rig
+
+
+def _with_parameters(rig: Rig, parameters: tuple[Parameter, ...]) -> Rig:
+    changed = copy.copy(rig)
+    vars(changed)["parameters"] = parameters
     return changed
 
 

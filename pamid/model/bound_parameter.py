@@ -41,6 +41,7 @@ class Bound:
         False  # value and bounds are multiples of a typical magnitude: guesses, no physics
     )
     softens: bool = False  # as in `Parameter`
+    inner: bool = False  # as in `Parameter`
     scan: tuple[float, int] | tuple[float, int, float] = (0.0, 0)  # as in `Parameter`
 
     @property
@@ -126,6 +127,7 @@ def bind(
         parameter.source,
         bool(parameter.size) and not parameter.hard,
         parameter.softens,
+        parameter.inner,
         parameter.scan,
     )
 

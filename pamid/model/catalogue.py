@@ -32,6 +32,10 @@ HOLD_OR_RELEASE = (
     "machine all the same: a diagnosis tries friction and stiffness as effects, at all joints "
     "together."
 )
+ON_REQUEST = (
+    "NAME = SHARE under [free] releases the whole inertia of a body: its centre of mass and all "
+    "moments of inertia, known within this share (1: 100 %)"
+)
 MANY_TERMS = 6  # of a background: more are told by the first and the last
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
@@ -133,6 +137,7 @@ def rig_story(
         ports=tuple(_port(rig, name, fit) for name in rig.ports),
         no_place=tuple(no_places(rig, known, rigs)),
         parameters=tuple(map(_parameter, rig.parameters)),
+        on_request=tuple(rig.on_request) or None,
         background=_background(rig),
         loops=tuple(
             result.LoopRow(command=x.command, reference=x.reference, reading=x.reading)
@@ -342,6 +347,8 @@ def rig_text(said: result.RigStory) -> str:
     lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
     lines += ["", "Parameters", *_parameter_lines(said.parameters)]
     lines += ["", *_wrapped(f"Hold or release: {HOLD_OR_RELEASE}", 0)]
+    if said.on_request:
+        lines += _wrapped(f"{ON_REQUEST}: {', '.join(said.on_request)}.", 0)
     if said.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
     for b in said.background:

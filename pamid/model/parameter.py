@@ -51,6 +51,8 @@ class Parameter:
                own frequency), so that the lower bound is widened, too; that of other factors stays,
                below which an equation grows stiff
     fitted     False: held at its value unless a fit is told otherwise
+    inner      rigs only: a coordinate without a meaning of its own, such as a factor of a matrix;
+               in its place the combinations (`Rig.combinations`) that hold it are reported
     """
 
     name: str
@@ -68,6 +70,7 @@ class Parameter:
     fitted: bool = True
     hard: bool = False
     softens: bool = False
+    inner: bool = False
     label: str = ""
     source: str = ""
 

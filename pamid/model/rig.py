@@ -161,6 +161,9 @@ class Rig:
     ports: ClassVar[dict[str, Port]] = {}
     states: ClassVar[tuple[State, ...]] = ()
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+    # name -> parameters that the equations hold only where a recording's [free] releases them under
+    # this name; their spreads are those of a deviation of 1
+    on_request: ClassVar[dict[str, tuple[Parameter, ...]]] = {}
     # port -> tolerance-sized nuisance terms
     background: ClassVar[dict[str, Effect | tuple[Effect, ...]]] = {}
     loops: ClassVar[tuple[Loop, ...]] = ()

@@ -173,6 +173,9 @@ class RigStory(Model):
     ports: ListOf[RigPort]
     no_place: ListOf[NoPlaceRow] = ()
     parameters: ListOf[ParameterRow]
+    on_request: Sometimes[ListOf[Text]] = Field(
+        default=None, description="names that release several parameters at once under [free]"
+    )
     background: ListOf[BackgroundRow]
     loops: ListOf[LoopRow]
     equations: RigEquations

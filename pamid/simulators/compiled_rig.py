@@ -17,8 +17,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeAlias
 
+from pamid.base.units import with_unit
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
+from pamid.simulators.body_inertia import BodyShape, shapes_of
 from pamid.simulators.forward_dynamics import accelerations
 from pamid.simulators.mechanism import (
     Actuator,
@@ -94,6 +96,7 @@ class CompiledMechanism(Rig):
             p.name: Port(p.kind, p.unit, dict(p.signals), size=dict(p.size)) for p in m.ports
         }
         own.parameters = tuple(p.parameter for p in m.parameters)
+        own.on_request = {shape.group: shape.parameters() for shape in shapes_of(m)}
         own.states = tuple(_states(m))
         own.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
         own.remarks = _remarks(m)
@@ -110,6 +113,21 @@ class CompiledMechanism(Rig):
 
     def pose(self, y: Mapping[str, Any], p: Any) -> dict[str, Any]:
         return mechanism_pose(self.mechanism, y)
+
+    @cached_property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        """Bodies whose shape and centre are parameters."""
+        names = {p.name for p in self.parameters}
+        return tuple(s for s in shapes_of(self.mechanism) if s.centre_names[0] in names)
+
+    def combinations(self, p: Any) -> dict[str, Number]:
+        """Inertias of these bodies about their centres, kg m2."""
+        found: dict[str, Number] = {}
+        for shape in self.shapes:
+            names = (with_unit(name, "kg m2") for name in shape.inertia_names)
+            mass = self.value(p, "body", shape.number, "mass", shape.body.mass_kg)
+            found |= zip(names, shape.inertia(p, mass), strict=True)
+        return found
 
     def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
         """A parameter of an element, or the number that the file states where it is none."""
@@ -481,7 +499,8 @@ class MechanismEquations:
         masses = [
             value(self.p, "body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)
         ]
-        return Tree(self.m, q, qd, masses, armature)
+        shapes = {s.number: (s.centre(self.p), s.second_moment(self.p)) for s in self.rig.shapes}
+        return Tree(self.m, q, qd, masses, armature, shapes)
 
     def rates(self) -> dict[str, Number]:
         """Of every state."""

@@ -9,7 +9,7 @@ the world. Places and axes are (3,), quaternions (w, x, y, z).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pamid.model.parameter import Parameter
 
@@ -34,6 +34,12 @@ class Body:
     inertia: Vector
     line: int = 0
     gravity_compensation: float = 0.0
+
+    def scaled(self, mass_kg: float) -> Body:
+        """The same shape with another mass."""
+        ratio = mass_kg / self.mass_kg if self.mass_kg else 1.0
+        inertia = tuple(ratio * v for v in self.inertia)
+        return replace(self, mass_kg=mass_kg, inertia=inertia)
 
 
 @dataclass(frozen=True)

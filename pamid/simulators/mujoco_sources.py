@@ -175,6 +175,9 @@ class ModelAssets:
     def _parsed(self) -> Any:
         """The model with every mesh and texture at its place, and without the absent ones."""
         spec = self.mujoco.MjSpec.from_file(str(self.path))
+        for body in spec.bodies:
+            # a diagonal mass matrix that MuJoCo stores as such could not follow a moved centre
+            body.simple = 0
         stripped, self.present = spec.strippath, {}
         for mesh in spec.meshes:
             name = _mesh_name(mesh)

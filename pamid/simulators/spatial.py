@@ -58,10 +58,26 @@ def through(m: Mat, a: Vec) -> Vec:
     return dot(m[0], a), dot(m[1], a), dot(m[2], a)
 
 
+def transposed(m: Mat) -> Mat:
+    return tuple(zip(*m, strict=True))  # type: ignore[return-value]
+
+
 def product(m: Mat, n: Mat) -> Mat:
     columns = list(zip(*n, strict=True))
     rows = [tuple(dot(row, c) for c in columns) for row in m]  # type: ignore[arg-type]
     return rows[0], rows[1], rows[2]  # type: ignore[return-value]
+
+
+def rotation(quaternion: Sequence[float]) -> Array:
+    """The matrix of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def constant(m: Array) -> Mat:

@@ -12,7 +12,7 @@ same states.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,7 @@ from pamid.base.errors import FileError
 from pamid.engine.simulator import LibraryStep
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
+from pamid.simulators.body_inertia import BodyShape
 from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
 from pamid.simulators.mechanism import Actuator, Mechanism
 from pamid.simulators.mujoco_file import open_mujoco
@@ -77,7 +78,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     @cached_property
     def _stepper(self) -> _Stepper:
-        return _Stepper(self.mechanism)
+        return _Stepper(self.mechanism, self.shapes, [p.name for p in self.parameters])
 
     # ---- what goes in, and what comes of it ------------------------------------------------------
 
@@ -166,7 +167,9 @@ def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
 class _Stepper:
     """MuJoCo at work: models with parameters written into them, and states in pamid's order."""
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(
+        self, mechanism: Mechanism, shapes: Sequence[BodyShape], names: Sequence[str]
+    ) -> None:
         file = open_mujoco(mechanism.path)
         from mujoco import rollout
 
@@ -214,6 +217,9 @@ class _Stepper:
         self.mujoco.mj_getState(model, self.data, start, kinds.mjSTATE_FULLPHYSICS)
         self.start = start
         self.values = [w for q in mechanism.parameters for w in q.writes]
+        self.shapes, self.names = shapes, names
+        for shape in shapes:  # MuJoCo leaves out the centre of a body whose frame is at the centre
+            model.body_sameframe[shape.number] = self.mujoco.mjtSameFrame.mjSAMEFRAME_NONE
         self.of = [k for k, q in enumerate(mechanism.parameters) for _ in q.writes]
 
     @property
@@ -326,7 +332,17 @@ class _Stepper:
                 array = getattr(model, write.array)
                 at = (write.row,) if write.column < 0 else (write.row, write.column)
                 array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
+            self._deform(model, row)
             self.mujoco.mj_setConst(model, self.data)
         self.known[key] = model
         model.opt.timestep = timestep_s
         return model
+
+    def _deform(self, model: Any, row: Array) -> None:
+        """Write the shapes of bodies that are parameters."""
+        values = dict(zip(self.names, row.tolist(), strict=True))
+        for shape in self.shapes:
+            i = shape.number
+            body = shape.deformed(values, float(model.body_mass[i]))
+            model.body_ipos[i], model.body_iquat[i] = body.centre, body.inertia_quaternion
+            model.body_inertia[i] = body.inertia

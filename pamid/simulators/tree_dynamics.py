@@ -7,13 +7,14 @@ M, which has no fill-in for a tree (Featherstone 2008, Rigid Body Dynamics Algor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.simulators.body_inertia import full_inertia, inertia_per_mass
 from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, Mount
 from pamid.simulators.spatial import (
     AT_REST,
@@ -29,11 +30,14 @@ from pamid.simulators.spatial import (
     coriolis,
     cross,
     dot,
+    mapped,
     minus,
     plus,
     product,
+    rotation,
     through,
     times,
+    transposed,
     vec,
 )
 from pamid.symbolic.vocabulary import (
@@ -72,11 +76,24 @@ class _Frame:
 
 @dataclass(frozen=True)
 class _Mass:
-    """A body on its link: name, mass (a parameter) and its inertia in the world per unit mass."""
+    """A body on its link: number, mass (a parameter), and its inertia per unit mass, in the frame's
+    `turn` (local) and in the world (each)."""
 
     body: int
     mass: Expr
-    each: Inertia
+    local: Inertia
+    frame: _Frame
+    is_deformed: bool
+
+    @cached_property
+    def each(self) -> Inertia:
+        return self.local.moved(self.frame.turn, self.frame.place)
+
+    def at_rest(self) -> Inertia:
+        """The inertia in the world, which changes with the body's mass and shape alone."""
+        turn: Mat = tuple(tuple(map(held, row)) for row in self.frame.turn)  # type: ignore[assignment]
+        x, y, z = map(held, self.frame.place)
+        return self.local.by(self.mass).moved(turn, (x, y, z))
 
 
 #: (w, x, y, z)
@@ -88,7 +105,9 @@ Factors = tuple[dict[tuple[int, int], Expr], list[Expr]]
 class Tree:
     """A mechanism's joints in a row of links, one each; `up` is the joint below a link, or -1.
 
-    q, qd: positions and velocities (n,); masses: one expression per body; armature (n,).
+    q, qd: positions and velocities (n,); masses: one expression per body; armature (n,); shapes:
+    centre of mass (m) and second moments about it over the mass (m2), both in the body's frame, of
+    the bodies whose shape is not that of the file.
     """
 
     def __init__(
@@ -98,8 +117,10 @@ class Tree:
         qd: Sequence[Expr],
         masses: Sequence[Expr],
         armature: Sequence[Expr],
+        shapes: Mapping[int, tuple[Vec, Mat]] | None = None,
     ) -> None:
         self.q, self.qd, self.masses, self.armature = q, qd, masses, armature
+        self.shapes = shapes or {}
         self.n = len(mechanism.joints)
         self.gravity = Spatial(NOUGHT, vec([-g for g in mechanism.gravity]))
         self.lifted = [body.gravity_compensation for body in mechanism.bodies]
@@ -132,7 +153,11 @@ class Tree:
             frames.append(frame)
             last.append(at)
             if at >= 0 and body.mass_kg:
-                self.bodies[at].append(_Mass(number, self.masses[number], _each(body, frame)))
+                shape = self.shapes.get(number)
+                local = _of_file(body, frame) if shape is None else _deformed(*shape, frame)
+                self.bodies[at].append(
+                    _Mass(number, self.masses[number], local, frame, shape is not None)
+                )
 
     def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
         """The frame behind a joint; remembers the joint's motion vector."""
@@ -364,7 +389,18 @@ class Tree:
             for mass, force in self._forces_per_mass(i, acceleration, forces[i]):
                 for j in self.path(i):
                     by(j, self.axis[j].dot(force), mass)
+            for force in self._forces_of_deformed(i, acceleration):
+                for j in self.path(i):
+                    change[j] = change[j] + mapped(held, self.axis[j]).dot(force)
         return change
+
+    def _forces_of_deformed(self, i: int, acceleration: list[Spatial]) -> Iterator[Spatial]:
+        """Forces on the deformed bodies of a link, which change with their inertia alone."""
+        a, v = mapped(held, acceleration[i]), mapped(held, self.velocity[i])
+        for body in self.bodies[i]:
+            if body.is_deformed:
+                inertia = body.at_rest()
+                yield inertia.momentum(a) + v.cross_force(inertia.momentum(v))
 
     def _second(self, i: int, acceleration: list[Spatial]) -> Spatial:
         below = self._below(self.velocity, i, AT_REST)
@@ -374,8 +410,8 @@ class Tree:
     def _forces_per_mass(
         self, i: int, acceleration: list[Spatial], force: Spatial
     ) -> list[tuple[Expr, Spatial]]:
-        bodies = self.bodies[i]
-        if len(bodies) == 1:
+        bodies = [body for body in self.bodies[i] if not body.is_deformed]
+        if bodies == self.bodies[i] and len(bodies) == 1:
             per = 1.0 / bodies[0].mass
             return [(bodies[0].mass, force.by(per))]
         found = []
@@ -420,18 +456,6 @@ class Tree:
 # ---- numbers -------------------------------------------------------------------------------------
 
 
-def rotation(quaternion: Sequence[float]) -> Array:
-    """The matrix of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def _unit(quaternion: Sequence[float]) -> Quaternion:
     w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
     return expression(float(w)), expression(float(x)), expression(float(y)), expression(float(z))
@@ -462,15 +486,25 @@ def _aligned(axis: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _each(body: Body, frame: _Frame) -> Inertia:
-    """A body's inertia in the world per unit of its mass."""
-    turn = rotation(body.inertia_quaternion)
-    about = turn @ np.diag(body.inertia) @ turn.T / body.mass_kg
-    about = frame.fixed @ about @ frame.fixed.T
+def _of_file(body: Body, frame: _Frame) -> Inertia:
+    """A body's inertia in the frame's `turn` per unit of its mass, as the file has it."""
+    about = frame.fixed @ full_inertia(body) @ frame.fixed.T / body.mass_kg
     centre = frame.fixed @ np.array(body.centre)
     about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
     about = np.where(np.abs(about) < 1e-15 * np.abs(about).max(), 0.0, about)
-    s = constant(about)
+    return _per_mass(vec(list(_clean(centre))), constant(about))
+
+
+def _deformed(centre: Vec, second: Mat, frame: _Frame) -> Inertia:
+    """The same of a body with this centre and these second moments about it, in its own frame."""
+    turn = constant(frame.fixed)
+    centre = through(turn, centre)
+    second = product(product(turn, second), transposed(turn))
+    outer = [times(c, centre) for c in centre]
+    about = [plus(row, more) for row, more in zip(second, outer, strict=True)]
+    return _per_mass(centre, inertia_per_mass((about[0], about[1], about[2])))
+
+
+def _per_mass(first: Vec, s: Mat) -> Inertia:
     second = (s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2])
-    own = Inertia(expression(1.0), vec(list(_clean(centre))), second)
-    return own.moved(frame.turn, frame.place)
+    return Inertia(expression(1.0), first, second)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pamid.base.errors import FileError
+from pamid.simulators.body_inertia import AXES, PAIRS, BodyShape, full_inertia, shapes_of
 from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, ModelParameter
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_forms import (
@@ -46,6 +47,7 @@ LEAST_ARMATURE = 1e-3  # of the load behind a motor, where the file has no inert
 MOSTLY_BEHIND = 0.97  # share of a load from which all of it is behind
 
 _JOINT_PARENTS = ("body", "frame", "replicate")
+_ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 _PLURAL = {"actuator": "actuators", "body": "bodies", "joint": "joints", "tendon": "tendons"}
 _URDF_WORDS = {"damping": "damping", "frictionloss": "friction"}
 
@@ -68,7 +70,7 @@ def write_back(
     mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[FoundEffect] = ()
 ) -> WrittenModel:
     """The mechanism's file with these values (SI) by parameter in the place of its own, and with
-    effects.
+    effects. Values of a `BodyShape` change the whole inertia of its body.
 
     FileError where the file cannot be read any more.
     """
@@ -127,11 +129,16 @@ def stored_text(path: Path, text: bytes) -> Iterator[Path]:
 
 def _lost(again: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
     """The values that MuJoCo reads otherwise than they were to be."""
-    read = {p.parameter.name: p.parameter for p in again.parameters}
+    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in again.parameters}
+    sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
+    for shape in shapes_of(again):
+        read |= figures_of(shape, shape.body)
+        sizes |= dict.fromkeys(shape.centre_names, shape.radius_m)
+        sizes |= dict.fromkeys(shape.inertia_names, max(shape.body.inertia))
     found = []
     for name, value in wanted.items():
-        got = read[name].value * read[name].factor if name in read else 0.0
-        if abs(got - value) > SAME * max(abs(value), 1e-12):
+        got = read.get(name, 0.0)
+        if abs(got - value) > SAME * max(abs(value), sizes.get(name, 1e-12)):
             found.append(
                 (name, f"MuJoCo makes {got:.6g} of {value:.6g} (a setting of <compiler>?)")
             )
@@ -189,6 +196,13 @@ class _Writer:
         self.names = {
             (p.element, p.number, p.attribute): p.parameter.name for p in mechanism.parameters
         }
+        self.shapes = [s for s in shapes_of(mechanism) if s.centre_names[0] in values]
+        self.bodies = list(mechanism.bodies)
+        for i, body in enumerate(mechanism.bodies):
+            self.bodies[i] = body.scaled(self._number_of("body", i, "mass", body.mass_kg))
+        for shape in self.shapes:
+            mass = self.bodies[shape.number].mass_kg
+            self.bodies[shape.number] = shape.deformed(values, mass)
 
     def write(self) -> bytes:
         """The changed text."""
@@ -204,6 +218,8 @@ class _Writer:
             self._command(i, terms)
         for s, reading in self.forms.readings.items():
             self._reading(s, reading)
+        for shape in self.shapes:
+            special |= self._whole_inertia(shape, special)
         for one in self.mechanism.parameters:
             if one.parameter.name not in special | reshaped:
                 self._parameter(one)
@@ -487,17 +503,15 @@ class _Writer:
     ) -> set[str]:
         """Part a body: what turns with the motor, of this inertia about the joint, and the rest in
         a body of its own behind the second joint, with all that follows the joint in the text."""
-        body = self.mechanism.bodies[joint.body]
-        mass = self._number_of("body", joint.body, "mass", body.mass_kg)
-        ratio = mass / body.mass_kg
-        part = min(near / (ratio * _inertia_about(body, joint)), MOSTLY_BEHIND)
+        body = self.bodies[joint.body]
+        part = min(near / _inertia_about(body, joint), MOSTLY_BEHIND)
         place = {"pos": numbers(body.centre), "quat": numbers(body.inertia_quaternion)}
 
         def inertial(share: float) -> str:
             words = {
                 **place,
-                "mass": number(share * mass),
-                "diaginertia": numbers([share * ratio * v for v in body.inertia]),
+                "mass": number(share * body.mass_kg),
+                "diaginertia": numbers([share * v for v in body.inertia]),
             }
             told = " ".join(f'{k}="{v}"' for k, v in words.items())
             return f"<inertial {told}/>"
@@ -741,8 +755,8 @@ class _Writer:
     # ---- bodies ----------------------------------------------------------------------------------
 
     def _mass(self, tag: Tag, one: ModelParameter, value: float) -> str:
-        body = self.mechanism.bodies[one.number]
-        ratio, inertial = value / body.mass_kg, self._inside(tag, "inertial")
+        body, inertial = self.bodies[one.number], self._inside(tag, "inertial")
+        ratio = value / self.mechanism.bodies[one.number].mass_kg
         if self.is_urdf:
             return self._urdf_mass(inertial, value, ratio)
         if inertial is None:
@@ -751,7 +765,7 @@ class _Writer:
                 "pos": numbers(body.centre),
                 "quat": numbers(body.inertia_quaternion),
                 "mass": number(value),
-                "diaginertia": numbers([ratio * v for v in body.inertia]),
+                "diaginertia": numbers(body.inertia),
             }
             told = " ".join(f'{k}="{v}"' for k, v in words.items())
             self.edits.add_inside(tag, f"<inertial {told}/>")
@@ -764,7 +778,63 @@ class _Writer:
                 )
         return ""
 
+    def _whole_inertia(self, shape: BodyShape, written: Collection[str]) -> set[str]:
+        """Write a body's mass, centre and inertia about it along the body's axes; the name of the
+        mass, which is written with them. written: masses that are already in the text."""
+        old, new = self.mechanism.bodies[shape.number], self.bodies[shape.number]
+        mass = self.names["body", shape.number, "mass"]
+        if mass in written:
+            return set()
+        tag, why = self._tag_of("body", shape.number, old.name)
+        if tag is not None:
+            why = (self._urdf_inertial if self.is_urdf else self._inertial)(tag, new)
+        if why:
+            self.left.append(f"inertia of {old.name}: {why}")
+            return {mass}
+        before, now = figures_of(shape, old), figures_of(shape, new)
+        self.changed |= {name: (before[name], now[name]) for name in now}
+        self.changed[mass] = (old.mass_kg, new.mass_kg)
+        return {mass}
+
+    def _inertial(self, tag: Tag, body: Body) -> str:
+        words = {
+            "pos": numbers(body.centre),
+            "mass": number(body.mass_kg),
+            "fullinertia": _exactly(full_inertia(body)),
+        }
+        inertial = self._inside(tag, "inertial")
+        if inertial is None:
+            told = " ".join(f'{k}="{v}"' for k, v in words.items())
+            self.edits.add_inside(tag, f"<inertial {told}/>")
+            return ""
+        for word in (*_ORIENTATIONS, "diaginertia"):
+            self.edits.set(inertial, word, None)
+        for word, value in words.items():
+            self.edits.set(inertial, word, value)
+        return ""
+
     # ---- URDF ------------------------------------------------------------------------------------
+
+    def _urdf_inertial(self, tag: Tag, body: Body) -> str:
+        full = full_inertia(body)
+        inertia = {f"i{AXES[i]}{AXES[k]}": repr(float(full[i, k])) for i, k in PAIRS}
+        parts = {
+            "origin": {"xyz": numbers(body.centre), "rpy": "0 0 0"},
+            "mass": {"value": number(body.mass_kg)},
+            "inertia": inertia,
+        }
+        inertial = self._inside(tag, "inertial")
+        if inertial is None:
+            return "its <link> has no <inertial>"
+        for name, words in parts.items():
+            part = self._inside(inertial, name)
+            if part is None:
+                told = " ".join(f'{k}="{v}"' for k, v in words.items())
+                self.edits.add_inside(inertial, f"<{name} {told}/>")
+                continue
+            for word, value in words.items():
+                self.edits.set(part, word, value)
+        return ""
 
     def _urdf_mass(self, inertial: Tag | None, value: float, ratio: float) -> str:
         mass = None if inertial is None else self._inside(inertial, "mass")
@@ -827,6 +897,20 @@ class _Writer:
                 values = {"damping": 0.0, "friction": 0.0} | found
                 told = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
                 self.edits.add_inside(tag, f"<dynamics {told}/>")
+
+
+def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
+    """Centre (m) and inertia about it along the body's axes (kg m2) by name."""
+    full = full_inertia(body)
+    return {
+        **dict(zip(shape.centre_names, body.centre, strict=True)),
+        **{n: float(full[i, k]) for n, (i, k) in zip(shape.inertia_names, PAIRS, strict=True)},
+    }
+
+
+def _exactly(full: Array) -> str:
+    """A full inertia with all digits: rounded, that of a thin plate may be none."""
+    return " ".join(repr(float(full[i, k])) for i, k in PAIRS)
 
 
 def _inertia_about(body: Body, joint: MechanismJoint) -> float:

@@ -13,7 +13,8 @@ from pamid.checks.row_order import OF_THE_LOG, misplaced_readings
 from pamid.diagnosis.input_response import idle_inputs
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
-from pamid.estimation.intervals import background_pull, estimates
+from pamid.estimation.identifiable_combinations import reported_parameters
+from pamid.estimation.intervals import background_pull
 from pamid.estimation.lagged_linear import lagged_share
 from pamid.estimation.observed_sizes import unsized
 from pamid.estimation.problem import Fit
@@ -343,7 +344,7 @@ def _strained(d: Diagnosis) -> list[str]:
 
 
 def _strains(fitted: Fit) -> dict[str, float]:
-    return {b.name: e.strain or 0.0 for b, e in estimates(fitted).items() if not b.owner}
+    return {b.name: e.strain or 0.0 for b, e in reported_parameters(fitted).items() if not b.owner}
 
 
 def _far_off(

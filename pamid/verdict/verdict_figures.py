@@ -14,6 +14,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, error_removed
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.identifiable_combinations import reported_parameters
 from pamid.estimation.intervals import NORMAL_95, background_pull, estimates
 from pamid.model.isolability import Isolability, isolability
 from pamid.model.port_flow import rig_map
@@ -422,7 +423,7 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
 
 
 def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
-    return {b.name: e for b, e in estimates(model.fit).items() if not b.owner}
+    return {b.name: e for b, e in reported_parameters(model.fit).items() if not b.owner}
 
 
 def _parameters(c: CandidateModel, label: str) -> dict[str, result.Estimate]:

@@ -80,12 +80,19 @@ def arm_text(links: tuple[Link, ...], factors: Array | None = None) -> str:
 
 
 def record_about(
-    links: tuple[Link, ...], pose: Array, seconds: float, seed: int, file: Path, swing: float = 0.6
+    links: tuple[Link, ...],
+    pose: Array,
+    seconds: float,
+    seed: int,
+    file: Path,
+    swing: float = 0.6,
+    text: str = "",
 ) -> Recording:
     """The recording of an arm that a controller leads about a pose (rad) on sums of sines of up to
-    `swing` rad: torques as sent, angles with noise."""
+    `swing` rad: torques as sent, angles with noise. text: of the machine's MJCF where it is not the
+    plain arm."""
     mujoco: Any = mechanisms.needs_mujoco()
-    model = mujoco.MjModel.from_xml_string(arm_text(links))
+    model = mujoco.MjModel.from_xml_string(text or arm_text(links))
     data, random, n = mujoco.MjData(model), np.random.default_rng(seed), len(links)
     w = 2.0 * np.pi * random.uniform(0.2, 1.0, (n, 3))
     phase = random.uniform(0.0, 2.0 * np.pi, (n, 3))
