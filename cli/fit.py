@@ -139,6 +139,7 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
     ]
     if not found["converged"]:
         lines.append(f"Not converged: {found['why']}.")
+    lines += [f"Note      {note}" for note in found.get("notes") or ()]
     lines += failed_text(found)
     follow = ["pamid train-residual", "pamid report"][
         not one_period(r["period_s"] for r in found["recordings"]) :

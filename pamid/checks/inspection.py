@@ -254,6 +254,9 @@ def _against_rig(
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
     found = background_findings(rig) + _column_findings(recording, rig, wanted)
+    if rig.form_note:
+        stepped = isinstance(rig, StepRig)
+        found.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
     found += _known_findings(recording, rig)
     runs = not any(f.wrong for f in found)
     if runs:

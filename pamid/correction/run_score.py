@@ -102,7 +102,8 @@ def score_run(
         measured_outputs(found.refitted.assembly, recording)
     runs = _Counted(2 * len(recordings) * len(found.every))
     rows = [row for one in recordings for row in _rows(found, one, runs)]
-    return RunScore(found.refitted.name, tuple(found.named), tuple(rows), _notes(found))
+    notes = (*_notes(found), *_left_out(found.refitted.assembly.rig, recordings))
+    return RunScore(found.refitted.name, tuple(found.named), tuple(rows), notes)
 
 
 def _models_of(
@@ -136,6 +137,13 @@ def _notes(found: _Models) -> tuple[str, ...]:
     model = "model with its causes" if labels != without else "refitted model"
     text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
+
+
+def _left_out(rig: Rig, recordings: Sequence[Recording]) -> Iterator[str]:
+    """Sentences about recordings in which something acts that the form of the rig leaves out."""
+    for recording in recordings:
+        if rig.forms is not None and (text := rig.forms.left_out(rig, recording)):
+            yield text
 
 
 # ---- what may be judged ------------------------------------------------------------------------

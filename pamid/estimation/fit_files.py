@@ -99,6 +99,8 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
     )
     if loops := loop_errors(g, cause):
         found = found.model_copy(update={"loops": loops})
+    if notes := tuple(filter(None, [e.rig.form_note])):
+        found = found.model_copy(update={"notes": notes})
     if g.earlier is not None:
         began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
         found = found.model_copy(update={"from_": began})
@@ -131,6 +133,8 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
         stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),
         values={b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
     )
+    if a.rig.form:
+        found = found.model_copy(update={"form": a.rig.form})
     if not a.rig.between:
         return found
     ways = {**{column: between_of(a.rig, column) for column in a.rig.inputs}, **a.rig.between}

@@ -20,7 +20,7 @@ from pamid.simulators.mechanism import (
     Vector,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.mujoco_findings import contact_share, findings_of
+from pamid.simulators.mujoco_findings import can_collide, contact_share, findings_of
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
@@ -71,6 +71,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         findings_of(file, share, met),
         share,
         int(file.model.nsensordata),
+        can_collide(file),
     )
 
 
