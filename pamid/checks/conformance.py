@@ -388,8 +388,14 @@ def background_findings(rig: Rig) -> list[CheckOutcome]:
     return []
 
 
-def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOutcome]:
-    """Everything that can be said about a rig without a recording."""
+def rig_findings(
+    rig: Rig, effects: Iterable[type[Effect]] = (), *, slopes: bool = True
+) -> list[CheckOutcome]:
+    """Everything that can be said about a rig without a recording.
+
+    slopes: hold its sensitivities against differences; those of a model file are pamid's work, and
+    nothing in the file can spoil them.
+    """
     try:
         tell("equations")
         trial = ExcitedRig(rig)
@@ -418,7 +424,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
                 advice=True,
             )
         )
-    if not bad:
+    if slopes and not bad:
         tell("sensitivities")
         found.append(_slope_finding(rig, None))
     found += [

@@ -427,7 +427,7 @@ def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     except PamidError as error:
         return {"kind": "rig"}, [CheckOutcome("model", False, str(error))]
     effects = library.effects()
-    found, ports = _built(rig, effects)
+    found, ports = _built(rig, effects, slopes=False)
     about = {"kind": "rig", "rigs": [rig.name], "effects": []}
     return {**about, **({"ports": ports} if ports else {})}, found
 
@@ -495,10 +495,10 @@ def _rig(
 
 
 def _built(
-    rig: Rig, effects: dict[str, type[Effect]]
+    rig: Rig, effects: dict[str, type[Effect]], *, slopes: bool = True
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
     found = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
-    found += rig_findings(rig, effects.values())
+    found += rig_findings(rig, effects.values(), slopes=slopes)
     built = not any(f.wrong and f.check == "equations" for f in found)
     return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
 

@@ -150,8 +150,8 @@ class FittedModel(Model):
     )
     form: Sometimes[Text] = Field(
         default=None,
-        description="of a model file: equations or stepped (by its simulator), where the recordings "
-        "decided it",
+        description="of a model file, where the recordings decided it: equations or stepped (by "
+        "its simulator)",
     )
     posterior: Sometimes[Posterior] = Field(
         default=None, description="of a model with a cause: how well its parameters are known"

@@ -70,9 +70,7 @@ def attach_specs(
     return found
 
 
-def form_remarks(
-    rig: Rig, excitation: Recording, columns: Mapping[str, Array]
-) -> tuple[str, ...]:
+def form_remarks(rig: Rig, excitation: Recording, columns: Mapping[str, Array]) -> tuple[str, ...]:
     """What would act in a simulated motion and the form of the rig leaves out, in sentences.
 
     columns: readings by name, in their units.

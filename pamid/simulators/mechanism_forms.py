@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pamid.base.errors import FileError
-from pamid.base.units import NONE
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.simulators.compiled_rig import CompiledMechanism

@@ -205,7 +205,9 @@ def test_without_a_position_contacts_stay_possible(place: Path) -> None:
 
 
 def test_a_model_without_pairs_has_one_form(tmp_path: Path) -> None:
-    alone = ARM.format(mass=1.0).replace("<compiler", '<option><flag contact="disable"/></option><compiler')
+    alone = ARM.format(mass=1.0).replace(
+        "<compiler", '<option><flag contact="disable"/></option><compiler'
+    )
     assert rig_named(str(written(tmp_path, alone))).forms is None
 
 
