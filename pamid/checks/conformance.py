@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.progress import tell
 from pamid.engine.program import Stepping
+from pamid.engine.simulator_warnings import counted_warnings
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import usual_range
 from pamid.excitation.waveforms import ramps
@@ -414,6 +415,11 @@ def rig_findings(
     found += [CheckOutcome("finite", False, b) for b in bad] or [
         CheckOutcome("finite", True, "over random points of the bounds")
     ]
+    if isinstance(rig, StepRig):
+        with counted_warnings() as warned:
+            trial.run(trial.assembly.values())
+        texts = warned.sentences("in an excited run from the start")
+        found += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
         found.append(
             CheckOutcome(

@@ -33,6 +33,7 @@ from pamid.checks.recording_quality import (
     signals_of,
 )
 from pamid.checks.row_order import misplaced_readings
+from pamid.engine.simulator_warnings import counted_warnings
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
@@ -167,13 +168,18 @@ def _recording(
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     tell("quality")
     signals = signals_of(recording, rig)
-    issues = examine(recording, rig, signals)
-    tell("held or linear")
-    between = (
-        []
-        if rig is None or any(i.severity == "wrong" for i in issues)
-        else tried_both_ways(recording, rig)
-    )
+    with counted_warnings() as warned:
+        issues = examine(recording, rig, signals)
+        tell("held or linear")
+        between = (
+            []
+            if rig is None or any(i.severity == "wrong" for i in issues)
+            else tried_both_ways(recording, rig)
+        )
+    found += [
+        CheckOutcome("simulator", False, text, advice=True)
+        for text in warned.sentences("in the runs of this check")
+    ]
     found += [
         CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
         for one in between

@@ -1,0 +1,55 @@
+"""Warnings of a simulator, counted over chosen runs of this process.
+
+Fits step a simulator millions of times, in several processes and with values that nobody keeps.
+Warnings count where a model is run once more as it is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+
+@dataclass
+class SimulatorWarnings:
+    """simulator: its name; steps: that it has made; counts: steps with a warning, by its words."""
+
+    simulator: str = ""
+    steps: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def sentences(self, where: str) -> tuple[str, ...]:
+        """One sentence on what was warned of, () for nothing. where: which run it was, in words."""
+        listed = "; ".join(f"{words}, in {n} steps" for words, n in self.counts.items() if n)
+        return (f"{self.simulator} warned {where}, of {self.steps} steps: {listed}.",) * bool(
+            listed
+        )
+
+
+_COUNTING: list[SimulatorWarnings] = []
+
+
+@contextmanager
+def counted_warnings() -> Iterator[SimulatorWarnings]:
+    """Count what simulators warn of in this block."""
+    counted = SimulatorWarnings()
+    _COUNTING.append(counted)
+    try:
+        yield counted
+    finally:
+        _COUNTING.remove(counted)
+
+
+def warnings_count() -> bool:
+    """Whether anybody counts."""
+    return bool(_COUNTING)
+
+
+def add_warnings(simulator: str, steps: int, warned: Mapping[str, int]) -> None:
+    """Add steps and, by words, how often a simulator has warned in them."""
+    for counted in _COUNTING:
+        counted.simulator = simulator
+        counted.steps += steps
+        for words, number in warned.items():
+            counted.counts[words] = counted.counts.get(words, 0) + min(number, steps)
