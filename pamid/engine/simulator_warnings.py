@@ -13,18 +13,23 @@ from dataclasses import dataclass, field
 
 @dataclass
 class SimulatorWarnings:
-    """simulator: its name; steps: that it has made; counts: steps with a warning, by its words."""
+    """simulator: its name; steps: that it has made; counts: steps with a warning, by its words;
+    cures: a sentence for some of these words."""
 
     simulator: str = ""
     steps: int = 0
     counts: dict[str, int] = field(default_factory=dict)
+    cures: dict[str, str] = field(default_factory=dict)
 
     def sentences(self, where: str) -> tuple[str, ...]:
-        """One sentence on what was warned of, () for nothing. where: which run it was, in words."""
-        listed = "; ".join(f"{words}, in {n} steps" for words, n in self.counts.items() if n)
-        return (f"{self.simulator} warned {where}, of {self.steps} steps: {listed}.",) * bool(
-            listed
-        )
+        """One text on what was warned of, () for nothing. where: which runs these are, in words."""
+        warned = {words: n for words, n in self.counts.items() if n}
+        if not warned:
+            return ()
+        listed = ", ".join(f"{words} in {n}" for words, n in warned.items())
+        cures = dict.fromkeys(self.cures[words] for words in warned if words in self.cures)
+        head = f"{self.simulator} warned {where} ({self.steps} steps): {listed}."
+        return (" ".join([head, *cures]),)
 
 
 _COUNTING: list[SimulatorWarnings] = []
@@ -38,7 +43,8 @@ def counted_warnings() -> Iterator[SimulatorWarnings]:
     try:
         yield counted
     finally:
-        _COUNTING.remove(counted)
+        # by identity: two of them may hold the same numbers
+        _COUNTING[:] = [other for other in _COUNTING if other is not counted]
 
 
 def warnings_count() -> bool:
@@ -46,10 +52,13 @@ def warnings_count() -> bool:
     return bool(_COUNTING)
 
 
-def add_warnings(simulator: str, steps: int, warned: Mapping[str, int]) -> None:
-    """Add steps and, by words, how often a simulator has warned in them."""
+def add_warnings(
+    simulator: str, steps: int, warned: Mapping[str, int], cures: Mapping[str, str]
+) -> None:
+    """Add steps and, by words, how often a simulator has warned in them, with cures."""
     for counted in _COUNTING:
         counted.simulator = simulator
         counted.steps += steps
+        counted.cures |= cures
         for words, number in warned.items():
             counted.counts[words] = counted.counts.get(words, 0) + min(number, steps)

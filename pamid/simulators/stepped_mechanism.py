@@ -37,17 +37,18 @@ Array = NDArray[np.float64]
 MOST_MODELS = 128  # copies of the model kept, each with parameters of its own
 # of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
 SOLVER_TOLERANCE = 1e-13
-_MEMORY = 'for want of memory: enlarge <size memory="..."/> in the model'
 #: mjtWarning -> its words
 WARNINGS = {
-    "mjWARN_INERTIA": "the inertia matrix is nearly singular",
-    "mjWARN_CONTACTFULL": f"contacts were dropped {_MEMORY}",
-    "mjWARN_CNSTRFULL": f"forces of contacts and limits were dropped {_MEMORY}",
-    "mjWARN_BADQPOS": "positions were not finite",
-    "mjWARN_BADQVEL": "velocities were not finite",
-    "mjWARN_BADQACC": "accelerations were not finite",
-    "mjWARN_BADCTRL": "commands were not finite",
+    "mjWARN_INERTIA": "a nearly singular inertia matrix",
+    "mjWARN_CONTACTFULL": "contacts dropped",
+    "mjWARN_CNSTRFULL": "all forces of contacts and limits dropped",
+    "mjWARN_BADQPOS": "a position that is not finite",
+    "mjWARN_BADQVEL": "a velocity that is not finite",
+    "mjWARN_BADQACC": "an acceleration that is not finite",
+    "mjWARN_BADCTRL": "a command that is not finite",
 }
+_MEMORY = 'The memory for contacts is full: enlarge <size memory="..."/> in the model.'
+CURES = {words: _MEMORY for words in WARNINGS.values() if "dropped" in words}
 
 
 class SteppedMechanism(StepRig, CompiledMechanism):
@@ -255,7 +256,7 @@ class _Stepper:
             for name, words in WARNINGS.items()
             if (kind := getattr(self.mujoco.mjtWarning, name, None)) is not None
         }
-        add_warnings("MuJoCo", steps, warned)
+        add_warnings("MuJoCo", steps, warned, CURES)
 
     @contextmanager
     def in_c(self, p: Array, h: float) -> Iterator[LibraryStep | None]:
