@@ -20,7 +20,7 @@ from pamid.simulators.mujoco_findings import CONTACT
 from pamid.simulators.recorded_contacts import GeomPair, RecordedContacts, recorded_contacts
 from pamid.simulators.stepped_mechanism import SteppedMechanism
 
-EQUATIONS, STEPPED = "equations", "stepped"
+EQUATIONS_FORM, STEPPED_FORM = "equations", "stepped"
 
 
 def mechanism_rig(mechanism: Mechanism) -> Rig:
@@ -53,13 +53,15 @@ class MechanismForms:
                 return None
             joints = ", ".join(map(repr, met.unread))
             return self._rig(
-                STEPPED,
+                STEPPED_FORM,
                 f"Stepped by MuJoCo: no reading shows the position of {joints}, so that contacts "
                 "cannot be ruled out.",
             )
         if met.free:
-            return self._rig(EQUATIONS, _free_words(met))
-        return self._rig(STEPPED, f"Stepped by MuJoCo: {_acting_words(met, self.mechanism.path)}")
+            return self._rig(EQUATIONS_FORM, _free_words(met))
+        return self._rig(
+            STEPPED_FORM, f"Stepped by MuJoCo: {_acting_words(met, self.mechanism.path)}"
+        )
 
     def left_out(self, rig: Rig, recording: Recording) -> str:
         """See `pamid.model.rig.RigForms`."""
@@ -74,7 +76,7 @@ class MechanismForms:
         )
 
     def _rig(self, form: str, note: str) -> Rig:
-        kinds = {EQUATIONS: CompiledMechanism, STEPPED: SteppedMechanism}
+        kinds = {EQUATIONS_FORM: CompiledMechanism, STEPPED_FORM: SteppedMechanism}
         if form not in kinds:
             raise FileError(
                 f"{self.mechanism.path}: it cannot be run as {form!r}.",
@@ -82,7 +84,7 @@ class MechanismForms:
                 code="form",
             )
         findings = [f for f in self.mechanism.findings if f.element != CONTACT]
-        if form == STEPPED:
+        if form == STEPPED_FORM:
             findings = [
                 replace(f, hinders=f.hinders or f.element == CONTACT)
                 for f in self.mechanism.findings

@@ -17,7 +17,7 @@ from pamid.simulators.mujoco_file import MujocoFile
 CONFIGURATIONS = 300  # configurations looked at for contacts
 RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
 CONTACT = "contact"  # the element of the finding that geoms can touch
-FAR = 10.0  # times the model's extent: pairs that come this near each other can be counted
+EVERY_PAIR = 10.0  # times the model's extent: pairs within it are looked for
 NOT_ENFORCED = "is not enforced by the equations"  # where there are equations
 # sum of squared depths of the joints up to which equations are written, a chain of 16: it is built
 # and checked within 15 s of CPU, one of 24 takes over a minute
@@ -75,7 +75,7 @@ def can_collide(file: MujocoFile) -> bool:
     m, mujoco = mujoco_copy(file), file.mujoco
     if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
         return False
-    widen_margins(m, FAR * float(m.stat.extent))
+    widen_margins(m, EVERY_PAIR * float(m.stat.extent))
     data = mujoco.MjData(m)
     mujoco.mj_fwdPosition(m, data)
     return bool((data.contact.exclude <= 1).any())

@@ -48,7 +48,7 @@ WARNINGS = {
     "mjWARN_BADCTRL": "a command that is not finite",
 }
 _MEMORY = 'The memory for contacts is full: enlarge <size memory="..."/> in the model.'
-CURES = {words: _MEMORY for words in WARNINGS.values() if "dropped" in words}
+WARNING_CURES = {words: _MEMORY for words in WARNINGS.values() if "dropped" in words}
 
 
 class SteppedMechanism(StepRig, CompiledMechanism):
@@ -256,7 +256,7 @@ class _Stepper:
             for name, words in WARNINGS.items()
             if (kind := getattr(self.mujoco.mjtWarning, name, None)) is not None
         }
-        add_warnings("MuJoCo", steps, warned, CURES)
+        add_warnings("MuJoCo", steps, warned, WARNING_CURES)
 
     @contextmanager
     def in_c(self, p: Array, h: float) -> Iterator[LibraryStep | None]:
