@@ -31,8 +31,11 @@ WRONG = 3
     "every channel of a recording, with the places of each finding; a rig as a block diagram of "
     "its ports"
 )
+@click.option("--all", "everything", is_flag=True, help="Print every finding and port of a rig.")
 @frame.overwrite_option("Replace the figure if it exists.", formerly_force=True)
-def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -> frame.Result:
+def command(
+    file: Path, rig: str | None, figure: Path | None, everything: bool, overwrite: bool
+) -> frame.Result:
     """Say what is in FILE and everything that is wrong with it: a recording, a rig file, an effect
     file or a MuJoCo or URDF model.
 
@@ -42,7 +45,8 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     held or linear between samples. A rig (.py): its equations build, every port is used, nothing
     blows up over the bounds, sensitivities are exact; for every port what passes, its sign, which
     effects can act there and which others each further signal would let act. A model (.xml, .urdf):
-    the same, after how it goes and what of it is left out, by element and line. An effect (.py):
+    the same, after how it goes and what of it is left out, by element and line. What does not fit
+    one screen is shortened there, and complete with --all and --json. An effect (.py):
     its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
     anything is wrong; notes leave it at 0.
     """
@@ -53,7 +57,7 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     with told_progress("check", stages=_stages(file)) as progress:
         progress.say("reading")
         result = check(file, rig)
-    content, text = result.to_dict(), result.summary()
+    content, text = result.to_dict(), result.summary(everything=everything)
     if figure is not None and result.kind not in ("recording", "rig"):
         raise UsageError(
             "--figure draws recordings and rigs.", f"Leave it out: {file} holds neither."
@@ -91,10 +95,13 @@ def _recording_of(rig: Path) -> str:
 
 def _stages(file: Path) -> tuple[WorkStage, ...]:
     """Work stages of a file of this kind; an effect counts one per place where it fits."""
+    from pamid.base.trust import MODEL_ENDINGS
     from pamid.base.work_stages import WORK_STAGES
 
     if file.suffix == ".csv":
         return WORK_STAGES["check"]
+    if file.suffix in MODEL_ENDINGS:
+        return WORK_STAGES["check a model"]
     return () if _is_effect(file) else WORK_STAGES["check a rig"]
 
 

@@ -138,6 +138,7 @@ def fit_text(fit: dict[str, Any], output: Path) -> str:
     ]
     if not fit["converged"]:
         lines.append(f"Not converged: {fit['why']}.")
+    lines += [f"Note      {note}" for note in fit.get("notes") or ()]
     lines += failed_text(fit)
     follow = ["pamid train-residual", "pamid report"][
         not one_period(r["period_s"] for r in fit["recordings"]) :

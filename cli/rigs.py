@@ -19,10 +19,11 @@ pamid rigs one-dof --figure joint.png
 @frame.command("rigs", example=EXAMPLE)
 @click.argument("name", required=False, type=names.RIG_NAMES)
 @click.option("--rig", "named", type=names.RIG_NAMES, help="The same as NAME.")
+@click.option("--all", "everything", is_flag=True, help="Print equations of any length.")
 @figure_option("the rig as a block diagram of its ports")
 @frame.overwrite_option("Replace the figure if it exists.")
 def command(
-    name: str | None, named: str | None, figure: Path | None, overwrite: bool
+    name: str | None, named: str | None, everything: bool, figure: Path | None, overwrite: bool
 ) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 
@@ -46,7 +47,7 @@ def command(
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
     story = catalogue.rig_story(rig, library.effects().values(), library.rigs())
-    text = catalogue.rig_text(story)
+    text = catalogue.rig_text(story, everything=everything)
     if figure is not None:
         from pamid.model.port_flow import rig_map
         from pamid.report.rig_figure import bare_rig_drawing

@@ -56,9 +56,10 @@ class CheckResult:
         """JSON object of the command."""
         return dict(self._inspection.said)
 
-    def summary(self) -> str:
-        """Problems first, then notes and what is as it should be, as lines of text."""
-        return inspection_text(self._inspection.said)
+    def summary(self, *, everything: bool = True) -> str:
+        """Problems first, then notes and what is as it should be, as lines of text; a rig on one
+        screen, unless everything is wanted."""
+        return inspection_text(self._inspection.said, everything=everything)
 
     @property
     def drawable(self) -> bool:

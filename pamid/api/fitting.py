@@ -20,10 +20,11 @@ from pamid.base.files import PathLike, write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, ShowProgress
 from pamid.base.run_folder import FIT_FILE, FREE_RUN_FILE, RESIDUAL_FILE, Run
+from pamid.engine.simulator_warnings import counted_warnings
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.estimation.posterior import read_posterior
-from pamid.estimation.whole_runs import free_run_csv, free_runs
+from pamid.estimation.whole_runs import OVER_RECORDINGS, free_run_csv, free_runs
 from pamid.model.registry import RigLike
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.virtual_rig import attach_specs
@@ -114,11 +115,12 @@ def fit(
             pool=pool,
             progress=show,
         )
-        content = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
-        write_json(run.path(FIT_FILE), content)
-        write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
         a, e, fitted = model.assembly, model.evidence, model.fit
-        free = {"free_run": free_runs(e, a, fitted.p, fitted.stepping)}
+        with counted_warnings() as warned:
+            free = {"free_run": free_runs(e, a, fitted.p, fitted.stepping)}
+        found = fit_json(model, seed, notes=warned.sentences(OVER_RECORDINGS))
+        write_json(run.path(FIT_FILE), found | {"failed_jobs": pool.failed_jobs})
+        write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
         write_atomically(run.path(FREE_RUN_FILE), free_run_csv(e, free))
 
     how = HowToRun(seed, jobs, cluster, output, overwrite, resume, progress, command)

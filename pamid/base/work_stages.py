@@ -70,6 +70,11 @@ WORK_STAGES: dict[str, tuple[WorkStage, ...]] = {
         WorkStage("sensitivities", 0.3),
         WorkStage("effects", 0.1, "effects that fit"),
     ),
+    "check a model": (
+        WorkStage("equations", 0.45, "building the equations"),
+        WorkStage("bounds", 0.45, "random points of the bounds"),
+        WorkStage("effects", 0.1, "effects that fit"),
+    ),
     "power": (
         WorkStage("fitting", 0.15, "fitting without effects"),
         WorkStage("response to", 0.8, "response to every effect"),

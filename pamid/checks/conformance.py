@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.progress import tell
 from pamid.engine.program import Stepping
+from pamid.engine.simulator_warnings import counted_warnings
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import usual_range
 from pamid.excitation.waveforms import ramps
@@ -388,8 +389,14 @@ def background_findings(rig: Rig) -> list[CheckOutcome]:
     return []
 
 
-def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOutcome]:
-    """Everything that can be said about a rig without a recording."""
+def rig_findings(
+    rig: Rig, effects: Iterable[type[Effect]] = (), *, slopes: bool = True
+) -> list[CheckOutcome]:
+    """Everything that can be said about a rig without a recording.
+
+    slopes: hold its sensitivities against differences; those of a model file are pamid's work, and
+    nothing in the file can spoil them.
+    """
     try:
         tell("equations")
         trial = ExcitedRig(rig)
@@ -408,6 +415,11 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
     found += [CheckOutcome("finite", False, b) for b in bad] or [
         CheckOutcome("finite", True, "over random points of the bounds")
     ]
+    if isinstance(rig, StepRig):
+        with counted_warnings() as warned:
+            trial.run(trial.assembly.values())
+        texts = warned.sentences("in an excited run from the start")
+        found += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
         found.append(
             CheckOutcome(
@@ -418,7 +430,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOu
                 advice=True,
             )
         )
-    if not bad:
+    if slopes and not bad:
         tell("sensitivities")
         found.append(_slope_finding(rig, None))
     found += [

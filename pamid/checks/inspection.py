@@ -33,6 +33,7 @@ from pamid.checks.recording_quality import (
     signals_of,
 )
 from pamid.checks.row_order import misplaced_readings
+from pamid.engine.simulator_warnings import counted_warnings
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
@@ -167,13 +168,18 @@ def _recording(
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     tell("quality")
     signals = signals_of(recording, rig)
-    issues = examine(recording, rig, signals)
-    tell("held or linear")
-    between = (
-        []
-        if rig is None or any(i.severity == "wrong" for i in issues)
-        else tried_both_ways(recording, rig)
-    )
+    with counted_warnings() as warned:
+        issues = examine(recording, rig, signals)
+        tell("held or linear")
+        between = (
+            []
+            if rig is None or any(i.severity == "wrong" for i in issues)
+            else tried_both_ways(recording, rig)
+        )
+    found += [
+        CheckOutcome("simulator", False, text, advice=True)
+        for text in warned.sentences("in the runs of this check")
+    ]
     found += [
         CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
         for one in between
@@ -254,6 +260,9 @@ def _against_rig(
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
     found = background_findings(rig) + _column_findings(recording, rig, wanted)
+    if rig.form_note:
+        stepped = isinstance(rig, StepRig)
+        found.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
     found += _known_findings(recording, rig)
     runs = not any(f.wrong for f in found)
     if runs:
@@ -424,7 +433,7 @@ def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     except PamidError as error:
         return {"kind": "rig"}, [CheckOutcome("model", False, str(error))]
     effects = library.effects()
-    found, ports = _built(rig, effects)
+    found, ports = _built(rig, effects, slopes=False)
     about = {"kind": "rig", "rigs": [rig.name], "effects": []}
     return {**about, **({"ports": ports} if ports else {})}, found
 
@@ -492,10 +501,10 @@ def _rig(
 
 
 def _built(
-    rig: Rig, effects: dict[str, type[Effect]]
+    rig: Rig, effects: dict[str, type[Effect]], *, slopes: bool = True
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
     found = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
-    found += rig_findings(rig, effects.values())
+    found += rig_findings(rig, effects.values(), slopes=slopes)
     built = not any(f.wrong and f.check == "equations" for f in found)
     return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
 

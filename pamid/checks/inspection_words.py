@@ -2,59 +2,124 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import Any
 
 from pamid.base.units import NONE
-from pamid.model.port_guide import TOLERANCES, folded, ports_text
+from pamid.model.port_guide import TOLERANCES, WIDTH, cut, folded, grouped_ports_text, ports_text
 
 # kinds of issues after which a note is no small matter
 DOUBTS = ("unit", "sign", "exchanged", "absolute-pressure", "offset", "gain", "far-off")
 FEW_PLACES = 4  # of one check that are told one by one
+SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do next
+# lines per group of ports and per finding, with less and less of both
+DETAIL = (4, 4), (3, 3), (2, 3), (1, 2), (1, 1)
+NAMED_LIKEWISE = 3  # findings of one kind that are named after the first
+_VARIABLE = re.compile(
+    r"'[^']*'|[-+]?\d[\w.+-]*"
+)  # names and numbers, in which like findings differ
 
 
-def inspection_text(said: dict[str, Any]) -> str:
-    """What `inspect` found, for people: problems first."""
-    lines = []
-    if "samples" in said:
-        loop = f", {said['loop']} loop" if said["loop"] else ""
-        lines.append(
-            f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
-            f"{said['sampling_period_s']:g} s{loop}"
-        )
-        lines += [
+def inspection_text(said: dict[str, Any], *, everything: bool = True) -> str:
+    """What `inspect` found, for people: problems first.
+
+    everything: all of it; else a rig that fills more than a screen is shown on one, with like ports
+    and like findings together.
+    """
+    lines = [*_head(said), *_not_fine(said["findings"]), *ports_text(said.get("ports", []))]
+    lines += _fine(said["findings"])
+    rows = sum(1 + len(line) // WIDTH for text in lines for line in text.splitlines())
+    if everything or "samples" in said or rows < SCREEN:
+        return "\n".join([*lines, _count(said)])
+    return "\n".join([*_screen(said), f"{_count(said)} (--all prints the rest)"])
+
+
+def _screen(said: dict[str, Any]) -> list[str]:
+    """A rig on a screen, less the last line: less of the effects, then of the notes, then of the
+    ports, until there is room."""
+    alike = _together(said["findings"])
+    fine = [line for text in _fine(alike) for line in cut(text, 1)]
+    for port_lines, finding_lines in DETAIL:
+        ports = grouped_ports_text(said.get("ports", []), port_lines)
+        notes = [line for text in _not_fine(alike) for line in cut(folded(text), finding_lines)]
+        lines = [*_head(said), *notes, *ports, *fine]
+        if len(lines) < SCREEN:
+            return lines
+    room = SCREEN - len(fine) - 2
+    few = cut("\n".join(ports), max(room // 2, room - 1 - len(notes)))
+    return [*_head(said), *cut("\n".join(notes), room - 1 - len(few)), *few, *fine]
+
+
+def _head(said: dict[str, Any]) -> list[str]:
+    if "samples" not in said:
+        return [f"{said['file']}:"]
+    loop = f", {said['loop']} loop" if said["loop"] else ""
+    return [
+        f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
+        f"{said['sampling_period_s']:g} s{loop}",
+        *(
             f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} "
             f"{'' if c['unit'] == NONE else c['unit']:<4} rest {c['rest_value']:.5g} for "
             f"{c['rest_s']:.3g} s{_texture(said['quality']['channels'][name])}"
             for name, c in said["columns"].items()
-        ]
-    else:
-        lines.append(f"{said['file']}:")
-    for title, chosen in (
-        ("wrong  ", lambda f: not f["ok"] and not f["advice"]),
-        ("note   ", lambda f: not f["ok"] and f["advice"]),
-    ):
-        lines += [_told(title, f) for f in said["findings"] if chosen(f)]
-    lines += ports_text(said.get("ports", []))
+        ),
+    ]
+
+
+def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
+    """Problems, then notes."""
+    found = [f for f in findings if not f["ok"]]
+    return [
+        *(_told("wrong  ", f) for f in found if not f["advice"]),
+        *(_told("note   ", f) for f in found if f["advice"]),
+    ]
+
+
+def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
+    """What is as it should be."""
     fine: dict[str, list[str]] = {}
-    for f in said["findings"]:
+    for f in findings:
         if f["ok"]:
             fine.setdefault(f["check"], []).append(f["detail"])
+    lines = []
     for check, details in fine.items():
         told = [f"at {len(details)} places"] if len(details) > FEW_PLACES else details
         lines += [folded(f"ok     {check}: {detail}") for detail in told]
+    return lines
+
+
+def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Findings that differ in names and numbers alone as the first of them, which names others."""
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for f in findings:
+        alike = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
+        groups.setdefault(alike, []).append(f)
+    return [_with_others(group) for group in groups.values()]
+
+
+def _with_others(group: list[dict[str, Any]]) -> dict[str, Any]:
+    first, others = group[0], group[1:]
+    if not others:
+        return first
+    names = [m[0] for f in others if (m := re.search(r"'[^']*'", f["detail"]))]
+    shown = ", ".join(names[:NAMED_LIKEWISE]) + (" .." if len(names) > NAMED_LIKEWISE else "")
+    likewise = f"; likewise {shown}" if shown else ""
+    counted = f"{first['check']}, {len(group)} times"
+    return {**first, "check": counted, "detail": first["detail"] + likewise}
+
+
+def _count(said: dict[str, Any]) -> str:
+    """How many problems and notes there are."""
     wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
     doubtful = any(i["kind"] in DOUBTS for i in said.get("quality", {}).get("issues", []))
     counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""
-    lines.append(
-        counted
-        + (
-            ("the rig does not explain the recording as it is" if doubtful else "nothing is wrong")
-            if said["ok"]
-            else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
-        )
+    return counted + (
+        ("the rig does not explain the recording as it is" if doubtful else "nothing is wrong")
+        if said["ok"]
+        else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
     )
-    return "\n".join(lines)
 
 
 def _told(title: str, f: dict[str, Any]) -> str:

@@ -44,7 +44,7 @@ from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
 from pamid.simulation.free_runs import input_table, noisy_inputs, sensor_noise
-from pamid.simulation.virtual_rig import VirtualRecording, in_its_loop
+from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
 from pamid.symbolic.vocabulary import Expr
@@ -292,7 +292,8 @@ def record_identified(
     meta |= {"known": known} if known else {}
     meta |= {"controller": settings} if closed else {}
     meta |= {"between": excitation.between} if excitation.between else {}
-    return VirtualRecording(columns, meta, [a.label for a in model.effects], model.notes)
+    remarks = (*model.notes, *form_remarks(rig, excitation, columns))
+    return VirtualRecording(columns, meta, [a.label for a in model.effects], remarks)
 
 
 def _corrected_in_loop(

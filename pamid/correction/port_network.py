@@ -47,7 +47,7 @@ from pamid.correction.output_network import (
     write_network,
 )
 from pamid.correction.residual_data import CAUSES, REFIT, ResidualData
-from pamid.correction.stored_model import stored_model
+from pamid.correction.stored_model import in_form, stored_model
 from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import span_rows
@@ -198,7 +198,7 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
         for one in (path, str(Path(path).with_suffix(".toml"))):
             if one in known:
                 _require_unchanged(_place(folder, one), known[one], folder)
-    rig_object = rig_again(name, rig, known)
+    rig_object = in_form(rig_again(name, rig, known), saved, folder / FIT_FILE)
     recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(
         rig_object,

@@ -102,7 +102,8 @@ def score_run(
         measured_outputs(models.refitted.assembly, recording)
     runs = _Counted(2 * len(recordings) * len(models.every))
     rows = [row for item in recordings for row in _rows(models, item, runs)]
-    return RunScore(models.refitted.name, tuple(models.named), tuple(rows), _notes(models))
+    notes = (*_notes(models), *_left_out(models.refitted.assembly.rig, recordings))
+    return RunScore(models.refitted.name, tuple(models.named), tuple(rows), notes)
 
 
 def _models_of(
@@ -136,6 +137,13 @@ def _notes(models: _Models) -> tuple[str, ...]:
     model = "model with its causes" if labels != without else "refitted model"
     text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
+
+
+def _left_out(rig: Rig, recordings: Sequence[Recording]) -> Iterator[str]:
+    """Sentences about recordings in which something acts that the form of the rig leaves out."""
+    for recording in recordings:
+        if rig.forms is not None and (text := rig.forms.left_out(rig, recording)):
+            yield text
 
 
 # ---- what may be judged ------------------------------------------------------------------------

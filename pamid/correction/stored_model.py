@@ -36,7 +36,7 @@ def stored_model(
     """The model that a file stores, the values of its parameters (SI) in the assembly's order, and
     its steps; FileError, with the path of the file, where it is of another rig."""
     periods = [recording.period_s for recording in recordings if recording.period_s]
-    rig = as_fitted(rig, saved.values)
+    rig = as_fitted(in_form(rig, saved, path), saved.values)
     rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
     rig = rig_with_background(rig, {key.partition(":")[0] for key in saved.values})
     assembly = Assembly(
@@ -51,6 +51,15 @@ def stored_model(
     if not 1 <= step.substeps <= MOST_STORED_SUBSTEPS:
         refuse(path, "the number of its steps is out of range")
     return assembly, p, step
+
+
+def in_form(rig: Rig, saved: FittedModel, path: Path) -> Rig:
+    """The rig in the form that the recordings of the run decided; FileError where it has none."""
+    if not saved.form or rig.form == saved.form:
+        return rig
+    if rig.forms is None:
+        refuse(path, f"the rig {rig.name!r} cannot be run as {saved.form!r}")
+    return rig.forms.named(saved.form)
 
 
 def refuse(path: Path, fault: str) -> NoReturn:

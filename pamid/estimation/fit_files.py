@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,11 @@ from pamid.simulation.replay import Replay, channel_mae, replay_track
 Array = NDArray[np.float64]
 
 
-def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, Any]:
+def fit_json(
+    g: GreyBox, seed: int, cause: GreyBox | None = None, notes: Sequence[str] = ()
+) -> dict[str, Any]:
     """fit.json: parameters with intervals and words, errors per channel on what was held out.
-    cause: the model with the causes, for its errors in closed loop."""
+    cause: the model with the causes, for its errors in closed loop; notes: sentences."""
     e = g.evidence
     figures = {
         "data_sheet": channel_mae(list(g.data_sheet)),
@@ -83,6 +86,8 @@ def fit_json(g: GreyBox, seed: int, cause: GreyBox | None = None) -> dict[str, A
     )
     if loops := loop_errors(g, cause):
         found = found.model_copy(update={"loops": loops})
+    if noted := tuple(filter(None, [e.rig.form_note, *notes])):
+        found = found.model_copy(update={"notes": noted})
     if g.earlier is not None:
         began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
         found = found.model_copy(update={"from_": began})
@@ -102,6 +107,8 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
         stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),
         values={b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
     )
+    if a.rig.form:
+        found = found.model_copy(update={"form": a.rig.form})
     if not a.rig.between:
         return found
     ways = {**{column: between_of(a.rig, column) for column in a.rig.inputs}, **a.rig.between}

@@ -17,6 +17,8 @@ from pamid.simulation.replay import WHOLE, Replay, replay_track
 
 Array = NDArray[np.float64]
 
+OVER_RECORDINGS = "in free runs of the fitted model over the recordings"
+
 
 def free_runs(e: DataSplit, assembly: Assembly, p: Array, stepping: Stepping) -> tuple[Replay, ...]:
     """A model at parameters p (SI) over every whole recording; of an excerpt, over every stretch.

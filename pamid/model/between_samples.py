@@ -88,10 +88,12 @@ def _with_parameters(rig: Rig, parameters: tuple[Parameter, ...]) -> Rig:
 
 
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
-    """The rig with inputs held or linear, outputs read before the command of their row, and
-    parameters released, as the recordings' TOML files say; FileError where two of them differ: a
-    model is fitted one way."""
+    """The rig in the form that the recordings need, unless one has been decided; with inputs held
+    or linear, outputs read before the command of their row, and parameters released, as the
+    recordings' TOML files say; FileError where two of them differ: a model is fitted one way."""
     recordings = list(recordings)
+    if rig.forms is not None and not rig.form:
+        rig = rig.forms.suiting(recordings) or rig
     rig = released(rig, {name: sd for r in recordings for name, sd in r.free.items()})
     ways: dict[str, str] = {}
     by: dict[str, Recording] = {}

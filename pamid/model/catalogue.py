@@ -37,6 +37,7 @@ ON_REQUEST = (
     "moments of inertia, known within this share (1: 100 %)"
 )
 MANY_TERMS = 6  # of a background: more are told by the first and the last
+MOST_EQUATION_LINES = 250  # of the shipped rigs fewer; of a robot of seven joints 600
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
 
@@ -306,8 +307,9 @@ def effect_text(said: result.EffectStory) -> str:
     return "\n".join(lines if said.places else [*lines, "    no port of the rigs looked at"])
 
 
-def rig_text(said: result.RigStory) -> str:
-    """The whole story of one rig."""
+def rig_text(said: result.RigStory, *, everything: bool = True) -> str:
+    """The whole story of one rig; its equations only up to `MOST_EQUATION_LINES`, unless everything
+    is wanted."""
     lines = [f"{said.name}: {said.title}"]
     if said.variants:
         lines.append(f"variants: {', '.join(said.name + ':' + v for v in said.variants)}")
@@ -331,12 +333,13 @@ def rig_text(said: result.RigStory) -> str:
         "",
         "Ports",
     ]
-    for port in said.ports:
+    for names, port in _like_ports(said.ports):
         signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port.signals.items())
         places = f" at places {', '.join(port.places)}" if port.places else ""
-        lines.append(
-            f"    {port.name}: {port.kind}{_in(port.unit)}{places}"
-            + (f"; offers {signals}" if signals else "")
+        lines += _wrapped(
+            f"{', '.join(names)}: {port.kind}{_in(port.unit)}{places}"
+            + (f"; offers {signals}" if signals else ""),
+            4,
         )
         lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
     if said.no_place:
@@ -355,17 +358,36 @@ def rig_text(said: result.RigStory) -> str:
         few = len(b.terms) <= MANY_TERMS
         terms = ", ".join(b.terms) if few else f"{b.terms[0]} .. {b.terms[-1]}"
         lines.append(f"    {b.name} at {b.port}: {terms}, sd {b.tolerance:g}")
+    equations = _equation_lines(said.equations)
+    if not everything and len(equations) > MOST_EQUATION_LINES:
+        equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
+    return "\n".join([*lines, *equations])
+
+
+def _equation_lines(equations: result.RigEquations) -> list[str]:
+    lines = []
     for part, title in (
         ("rates", "Equations (SI)"),
         ("ports", "Through the ports"),
         ("outputs", "Outputs"),
         ("where", "where"),
     ):
-        if getattr(said.equations, part):
+        if getattr(equations, part):
             lines += ["", title]
-            for name, value in getattr(said.equations, part).items():
+            for name, value in getattr(equations, part).items():
                 lines += _wrapped(f"{name} = {value}", 4)
-    return "\n".join(lines)
+    return lines
+
+
+def _like_ports(
+    ports: Sequence[result.RigPort],
+) -> list[tuple[list[str], result.RigPort]]:
+    """Ports that differ in nothing but their names, with these names, and the first of them."""
+    alike: dict[str, tuple[list[str], result.RigPort]] = {}
+    for port in ports:
+        rest = port.model_copy(update={"name": "", "group": ""})
+        alike.setdefault(repr(rest), ([], port))[0].append(port.name)
+    return list(alike.values())
 
 
 def _in(unit: str) -> str:

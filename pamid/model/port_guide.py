@@ -339,6 +339,35 @@ def ports_text(rows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
+def grouped_ports_text(rows: list[dict[str, Any]], most: int) -> list[str]:
+    """`ports_of` on a few lines: like ports together, with the effects that act there.
+
+    most: lines per group, the first one included.
+    """
+    groups: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
+    for row in rows:
+        alike = row["kind"], row["unit"], tuple(row["effects"])
+        groups.setdefault(alike, []).append(row["port"])
+    lines = []
+    for (kind, unit, effects), names in groups.items():
+        at = f"{len(names)} ports, " if len(names) > 1 else ""
+        shown = " .. ".join(dict.fromkeys((names[0], names[-1])))
+        count = "1 effect" if len(effects) == 1 else f"{len(effects)} effects"
+        lines.append(f"port   {kind}{f' [{unit}]' if unit else ''} at {at}{shown}: {count}")
+        lines += cut("\n".join(_folded("acts", ", ".join(effects))), most - 1)
+    return lines
+
+
+def cut(text: str, most: int) -> list[str]:
+    """The first lines of a text, the last of them with a sign where more follow."""
+    lines = text.splitlines()
+    return (
+        lines
+        if len(lines) <= most
+        else [f"{s} .." if s is lines[most - 1] else s for s in lines[:most]]
+    )
+
+
 def _folded(title: str, words: str) -> list[str]:
     plain = words.replace("`", "")
     return folded(f"{title} {plain}" if title == "!" else f"{title}: {plain}", 9).splitlines()

@@ -33,7 +33,7 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,7 @@ from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.log_names import LogName
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BEFORE, BETWEEN
+from pamid.recording.recording import Recording
 from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
@@ -145,6 +146,21 @@ class Loop:
     reading: str
 
 
+class RigForms(Protocol):
+    """Forms of one rig, with the same parameters and columns, of which recordings decide."""
+
+    def named(self, form: str) -> Rig:
+        """The rig in a form; FileError for a name that is none."""
+
+    def suiting(self, recordings: Sequence[Recording]) -> Rig | None:
+        """The rig in the form that recordings need, with `form` and `form_note`; None where they
+        decide nothing."""
+
+    def left_out(self, rig: Rig, recording: Recording) -> str:
+        """What acts in a recording and a rig in one of the forms leaves out, in sentences; "" for
+        nothing."""
+
+
 class Rig:
     """Base of all rigs. See the module's docstring for a whole one."""
 
@@ -200,6 +216,11 @@ class Rig:
     vector_sizes: ClassVar[dict[str, int]] = {}
     # the method that a user has written in the place of another one
     written_as: ClassVar[dict[str, str]] = {}
+    # forms in which it can be run, None where there is one; that which recordings have decided, by
+    # its name in a run; and why, as a sentence
+    forms: ClassVar[RigForms | None] = None
+    form: ClassVar[str] = ""
+    form_note: ClassVar[str] = ""
     # what there is to know of it beside its tables: how it was made, what it leaves out
     remarks: ClassVar[tuple[str, ...]] = ()
     # of the catalogue, the one that is meant where a recording names none

@@ -216,6 +216,7 @@ def _evidence(
             *_transfer(run),
             *_closed_loop(run),
             *_candidates(run),
+            *_notes(run),
             *_sensors(run),
             *_parameters(run, pictures),
             *_background(run, pictures),
@@ -295,9 +296,15 @@ def _candidates(run: RunData) -> Iterator[Block]:
         f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost",
         (ranking_table(diagnosis, added_places(run)), rivals_table(diagnosis)),
     )
-    if diagnosis.notes:
+
+
+def _notes(run: RunData) -> Iterator[Block]:
+    """Notes of the diagnosis, of a fit without one those of the fit."""
+    source = run.diagnosis or run.fit
+    texts = (source.notes if source is not None else None) or ()
+    if texts:
         yield Heading("What to know before believing a figure", 3)
-        yield Bullets(tuple(formatting.clean(note) for note in diagnosis.notes))
+        yield Bullets(tuple(formatting.clean(note) for note in texts))
 
 
 def _sensors(run: RunData) -> Iterator[Block]:

@@ -125,6 +125,11 @@ class FittedModel(Model):
         description="what inputs do from one sample to the next, held or linear, by column, and "
         "which outputs are read before the command of their row; without it all inputs are held",
     )
+    form: Sometimes[Text] = Field(
+        default=None,
+        description="of a model file, where the recordings decided it: equations or stepped (by "
+        "its simulator)",
+    )
     posterior: Sometimes[Posterior] = Field(
         default=None, description="of a model with a cause: how well its parameters are known"
     )
@@ -211,5 +216,8 @@ class FitFile(Model):
     rivals: Sometimes[MapOf[Rival]] = Field(
         default=None,
         description="of an ambiguous diagnosis: the causes that cannot be told apart, by label",
+    )
+    notes: Sometimes[ListOf[Text]] = Field(
+        default=None, description="what to know before believing a figure, sentences"
     )
     failed_jobs: Sometimes[ListOf[FailedJob]] = Field(default=None, description="and why")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -66,6 +68,17 @@ def attach_specs(
     for label in sorted({x for x in labels if labels.count(x) > 1}):
         raise UsageError(f"effect {label!r} is given twice", f"name the ports: {label}@PORT")
     return attached
+
+
+def form_remarks(rig: Rig, excitation: Recording, columns: Mapping[str, Array]) -> tuple[str, ...]:
+    """What would act in a simulated motion and the form of the rig leaves out, in sentences.
+
+    columns: readings by name, in their units.
+    """
+    if rig.forms is None:
+        return ()
+    motion = replace(excitation, columns=dict(columns), path=Path("the simulated motion"))
+    return tuple(filter(None, [rig.forms.left_out(rig, motion)]))
 
 
 def in_its_loop(rig: Rig, excitation: Recording) -> bool:
@@ -144,4 +157,5 @@ def simulate_virtual_rig(
     if excitation.between:
         meta["between"] = excitation.between
     remarks = tuple(fault.text for fault in plain.known_objections(known))
+    remarks += form_remarks(rig, excitation, columns)
     return VirtualRecording(columns, meta, labels, remarks)

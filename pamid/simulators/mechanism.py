@@ -334,7 +334,8 @@ class ModelFinding:
 class Mechanism:
     """A whole model. path: the file; inputs, outputs: column -> SI unit, in the order of actuators
     and sensors; noise: standard deviations by column where the file states any; sensor_values: how
-    many the simulator's own sensors return, those that pamid cannot read among them."""
+    many the simulator's own sensors return, those that pamid cannot read among them; collides:
+    whether the simulator looks for contacts between any two geoms."""
 
     path: str
     name: str
@@ -351,6 +352,7 @@ class Mechanism:
     contact_share: float = 0.0  # of the configurations within the joints' ranges
     sensor_values: int = 0
     couplings: tuple[Coupling, ...] = ()
+    collides: bool = False
 
     def chain(self, body: int) -> tuple[int, ...]:
         """Joints that move a body."""

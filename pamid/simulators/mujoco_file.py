@@ -77,8 +77,10 @@ def _object(kinds: Any, kind: str) -> Any:
 def mujoco_package(path: PathLike) -> ModuleType:
     """MuJoCo's Python package; FileError with what to install where it is absent.
 
-    From then on MuJoCo writes its warnings nowhere. By default it appends them to MUJOCO_LOG.TXT in
-    the working folder. A handler that somebody else has set stays.
+    From then on MuJoCo does not write its warnings itself. By default it appends them to
+    MUJOCO_LOG.TXT in the working folder. Those of a compilation are findings of the file, those of
+    steps are counted (`pamid.engine.simulator_warnings`). A handler that somebody else has set
+    stays.
     """
     try:
         import mujoco

@@ -24,7 +24,7 @@ from pamid.simulators.mechanism import (
     Vector,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.mujoco_findings import contact_share, findings_of, reads_frame
+from pamid.simulators.mujoco_findings import can_collide, contact_share, findings_of, reads_frame
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
@@ -94,6 +94,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         share,
         int(file.model.nsensordata),
         couplings,
+        can_collide(file),
     )
     mounts = [a.mount.body for a in actuators if a.mount is not None]
     moved = frozenset(j for body in mounts for j in found.chain(body))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.engine.simulator import LibraryStep
+from pamid.engine.simulator_warnings import add_warnings, warnings_count
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.body_inertia import BodyShape
@@ -37,6 +38,18 @@ Array = NDArray[np.float64]
 MOST_MODELS = 128  # copies of the model kept, each with parameters of its own
 # of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
 SOLVER_TOLERANCE = 1e-13
+#: mjtWarning -> its words
+WARNINGS = {
+    "mjWARN_INERTIA": "a nearly singular inertia matrix",
+    "mjWARN_CONTACTFULL": "contacts dropped",
+    "mjWARN_CNSTRFULL": "all forces of contacts and limits dropped",
+    "mjWARN_BADQPOS": "a position that is not finite",
+    "mjWARN_BADQVEL": "a velocity that is not finite",
+    "mjWARN_BADQACC": "an acceleration that is not finite",
+    "mjWARN_BADCTRL": "a command that is not finite",
+}
+_MEMORY = 'The memory for contacts is full: enlarge <size memory="..."/> in the model.'
+WARNING_CURES = {words: _MEMORY for words in WARNINGS.values() if "dropped" in words}
 
 
 class SteppedMechanism(StepRig, CompiledMechanism):
@@ -238,14 +251,39 @@ class _Stepper:
         control = np.zeros((n, 1, self.model.nu + self.model.nv))
         control[:, 0, self.forces] = f
         models = [self.with_values(row, h / count) for row in p]
-        after, _ = self.rollout.rollout(
-            models,
-            self.data,
-            states,
-            np.repeat(control, count, axis=1) if count > 1 else control,
-            control_spec=self.spec,
-        )
-        return np.ascontiguousarray(after[:, -1, self.places])
+        control = np.repeat(control, count, axis=1) if count > 1 else control
+        if not warnings_count():
+            after, _ = self.rollout.rollout(
+                models, self.data, states, control, control_spec=self.spec
+            )
+            states = after[:, -1].copy()
+        # a rollout ends at the first warning and repeats the state that it has reached
+        for i in np.flatnonzero(np.rint(states[:, 0] * count / h) < count):
+            states[i] = self._to_the_end(models[i], states[i], control[i])
+        return np.ascontiguousarray(states[:, self.places])
+
+    def _to_the_end(self, model: Any, state: Array, control: Array) -> Array:
+        """The whole state behind all steps of a control (steps, values), whatever MuJoCo warns of,
+        from one at which some of them are done."""
+        step = float(model.opt.timestep)
+        done = round(state[0] / step)
+        while done < len(control):
+            after, _ = self.rollout.rollout(
+                [model], self.data, state[None], control[None, done:], control_spec=self.spec
+            )
+            state = after[0, -1]
+            before, done = done, max(round(state[0] / step), done + 1)
+            self._add_warnings(done - before)
+        return state
+
+    def _add_warnings(self, steps: int) -> None:
+        """Count what MuJoCo has warned of since its data were reset, in so many steps."""
+        warned = {
+            words: int(self.data.warning[int(kind)].number)
+            for name, words in WARNINGS.items()
+            if (kind := getattr(self.mujoco.mjtWarning, name, None)) is not None
+        }
+        add_warnings("MuJoCo", steps, warned, WARNING_CURES)
 
     @contextmanager
     def in_c(self, p: Array, h: float) -> Iterator[LibraryStep | None]:
@@ -267,6 +305,7 @@ class _Stepper:
                 *self.addresses,
                 kept=(models, self.data),
             )
+        self._add_warnings(round(self.data.time * count / h))
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:

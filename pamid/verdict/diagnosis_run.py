@@ -3,6 +3,7 @@ effect."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,10 +21,11 @@ from pamid.diagnosis.answer import probability
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.engine.simulator_warnings import counted_warnings
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.posterior import posterior_of
-from pamid.estimation.whole_runs import free_run_csv, free_runs
+from pamid.estimation.whole_runs import OVER_RECORDINGS, free_run_csv, free_runs
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.planning.next_experiment import Proposal, Proposing
@@ -89,11 +91,15 @@ def diagnose_into(
     progress(Settled(f"verdict: {draft.remark or draft.sentence}"))
     progress("looking for the next experiment")
     proposal = pool.one(Proposing(), diagnosis)
+    with counted_warnings() as warned:
+        free = free_runs_of(diagnosis)
+    warnings = warned.sentences(OVER_RECORDINGS)
+    draft = draft.model_copy(update={"notes": (*warnings, *(draft.notes or ()))})
     content = with_experiment(draft, proposal).as_json() | {"failed_jobs": pool.failed_jobs}
-    write_json(run.path(FIT_FILE), models_json(diagnosis))
+    write_json(run.path(FIT_FILE), models_json(diagnosis, warnings))
     residual = residual_csv(diagnosis.budget.model, with_causes(diagnosis))
     write_atomically(run.path(RESIDUAL_FILE), residual)
-    write_atomically(run.path(FREE_RUN_FILE), free_runs_of(diagnosis))
+    write_atomically(run.path(FREE_RUN_FILE), free)
     if diagnosis.ranking:
         write_json(run.path(ADDED_VARIABLES_FILE), added_variables(diagnosis).as_json())
     if result.missing is not None:
@@ -117,12 +123,12 @@ def free_runs_of(d: Diagnosis) -> bytes:
     )
 
 
-def models_json(d: Diagnosis) -> dict[str, Any]:
+def models_json(d: Diagnosis, notes: Sequence[str] = ()) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it; of causes
-    that cannot be told apart a model each."""
+    that cannot be told apart a model each. notes: sentences."""
     model = d.budget.model
     if d.cause is None:
-        return fit_json(model, d.seed)
+        return fit_json(model, d.seed, notes=notes)
     models: dict[str, Any] = {"cause": _saved(d.cause)}
     if d.answer is not None and d.verdict == "ambiguous":
         models["rivals"] = {
@@ -132,7 +138,7 @@ def models_json(d: Diagnosis) -> dict[str, Any]:
             }
             for c in d.answer.causes
         }
-    return fit_json(model, d.seed, with_causes(d)) | models
+    return fit_json(model, d.seed, with_causes(d), notes) | models
 
 
 def with_causes(d: Diagnosis) -> GreyBox | None:

@@ -79,6 +79,7 @@ def remark(d: Diagnosis) -> str:
 def notes_of(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
     kinds = (
+        _form,
         _signs,
         _unused,
         _idle,
@@ -120,6 +121,11 @@ def unexplained(reached: Mapping[str, Reach]) -> list[str]:
 def _in_unit(channel: str) -> str:
     symbol = split_column(channel)[1]
     return "" if symbol == NONE else f" {symbol}"
+
+
+def _form(d: Diagnosis) -> list[str]:
+    """Why a model file is run as equations or stepped, where the recordings decided it."""
+    return list(filter(None, [d.evidence.rig.form_note]))
 
 
 def _signs(d: Diagnosis) -> list[str]:

@@ -7,11 +7,10 @@ from pathlib import Path
 from pamid.base.errors import FileError
 from pamid.model.model_file import ModelKind
 from pamid.model.rig import Rig
-from pamid.simulators.compiled_rig import CompiledMechanism
 from pamid.simulators.mechanism import Mechanism
+from pamid.simulators.mechanism_forms import mechanism_rig
 from pamid.simulators.mujoco_file import SUFFIXES
 from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.stepped_mechanism import SteppedMechanism
 
 
 def rig(path: Path) -> Rig:
@@ -20,8 +19,8 @@ def rig(path: Path) -> Rig:
 
 
 def rig_of(mechanism: Mechanism) -> Rig:
-    """A mechanism as equations, or stepped by MuJoCo where it cannot be written so; FileError where
-    neither goes."""
+    """A mechanism as equations, or stepped by MuJoCo where it cannot be written so or geoms may
+    touch; FileError where neither goes."""
     if not mechanism.joints:
         raise FileError(f"{mechanism.path}: it has no joints, so nothing in it can move.")
     if not mechanism.sensors:
@@ -32,9 +31,7 @@ def rig_of(mechanism: Mechanism) -> Rig:
             "Add <jointpos joint=...> for every hinge or slide that is recorded, or leave <sensor> "
             "out.",
         )
-    if mechanism.hindrances:
-        return SteppedMechanism(mechanism)
-    return CompiledMechanism(mechanism)
+    return mechanism_rig(mechanism)
 
 
 MODEL_KIND = ModelKind("mujoco", SUFFIXES, rig)
