@@ -132,8 +132,8 @@ def bare_case(truth: ModuleType, folder: Path, shares: Sequence[float]) -> tuple
     """
     machine = replace(truth.arm(2, np.random.default_rng(4)), velocities=False)
     planted = tuple(
-        truth.Planted("frictionloss", k, share * machine.links[k].limit)
-        for k, share in enumerate(shares)
+        truth.Planted("frictionloss", link.joint, share * link.limit)
+        for link, share in zip(machine.links, shares, strict=False)
     )
     columns, _ = truth.record(machine, planted, SECONDS, 4)
     log = recording_of(columns.pop("time_s"), columns)
