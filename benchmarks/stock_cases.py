@@ -8,9 +8,10 @@ DIR has the unpacked packages robosuite, airo-models (`pip download --no-deps`, 
 a whole robot of them: 5 to 8 s at 100 to 200 Hz about a random pose within the joints' ranges, away
 from contact, and a second log that is held out. Plain MuJoCo makes them at 0.5 ms: every mass of
 the machine is up to 10 % off the file, and something is planted (`mujoco_truth.py`), in half of the
-planted cases two things. A computed-torque controller with the file's own masses leads a robot of
-motors; in half of the MJCF cases the motors of the file are replaced by position servos. Contacts
-are off in the machine: geoms that touch in three of four random poses are a fault of the file.
+planted cases two things. A computed-torque controller that knows the file's masses and the friction
+leads a robot of motors. In four of ten MJCF cases, and where kp is planted, position servos take
+the place of the motors. The machine has no contacts: geoms that touch in three of four random poses
+are a fault of the file.
 
 `pamid diagnose` and `pamid export` get the file and the logs, with nothing planted said. What was
 planted stands in FOLDER/labels, scores in FOLDER/scores: a case that has one is not run again.
@@ -92,6 +93,7 @@ STEP_S = 0.0005
 SETTLE_S = 1.0  # before the log begins
 STEERED_HZ, SERVO_HZ, DAMPED = 2.0, 4.0, 0.7
 SWING_RAD = 0.5
+CREEP = 0.05  # rad/s
 MASS_OFF = 0.1
 TRIES = 60  # of poses
 PAMID = Path(sys.executable).with_name("pamid")
@@ -291,14 +293,17 @@ class Robot:
         m.opt.disableflags |= self.contact
         return {tuple(sorted(map(int, d.contact[i].geom))) for i in range(d.ncon)}
 
-    def steered(self, q: Array, qd: Array, wanted: Array) -> Array:
-        """Torques that lead the joints to an acceleration, within the limits of the motors."""
+    def steered(self, q: Array, qd: Array, wanted: Array, rubbing: Array) -> Array:
+        """Torques that lead the joints to an acceleration, within the limits of the motors.
+
+        rubbing: friction that the controller makes up for, N m.
+        """
         d, torque = self.data, np.zeros(self.model.nv)
         d.qpos[self.q], d.qvel[self.v] = q, qd
         self.mujoco.mj_forward(self.model, d)
         self.mujoco.mj_mulM(self.model, d, torque, wanted)
         torque += d.qfrc_bias - d.qfrc_passive
-        return np.clip(torque[self.v], -self.limits, self.limits)
+        return np.clip(torque[self.v] + rubbing, -self.limits, self.limits)
 
 
 def ways(case: Case, pose: Array, swing: Array, seconds: float, seed: list[int]) -> Array:
@@ -343,7 +348,8 @@ def simulated(
     for k, (way, rate, acceleration) in enumerate(path):
         q, qd = d.qpos[truth.q].copy(), d.qvel[truth.v].copy()
         pulled = acceleration + w * w * (way - q) + 2.0 * DAMPED * w * (rate - qd)
-        sent = way if case.servo else nominal.steered(q, qd, pulled)
+        rubbing = m.dof_frictionloss[truth.v] * np.tanh(rate / CREEP)
+        sent = way if case.servo else nominal.steered(q, qd, pulled, rubbing)
         rows["sent"].append(sent)
         rows["q"].append(q)
         rows["qd"].append(qd)
