@@ -182,7 +182,7 @@ def fits(joints: int, length_s: float) -> None:
     """The same parameters from the same log, by pamid and by mujoco.sysid."""
     random = np.random.default_rng(10 + joints)
     machine = arm(joints, random)
-    columns, _ = record(machine, None, length_s, 10 + joints, torque_noise=0.0)
+    columns, _ = record(machine, (), length_s, 10 + joints, torque_noise=0.0)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.xml"
         path.write_text(model_text(misjudged(machine, random), step_s=PERIOD_S))

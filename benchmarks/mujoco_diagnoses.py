@@ -42,7 +42,8 @@ def write_case(folder: Path, name: str) -> str:
     while not machine.links[0].kp:  # a servo stays where it is sent
         machine = arm(joints, random)
     link = machine.links[at]
-    columns, _ = record(machine, Planted("frictionloss", at, 0.03 * link.limit), SECONDS, SEED)
+    rubbing = (Planted("frictionloss", link.joint, 0.03 * link.limit),)
+    columns, _ = record(machine, rubbing, SECONDS, SEED)
     text = model_text(misjudged(machine, random))
     if name == "stepped":
         tip, wall = TIP.format(z=-link.length), WALL.format(x=0.9 * link.length + 0.02)

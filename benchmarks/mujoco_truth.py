@@ -1,23 +1,20 @@
-"""Machines that MuJoCo simulates: arms of one, two and seven joints as MJCF text, one difference
-planted, and the recording that their user would export.
+"""Differences planted into MuJoCo models; made arms of one, two and seven joints, and their logs.
 
-Lengths in m, angles in rad, torques in N m. The machine and the model of it that its user has are
-the same text with other numbers; the model lacks what is planted.
-
-How each difference is made in MuJoCo:
-    frictionloss  frictionloss of the joint, 4 to 10 % of a motor's torque limit, 1.6 to 4 % of a
-                  servo's, which is 2.5 times as high
-    backlash      two joints with one axis, the motor with its armature on the first and a small
-                  range on the second: MuJoCo documentation, Modeling, "Backlash"
-    delay         commands arrive 3 to 10 samples late
-    armature      2.2 to 3.5 times what the model states: four to seven of the prior's tolerances
-    spring        two joints as for backlash, a spring and a damper on the second
-    payload       a body at the end of the last link, 30 to 60 % of its mass
+Lengths in m, angles in rad, torques in N m. The machine and the model of it that its user has
+differ in their numbers, and in what is planted (`plant`):
+    frictionloss  N m added to the frictionloss of a joint
+    backlash      half a gap, rad: two joints about one axis, the motor with its inertia on the
+                  first and a small range on the second (MuJoCo documentation, Modeling, "Backlash")
+    delay         s by which the commands of a joint arrive late
+    armature      kg m2 added to that of a joint
+    payload       kg at a place of the joint's body
+    kp            factor of the gain of a joint's position servo
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,7 +24,7 @@ from numpy.typing import NDArray
 from pamid.excitation.aprbs import aprbs
 
 Array = NDArray[np.float64]
-KINDS = ("nothing", "frictionloss", "backlash", "delay", "armature", "spring", "payload")
+KINDS = ("nothing", "frictionloss", "backlash", "delay", "armature", "payload")
 GRAVITY = 9.81
 PERIOD_S = 0.004  # of the log and of the commands
 STEP_S = 0.0005  # of the truth, RK4
@@ -63,24 +60,44 @@ class Link:
 
 @dataclass(frozen=True)
 class Planted:
-    """One difference of a machine from its model. link: which; size: N m of friction, rad of half a
-    gap, samples of delay, factor of armature, N m/rad of spring, kg of payload; of a gap and a
-    spring, ratio is the damping ratio."""
+    """A difference of a machine from its model, at a joint.
+
+    size     in the unit of its kind (see above)
+    inertia  backlash: on the motor's side, kg m2, added to the armature
+    ratio    backlash: damping ratio of the ends of the gap
+    place    payload: in the frame of the joint's body, m
+    """
 
     kind: str
-    link: int
+    joint: str
     size: float
-    ratio: float = 0.0
+    inertia: float = 0.0
+    ratio: float = 1.0
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-#: what a machine differs by: nothing, one thing, or several at different links
-Differences = Planted | tuple[Planted, ...] | None
-
-
-def at_link(planted: Differences, i: int) -> Planted | None:
-    """What is planted at a link."""
-    several = planted if isinstance(planted, tuple) else (planted,)
-    return next((p for p in several if p and p.link == i), None)
+def plant(spec: Any, planted: Sequence[Planted]) -> None:
+    """Change a model (mjSpec) so that it has what is planted, apart from delays."""
+    for p in planted:
+        joint = spec.joint(p.joint)
+        if p.kind == "frictionloss":
+            joint.frictionloss += p.size
+        elif p.kind == "armature":
+            joint.armature += p.size
+        elif p.kind == "payload":
+            load = joint.parent.add_body(name="planted_load", pos=p.place, explicitinertial=True)
+            load.mass, load.inertia = p.size, [1e-4 * p.size] * 3
+            load.ipos, load.iquat = [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
+        elif p.kind == "kp":
+            drive = next(a for a in spec.actuators if a.target == p.joint)
+            drive.gainprm[0] *= p.size
+            drive.biasprm[1] *= p.size
+        elif p.kind == "backlash":
+            joint.armature += p.inertia
+            behind = joint.parent.add_joint(
+                name=f"behind_{p.joint}", axis=joint.axis, pos=joint.pos, range=[-p.size, p.size]
+            )
+            behind.solref_limit = [0.02, p.ratio]
 
 
 @dataclass(frozen=True)
@@ -191,14 +208,14 @@ def _numbers(values: Any) -> str:
     return " ".join(f"{v:.9g}" for v in np.atleast_1d(values))
 
 
-def model_text(machine: Machine, planted: Differences = None, step_s: float = 0.002) -> str:
-    """MJCF of a machine, with what is planted."""
+def model_text(machine: Machine, step_s: float = 0.002) -> str:
+    """MJCF of a machine."""
     lines = ['<mujoco model="arm">', '  <compiler angle="radian" autolimits="true"/>']
     lines.append(f'  <option timestep="{step_s:g}" integrator="RK4"/>')
     lines.append('  <default><geom contype="0" conaffinity="0"/></default>')
     lines.append("  <worldbody>")
-    for i, link in enumerate(machine.links):
-        lines += _body(link, at_link(planted, i))
+    for link in machine.links:
+        lines += _body(link)
     lines.append("</body>" * len(machine.links))
     lines += ["  </worldbody>", "  <actuator>"]
     for link in machine.links:
@@ -219,63 +236,41 @@ def model_text(machine: Machine, planted: Differences = None, step_s: float = 0.
     return "\n".join(lines) + "\n"
 
 
-def _body(link: Link, planted: Planted | None) -> list[str]:
-    kind, size = (planted.kind, planted.size) if planted else ("", 0.0)
-    armature = link.armature * (size if kind == "armature" else 1.0)
-    axis, centre = _numbers(link.axis), 0.5 * link.length * np.array(link.along)
-    loss = f' frictionloss="{size:.9g}"' if kind == "frictionloss" else ""
-    lines = [
+def _body(link: Link) -> list[str]:
+    return [
         f'    <body name="{link.body}" pos="{_numbers(link.offset)}">',
-        f'      <joint name="{link.joint}" axis="{axis}" damping="{link.damping:.9g}" '
-        f'armature="{armature:.9g}" range="{-link.reach:.9g} {link.reach:.9g}"{loss}/>',
+        f'      <joint name="{link.joint}" axis="{_numbers(link.axis)}" '
+        f'damping="{link.damping:.9g}" armature="{link.armature:.9g}" '
+        f'range="{-link.reach:.9g} {link.reach:.9g}"/>',
+        f'      <inertial pos="{_numbers(0.5 * link.length * np.array(link.along))}" '
+        f'mass="{link.mass:.9g}" diaginertia="{_numbers(link.inertia)}"/>',
     ]
-    if planted and kind == "backlash":
-        lines.append(
-            f'      <joint name="behind_{link.joint}" axis="{axis}" range="{-size:.9g} {size:.9g}" '
-            f'solreflimit="0.02 {planted.ratio:.9g}"/>'
-        )
-    if planted and kind == "spring":
-        damping = 2.0 * planted.ratio * math.sqrt(size * link.about_joint)
-        lines.append(
-            f'      <joint name="behind_{link.joint}" axis="{axis}" stiffness="{size:.9g}" '
-            f'damping="{damping:.9g}"/>'
-        )
-    lines.append(
-        f'      <inertial pos="{_numbers(centre)}" mass="{link.mass:.9g}" '
-        f'diaginertia="{_numbers(link.inertia)}"/>'
-    )
-    if kind == "payload":
-        small = _numbers([1e-5 * size] * 3)
-        lines.append(
-            f'      <body name="load" pos="{_numbers(link.length * np.array(link.along))}">'
-            f'<inertial pos="0 0 0" mass="{size:.9g}" diaginertia="{small}"/></body>'
-        )
-    return lines
 
 
 # ---- what is planted, and what the user's model says ---------------------------------------------
 
 
-def draw_planted(kind: str, machine: Machine, random: np.random.Generator) -> Planted | None:
-    """A difference of a kind at a drawn link; None for nothing."""
+def draw_planted(kind: str, machine: Machine, random: np.random.Generator) -> tuple[Planted, ...]:
+    """A difference of a kind at a drawn link; none for nothing.
+
+    Friction is 4 to 10 % of a motor's torque limit, 1.6 to 4 % of a servo's, which is 2.5 times as
+    high. The armature is 2.2 to 3.5 times the one that the model states."""
     if kind == "nothing":
-        return None
-    at = int(random.integers(len(machine.links)))
-    link = machine.links[at]
+        return ()
+    link = machine.links[int(random.integers(len(machine.links)))]
     if kind == "frictionloss":
         share = random.uniform(0.04, 0.1) * (0.4 if link.kp else 1.0)
-        return Planted(kind, at, float(link.limit * share))
+        return (Planted(kind, link.joint, float(link.limit * share)),)
     if kind == "backlash":
-        return Planted(kind, at, random.uniform(0.008, 0.03), random.uniform(0.3, 1.0))
+        gap, ratio = random.uniform(0.008, 0.03), random.uniform(0.3, 1.0)
+        return (Planted(kind, link.joint, gap, ratio=ratio),)
     if kind == "delay":
-        return Planted(kind, at, float(random.integers(3, 11)))
+        return (Planted(kind, link.joint, PERIOD_S * float(random.integers(3, 11))),)
     if kind == "armature":
-        return Planted(kind, at, random.uniform(2.2, 3.5))
-    if kind == "spring":
-        w = 2.0 * math.pi * random.uniform(3.0, 7.0)
-        return Planted(kind, at, float(w * w * link.about_joint), random.uniform(0.01, 0.1))
-    last = len(machine.links) - 1
-    return Planted(kind, last, float(machine.links[last].mass * random.uniform(0.3, 0.6)))
+        return (Planted(kind, link.joint, link.armature * random.uniform(1.2, 2.5)),)
+    last = machine.links[-1]
+    end = tuple(float(v) for v in last.length * np.array(last.along))
+    return (Planted(kind, last.joint, float(last.mass * random.uniform(0.3, 0.6)), place=end),)
 
 
 def misjudged(machine: Machine, random: np.random.Generator) -> Machine:
@@ -306,7 +301,7 @@ def commands(machine: Machine, seconds: float, amplitude: float, seed: int) -> A
 
 def record(
     machine: Machine,
-    planted: Differences,
+    planted: Sequence[Planted],
     seconds: float,
     seed: int,
     torque_noise: float = TORQUE_NOISE,
@@ -319,15 +314,17 @@ def record(
     from mujoco import rollout
 
     random = np.random.default_rng(seed)
-    model = mujoco.MjModel.from_xml_string(model_text(machine, planted, STEP_S))
+    spec = mujoco.MjSpec.from_string(model_text(machine, STEP_S))
+    plant(spec, planted)
+    model = spec.compile()
     own = [model.joint(link.joint) for link in machine.links]
     positions = np.array([int(j.qposadr[0]) for j in own])
     dofs = np.array([int(j.dofadr[0]) for j in own])
-    found = [at_link(planted, i) for i in range(len(own))]
-    late = [int(p.size) if p and p.kind == "delay" else 0 for p in found]
+    delays = {p.joint: round(p.size / PERIOD_S) for p in planted if p.kind == "delay"}
+    late = [delays.get(link.joint, 0) for link in machine.links]
     every, count = round(PERIOD_S / STEP_S), round(seconds / PERIOD_S)
     ripple = torque_noise * random.normal(size=(count, len(own)))
-    spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+    driving = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     start = np.zeros(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)))
     amplitude = 0.8
     while True:
@@ -340,7 +337,7 @@ def record(
         force[:, dofs] = ripple * [link.limit for link in machine.links]
         driven = np.repeat(np.hstack([reached, force]), every, axis=0)
         states, _ = rollout.rollout(
-            model, mujoco.MjData(model), start, driven, control_spec=spec, persistent_pool=False
+            model, mujoco.MjData(model), start, driven, control_spec=driving, persistent_pool=False
         )
         sampled = np.vstack([start, states[0][every - 1 : -1 : every]])[:count]
         q, qd = sampled[:, 1 + positions], sampled[:, 1 + model.nq + dofs]

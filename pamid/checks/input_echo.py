@@ -3,7 +3,8 @@
 Such an echo is a scaled, shifted, slightly delayed or smoothed input with nothing but white noise
 added. A stiff, fast machine looks the same, so that an echo is called one only where the rig's
 model has dynamics that could not follow the input so closely and so soon, at the data sheet's
-parameters and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads.
+parameters and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads. The model runs
+from the state that the first readings show: from anywhere else it moves there first.
 
     y(t) = offset + gain * F(u)(t - delay),  F: first-order lag, lag and delay up to the correlation
                                              time of u
@@ -101,13 +102,13 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
     """Whether the rig's model follows this input as closely, and at most `latest` samples late."""
     stepped = isinstance(comparison.assembly.rig, StepRig)
     size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
-    u = comparison.u[:size]
+    u = comparison.u[:size, source]
     for p in _parameters(comparison, STEPPED_DRAWS if stepped else ECHO_DRAWS):
-        model = comparison.simulate(u, p)
+        model = comparison.follow(p, size)
         if model is None:
             continue
         y = model[:, output]
-        if closest_echo(u[:, source], y, latest)[0] < MODEL_CLOSE * float(y.std()):
+        if closest_echo(u, y, latest)[0] < MODEL_CLOSE * float(y.std()):
             return True
     return False
 

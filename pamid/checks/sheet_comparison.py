@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +31,16 @@ from pamid.simulation.free_runs import (
     measured_outputs,
     output_table,
 )
+from pamid.simulation.initial_state import state_from_readings
+from pamid.simulation.tracks import track_of
+from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
 
 MOST_COMPARED_SAMPLES = 20000
 CORRELATION_BLOCKS = 20
+OPENING_SAMPLES = 64  # readings that show where the machine starts
+LEAST_NOISE = 1e-4  # of a reading's standard deviation
 CROSSES = 0.2  # of its range: what a reading shows on the other side of zero, whatever its noise
 BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero where it ends
 BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
@@ -46,7 +52,8 @@ class SheetComparison:
 
     names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs
     of the run (NaN where it ran away); simulate: outputs at other inputs, other parameters
-    (default: p) and a clock that runs so many times slower, None where they run away.
+    (default: p) and a clock that runs so many times slower, None where they run away; follow: the
+    same at so many samples of the recorded inputs, from the state that the first readings show.
     """
 
     names: tuple[str, ...]
@@ -55,6 +62,7 @@ class SheetComparison:
     u: Array
     model: Array
     simulate: Callable[..., Array | None]
+    follow: Callable[[Array, int], Array | None]
     assembly: Assembly
     p: Array
 
@@ -109,19 +117,40 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     steps = choose_stepping(assembly, u, p, period, assembly.start(p))
     stepped = isinstance(rig, StepRig)
 
-    def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
+    def simulate(
+        inputs: Array, values: Array = p, clock: float = 1.0, start: Array | None = None
+    ) -> Array | None:
         inputs = np.ascontiguousarray(inputs)
         for stepping in (steps, None) if clock == 1.0 else (None,):
-            run = free_run(assembly, inputs, values, clock * period, stepping=stepping)
+            run = free_run(assembly, inputs, values, clock * period, start=start, stepping=stepping)
             if run.blown_up < 0 and np.isfinite(run.outputs).all():
                 return run.outputs[:, order]
             if stepped:
                 break
         return None
 
+    @cache
+    def shown() -> Array:
+        return _shown_start(Runner(assembly, track_of(assembly, recording, names), steps), p)
+
+    def follow(values: Array, samples: int) -> Array | None:
+        return simulate(u[:samples], values, start=shown())
+
     found = simulate(u)
     model = np.full_like(y, np.nan) if found is None else found
-    return SheetComparison(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
+    inputs = tuple(assembly.traced.inputs)
+    return SheetComparison(names, inputs, y, u, model, simulate, follow, assembly, p)
+
+
+def _shown_start(runner: Runner, p: Array) -> Array:
+    """State of the model that the first readings show, (states,)."""
+    y, memory = runner.track.y, runner.memory(p)
+    window = Window(0, min(OPENING_SAMPLES, len(y)))
+    noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
+    weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
+    start, n = memory.x.copy(), runner.start_states
+    start[:n] = state_from_readings(runner, memory, window, p, weight, start[:n])
+    return start
 
 
 def like_columns(names: Sequence[str]) -> list[tuple[int, int]]:

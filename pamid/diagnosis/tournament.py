@@ -153,9 +153,10 @@ def diagnose(
     response = lagged_response(evidence, base.assembly)
     explained = explained_channels(budget, base, response, seed)
     silent = silent_channels(budget, base, explained, response)
-    # what neither the model nor any lag of the inputs predicts needs no search: whatever effect
-    # reproduces it does so without the inputs
-    hopeless = response is not None and (response.absent.all() or explained.any())
+    # recordings that neither the model nor any lag of the inputs predicts need no search: whatever
+    # effect reproduces them does so without the inputs. A single channel may lack but an effect: a
+    # joint that its friction holds follows no model without it, and no linear one
+    hopeless = response is not None and bool(response.absent.all())
     if comparison.at_floor(base) or (silent and hopeless):
         return Diagnosis(evidence, budget, seed, silent, response)
     attached, left_out = determined(

@@ -291,8 +291,8 @@ class _Writer:
 
     def _is(self, tag: Tag, kind: str) -> bool:
         parent = self.tags[tag.parent].name if tag.parent >= 0 else ""
-        if self.is_urdf:
-            return tag.name == {"body": "link"}.get(kind, kind)
+        if self.is_urdf:  # a <transmission> names joints, too
+            return tag.name == {"body": "link"}.get(kind, kind) and parent == "robot"
         if kind == "body":
             return tag.name == "body"
         if kind == "joint":

@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from scripts import load_script
 
+from pamid.diagnosis import tournament
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
@@ -120,6 +121,28 @@ def test_friction_is_named_at_the_joints_that_have_it(
     assert sum("coulomb-friction" in c.label for c in d.ranking) == 1
 
 
+def test_a_joint_that_no_model_without_friction_follows_is_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    explained, lagged = tournament.explained_channels, tournament.lagged_response
+    judged: list[Any] = []
+
+    def first_not(*given: Any) -> Any:
+        judged.append(explained(*given))
+        return judged[-1] & np.array([True, len(judged) > 1])
+
+    def nothing_linear(*given: Any) -> Any:
+        response = lagged(*given)
+        assert response is not None
+        return replace(response, forward=np.array([response.forward[0], np.inf]))
+
+    monkeypatch.setattr(tournament, "explained_channels", first_not)
+    monkeypatch.setattr(tournament, "lagged_response", nothing_linear)
+    d = found(tmp_path, arm_text(2, mass=1.1), arm_log(2, (0.0, 0.15)), ("coulomb-friction",))
+    assert levels(d) == pytest.approx({"j2": 0.15}, rel=0.15)
+    assert not d.silent
+
+
 @pytest.fixture(scope="module")
 def truth() -> ModuleType:
     return load_script("mujoco_truth.py")
@@ -132,8 +155,8 @@ def bare_case(truth: ModuleType, folder: Path, shares: Sequence[float]) -> tuple
     """
     machine = replace(truth.arm(2, np.random.default_rng(4)), velocities=False)
     planted = tuple(
-        truth.Planted("frictionloss", k, share * machine.links[k].limit)
-        for k, share in enumerate(shares)
+        truth.Planted("frictionloss", link.joint, share * link.limit)
+        for link, share in zip(machine.links, shares, strict=False)
     )
     columns, _ = truth.record(machine, planted, SECONDS, 4)
     log = recording_of(columns.pop("time_s"), columns)

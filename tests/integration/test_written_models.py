@@ -451,6 +451,9 @@ URDF = """<robot name="lever">
   <joint name="pivot" type="continuous">
     <parent link="base"/><child link="lever"/><axis xyz="0 1 0"/>
   </joint>
+  <transmission name="drive">
+    <joint name="pivot"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+  </transmission>
 </robot>
 """
 

@@ -18,7 +18,7 @@ from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of, write_recording
-from pamid.symbolic.vocabulary import Number
+from pamid.symbolic.vocabulary import Number, tanh
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,15 @@ class StiffServo(Rig):
         return {"position_mm": port("sensor", x.position)}
 
 
+class WeakServo(StiffServo):
+    """One whose motor accelerates it by no more than a limit."""
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        w = p.bandwidth_per_s
+        wanted = w * w * (u.target_mm - x.position) - 2.0 * p.damping * w * x.velocity
+        return {"position": x.velocity, "velocity": 1.0 * tanh(wanted / 1.0)}
+
+
 def levels(count: int = 1500, seed: int = 1) -> Array:
     random = np.random.default_rng(seed)
     return np.repeat(random.uniform(-3.0, 3.0, count // 25), 25)
@@ -58,9 +67,9 @@ def smoothed(u: Array, share: float) -> Array:
     return y
 
 
-def servo(u: Array, bandwidth: float, period: float, fine: int = 50) -> Array:
+def servo(u: Array, bandwidth: float, period: float, fine: int = 50, start: float = 0.0) -> Array:
     """The machine's own integration; position (mm)."""
-    x = v = 0.0
+    x, v = start, 0.0
     y = np.empty_like(u)
     for k, target in enumerate(u):
         y[k] = x
@@ -107,6 +116,14 @@ def test_a_stiff_machine_that_follows_its_input_is_genuine(bandwidth: float, noi
     y = servo(u, bandwidth, 0.02) + noise * random.standard_normal(u.size)
     recording = recording_of(0.02 * np.arange(u.size), {"target_mm": u, "position_mm": y}, {})
     assert not issues(recording, StiffServo())
+
+
+def test_a_servo_far_from_the_zero_of_its_model_is_genuine() -> None:
+    """From zero the motor would need the whole recording to get there."""
+    t = 0.02 * np.arange(500)
+    u = 500.0 + 2.0 * np.sin(3.0 * t) + np.sin(7.0 * t)
+    recording = recording_of(t, {"target_mm": u, "position_mm": servo(u, 30.0, 0.02, start=500.0)})
+    assert not issues(recording, WeakServo())
 
 
 @pytest.mark.parametrize("command", ["check", "diagnose", "fit"])
