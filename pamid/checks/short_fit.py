@@ -21,7 +21,7 @@ run; what the error becomes once everything has followed is to first order (`rea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,9 +99,9 @@ class FitData:
         stepping: Stepping | None = None,
         steps: int = STEPS,
     ) -> FittedWindows:
-        """problem: of a fit of the same rig before, whose model is there already; stepping: of a
+        """problem: of a fit of the same rig before, whose model is compiled already; stepping: of a
         fit that differs in its inputs alone."""
-        problem = problem or ShortFit.of(self, rig, stepping)
+        problem = problem.along(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), steps).point
         return FittedWindows(rig, point, problem)
@@ -161,7 +161,25 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             for i, b in enumerate(a.parameters)
             if b.fitted and i not in t.known and np.isfinite(b.spread) and b.spread > 0.0
         )
-        return cls(trial, Runner(a, t, step, free))
+        return cls(trial, Runner(a, t, step, free).keeping())
+
+    def along(self, trial: FitData) -> ShortFit:
+        """The same model with other measurements or weights. Slopes of a stepped rig along the
+        windows serve again where they hold."""
+        return replace(self, trial=trial, runner=replace(self.runner, track=trial.track))
+
+    def suits(self, trial: FitData) -> bool:
+        """Is the model that of these data, with the same inputs and data sheet?"""
+        ours, theirs = self.trial, trial
+        return (
+            ours.rig is theirs.rig
+            and ours.names == theirs.names
+            and ours.track.period_s == theirs.track.period_s
+            and ours.track.first == theirs.track.first
+            and ours.track.known == theirs.track.known
+            and np.array_equal(ours.track.u, theirs.track.u)
+            and np.array_equal(ours.track.p, theirs.track.p)
+        )
 
     def sheet(self) -> FitPoint:
         """The data sheet's parameters, and the states to which its run leads."""
