@@ -138,13 +138,13 @@ def test_slopes_of_an_exchange_are_those_of_the_equations(
         a = Assembly(rig)
         p, program, n = a.values(), a.program, len(rig.states)
         memory = program.memory(np.array([0.01, -0.2]), n, period_s=PERIOD)
-        memory.S[:n] = np.eye(n)
+        np.fill_diagonal(memory.S[:n], 1.0)
         none = np.full(len(p), -1, np.int64)
         program.run(memory, np.array([[3.0]]), p, period_s=PERIOD, columns=none)
         A = np.array([[0.0, 1.0, 0.0], [-40.0, -1.5, 0.5], [0.0, 0.0, 0.0]])
         step = expm(PERIOD * A)
         assert np.abs(memory.x - step[:2] @ (0.01, -0.2, 3.0)).max() <= 1e-9
-        assert np.abs(memory.S[:n] - step[:2, :2]).max() <= 1e-8
+        assert np.abs(memory.S[:n, :n] - step[:2, :2]).max() <= 1e-8
 
 
 def test_windows_in_a_row_send_a_program_once(both: dict[tuple[int, str], FmuFile]) -> None:
