@@ -10,13 +10,14 @@ costs  a free run of 66667 samples of 3 ms, one RK4 step each, and one with sens
        since it does not do RK4).
 fits   the same parameters (masses, dampings, armatures; gains of servos held, since only a known
        torque gives a mass) fitted to the same log by pamid and by mujoco.sysid (pip install
-       'mujoco[sysid]'). Nothing is missing in the model, its masses are 10 to 20 % off. The log has
-       the steps of an encoder and no other noise; both integrate it by RK4 at its own 4 ms, and
-       both fit its first 70 %. mujoco.sysid starts from the known rest and takes parameters between
-       a tenth and ten times what the model says; pamid estimates the start of every window, has its
-       prior, and spends part of its time on judging the rest.
+       'mujoco[sysid]', in the Python of --peer), from rest at zero and at a home pose. Nothing is
+       missing in the model, its masses are 10 to 20 % off. The log has the steps of an encoder and
+       no other noise; both integrate it by RK4 at its own 4 ms, and both fit its first 70 %.
+       pamid estimates the start of every window and judges the rest of the log too; mujoco.sysid
+       fits one run from the known rest, or windows of a second from the readings. Each is a new
+       process whose whole CPU time counts; pamid's cache of compiled models is empty.
 
-CPU seconds of the process, medians of several runs after a first one that compiles.
+CPU seconds; of costs medians of several runs after a first one that compiles.
 """
 
 from __future__ import annotations
@@ -29,30 +30,40 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import argparse
 import contextlib
 import io
+import json
+import resource
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mujoco_truth import PERIOD_S, arm, misjudged, model_text, record
 from numpy.typing import NDArray
 
-import pamid
-from pamid.model.assembly import Assembly
-from pamid.model.rig import Rig
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mechanism import Mechanism
-from pamid.simulators.mujoco_mechanism import read_mechanism
+if TYPE_CHECKING:
+    from pamid.model.rig import Rig
+    from pamid.simulators.mechanism import Mechanism
+
+PERIOD_S = 0.004  # of the log, as in `mujoco_truth`
+PEER_WAYS = ("sysid-run", "sysid-windows")
+if not set(PEER_WAYS) & set(sys.argv):  # the interpreter of mujoco.sysid need not have pamid
+    from mujoco_truth import arm, misjudged, model_text, record
+
+    from pamid.model.assembly import Assembly
+    from pamid.simulators.compiled_rig import CompiledMechanism
+    from pamid.simulators.mujoco_mechanism import read_mechanism
 
 Array = NDArray[np.float64]
 SAMPLES, STEP_S, MOST = 66667, 0.003, 20
 ROUNDS = 5
 TWENTIETH = 20
+HOME = np.array([-1.2, 0.5, -1.5, -0.8, 0.6, -0.4, 0.3])  # rad
 
 
 def seconds(work: Callable[[], object], rounds: int = ROUNDS, *, warm: bool = True) -> float:
@@ -73,13 +84,21 @@ def main() -> None:
     parser.add_argument("what", nargs="*", metavar="costs|fits")
     parser.add_argument("--joints", type=int, nargs="*", default=[1, 2, 7])
     parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--peer", default=sys.executable, help="Python that has mujoco[sysid]")
+    parser.add_argument("--way", help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.way:
+        own = options.way == "pamid"
+        found = by_pamid(options.folder) if own else by_sysid(options.folder, options.way)
+        print(json.dumps(found))
+        return
     what = options.what or ["costs", "fits"]
     for joints in options.joints:
         if "costs" in what:
             costs(joints)
         if "fits" in what:
-            fits(joints, options.seconds)
+            fits(joints, options.seconds, options.peer)
 
 
 # ---- costs ---------------------------------------------------------------------------------------
@@ -178,56 +197,75 @@ def _rollouts(path: Path, u: Array, count: int) -> None:
 # ---- fits ----------------------------------------------------------------------------------------
 
 
-def fits(joints: int, length_s: float) -> None:
-    """The same parameters from the same log, by pamid and by mujoco.sysid."""
-    random = np.random.default_rng(10 + joints)
-    machine = arm(joints, random)
-    columns, _ = record(machine, (), length_s, 10 + joints, torque_noise=0.0)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.xml"
-        path.write_text(model_text(misjudged(machine, random), step_s=PERIOD_S))
-        table = np.column_stack(list(columns.values()))
-        log = Path(folder) / "rec.csv"
-        np.savetxt(log, table, "%.9g", ",", header=",".join(columns), comments="")
-        mechanism = read_mechanism(path)
-        free = [
-            q
-            for q in mechanism.parameters
-            if q.parameter.fitted and q.attribute not in ("kp", "kv")
-        ]
-        truth = _true_values(machine, free, folder)
-        ours, spent = _by_pamid(log, mechanism, {q.parameter.name for q in free})
-        kept = round(0.7 * len(table))
-        theirs, peer, why = _by_sysid(path, table[:kept], mechanism, free)
-    print(
-        f"\n{joints} joints, {len(free)} parameters, {length_s:g} s: pamid {spent:.2f} s CPU,",
-        end=" ",
+def fits(joints: int, length_s: float, peer: str) -> None:
+    """The same parameters from the same log, by both tools, each in a process of its own."""
+    for pose in ("zero", "home"):
+        random = np.random.default_rng(10 + joints)
+        machine = arm(joints, random)
+        at = HOME[:joints] if pose == "home" else np.zeros(joints)
+        columns, _ = record(machine, (), length_s, 10 + joints, torque_noise=0.0, pose=at)
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place)
+            (folder / "model.xml").write_text(
+                model_text(misjudged(machine, random), step_s=PERIOD_S)
+            )
+            table = np.column_stack(list(columns.values()))
+            header = ",".join(columns)
+            np.savetxt(folder / "rec.csv", table, "%.9g", ",", header=header, comments="")
+            free = _free(read_mechanism(folder / "model.xml"))
+            _write_free(folder, machine, free)
+            print(f"\n{joints} joints from {pose}, {len(free)} parameters, {length_s:g} s:")
+            for way, python in (("pamid", sys.executable), *((w, peer) for w in PEER_WAYS)):
+                _first_fit(way, python, folder)
+
+
+def _first_fit(way: str, python: str, folder: Path) -> None:
+    """Run a way as a process, and print its cost and its parameters' errors."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [python, __file__, "--way", way, "--folder", str(folder)],
+        env={**os.environ, "PAMID_CACHE": str(folder / "cache")},
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    if theirs is None:
-        print(f"mujoco.sysid: {why}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    if done.returncode:
+        print(f"  {way:14s} {spent:6.2f} s CPU; failed: {done.stderr[-300:].strip()}", flush=True)
         return
-    print(f"mujoco.sysid {peer:.2f} s CPU; {why}")
-    print(f"  {'parameter':30s} {'true':>10s} {'pamid':>10s} {'+-':>8s} {'sysid':>10s} {'+-':>8s}")
-    meet = mutual = near = also = 0
-    for q in free:
-        name = q.parameter.name
-        mine = next(v for k, v in ours.items() if k.startswith(name))
-        value, half = theirs[name]
-        low, high = mine["low"], mine["high"]
-        true = truth[name]
-        meet += max(low, value - half) <= min(high, value + half)
-        mutual += low <= value <= high and abs(mine["value"] - value) <= half
-        near += low <= true <= high
-        also += abs(true - value) <= half
-        print(
-            f"  {name:30s} {true:10.4g} {mine['value']:10.4g} {0.5 * (high - low):8.2g} "
-            f"{value:10.4g} {half:8.2g}"
-        )
+    values = json.loads(done.stdout.splitlines()[-1])
+    off, inside, masses = [], 0, []
+    for q in json.loads((folder / "free.json").read_text()):
+        value, low, high = values[q["name"]]
+        off.append(abs(value / q["true"] - 1.0))
+        inside += low <= q["true"] <= high
+        if q["element"] == "body":
+            masses.append(off[-1])
     print(
-        f"  of {len(free)}: {mutual} within each other's intervals, {meet} intervals meet; the "
-        f"truth is in {near} of pamid's and {also} of mujoco.sysid's",
+        f"  {way:14s} {spent:6.2f} s CPU; off by {100 * max(masses):.2f} % (worst mass), "
+        f"{100 * statistics.median(off):.2f} % (median), {inside} of {len(off)} intervals hold "
+        "the true value",
         flush=True,
     )
+
+
+def _free(mechanism: Mechanism) -> list[Any]:
+    """Parameters that both fit: of servos no gains, since only a known torque gives a mass."""
+    return [
+        q for q in mechanism.parameters if q.parameter.fitted and q.attribute not in ("kp", "kv")
+    ]
+
+
+def _write_free(folder: Path, machine: Any, free: list[Any]) -> None:
+    """free.json: parameters, their bounds, and what they are in the machine."""
+    true, rows = _true_values(machine, free, str(folder)), []
+    for q in free:
+        p = q.parameter
+        row = {"name": p.name, "value": p.value, "low": p.low, "high": p.high}
+        row |= {"element": q.element, "of": q.of, "attribute": q.attribute, "true": true[p.name]}
+        rows.append(row)
+    (folder / "free.json").write_text(json.dumps(rows))
 
 
 def _true_values(machine: Any, free: list[Any], folder: str) -> dict[str, float]:
@@ -238,74 +276,61 @@ def _true_values(machine: Any, free: list[Any], folder: str) -> dict[str, float]
     return {q.parameter.name: known[q.parameter.name] for q in free}
 
 
-def _by_pamid(log: Path, mechanism: Mechanism, free: set[str]) -> tuple[dict[str, Any], float]:
-    rig = CompiledMechanism(mechanism)
+def by_pamid(folder: Path) -> dict[str, tuple[float, float, float]]:
+    """Values of the parameters, each with its interval."""
+    import pamid
+
+    names = {q["name"] for q in json.loads((folder / "free.json").read_text())}
+    rig = CompiledMechanism(read_mechanism(folder / "model.xml"))
     rig.parameters = tuple(
-        p if p.name in free else replace(p, fitted=False) for p in rig.parameters
+        p if p.name in names else replace(p, fitted=False) for p in rig.parameters
     )
-
-    def work() -> Any:
-        return pamid.fit(log, rig, progress=False, warn=lambda *_: None)
-
-    work()
-    begun = time.process_time()
-    found = work()
-    spent = time.process_time() - begun
-    words = ("value", "low", "high")
+    found = pamid.fit(folder / "rec.csv", rig, progress=False, warn=lambda *_: None).parameters
     return {
-        name: {w: float(getattr(e, w)) for w in words} for name, e in found.parameters.items()
-    }, spent
+        name: next((e.value, e.low, e.high) for k, e in found.items() if k.startswith(name))
+        for name in names
+    }
 
 
-def _by_sysid(
-    path: Path, table: Array, mechanism: Mechanism, free: list[Any]
-) -> tuple[dict[str, tuple[float, float]] | None, float, str]:
+def by_sysid(folder: Path, way: str) -> dict[str, tuple[float, float, float]]:
+    """The same by mujoco.sysid: one run over all of what pamid fits, or windows of a second. Each
+    starts from the readings and their slope there."""
     import mujoco
+    from mujoco import sysid
 
-    try:
-        from mujoco import sysid
-
-        sysid.optimize  # noqa: B018  absent without its extra
-    except (ImportError, AttributeError):
-        return None, 0.0, "left out (pip install 'mujoco[sysid]')"
-    spec = mujoco.MjSpec.from_file(str(path))
+    table = np.loadtxt(folder / "rec.csv", delimiter=",", skiprows=1)
+    table = table[: round(0.7 * len(table))]
+    spec = mujoco.MjSpec.from_file(str(folder / "model.xml"))
     model = spec.compile()
-    joints = len(mechanism.joints)
-    times = PERIOD_S * np.arange(len(table))
-    control = sysid.TimeSeries(times, table[:, 1 : 1 + joints])
-    # its prediction beside a row is the reading at the begin of the step that leads there
-    # (sensordata after mj_step are those of the state before), so readings are moved by a row
-    read = np.vstack([table[:1], table[:-1]])[:, 1 + joints :]
-    sensors = sysid.TimeSeries.from_names(times, read, model)
-    start = sysid.create_initial_state(model, np.zeros(joints))
+    joints, length = model.nq, len(table) if way == "sysid-run" else round(1.0 / PERIOD_S)
+    free = json.loads((folder / "free.json").read_text())
     params = sysid.ParameterDict()
     for q in free:
-        p = q.parameter
-        params.add(sysid.Parameter(p.name, p.value, p.low, p.high, modifier=_modifier(q)))
-    sequences = sysid.ModelSequences("arm", spec, "log", start, control, sensors)
-    residual = sysid.build_residual_fn(
-        models_sequences=[sequences], n_threads=1, resample_true=False
-    )
-
-    def work() -> Any:
-        return sysid.optimize(
-            params.copy(), residual, optimizer="mujoco", verbose=False, x_scale="jac"
-        )
-
-    begun = time.process_time()
+        own = [q[w] for w in ("name", "value", "low", "high")]
+        params.add(sysid.Parameter(*own, modifier=_modifier(SimpleNamespace(**q))))
+    sequences = []
+    for at in range(0, len(table) - length + 1, length):
+        part = table[at : at + length]
+        times = PERIOD_S * np.arange(length)
+        control = sysid.TimeSeries(times, part[:, 1 : 1 + joints])
+        # sensordata after mj_step are those of the state before: readings are moved by a row
+        read = np.vstack([part[:1], part[:-1]])[:, 1 + joints :]
+        sensors = sysid.TimeSeries.from_names(times, read, model)
+        q = table[:, 1 + joints : 1 + 2 * joints]
+        slope = np.gradient(q[max(0, at - 2) : at + 3], PERIOD_S, axis=0)[min(at, 2)]
+        start = sysid.create_initial_state(model, q[at], None if at == 0 else slope)
+        sequences.append(sysid.ModelSequences("arm", spec, f"log{at}", start, control, sensors))
+    residual = sysid.build_residual_fn(models_sequences=sequences, n_threads=1, resample_true=False)
     with contextlib.redirect_stdout(io.StringIO()):  # it prints every iteration
-        best, result = work()
-    spent = time.process_time() - begun
+        best, result = sysid.optimize(
+            params, residual, optimizer="mujoco", verbose=False, x_scale="jac"
+        )
     left, _, _ = residual(result.x, best)
     _, half = sysid.calculate_intervals(left, result.jac)
-    values = {
-        q.parameter.name: (float(v), float(h)) for q, v, h in zip(free, result.x, half, strict=True)
+    return {
+        q["name"]: (float(v), float(v - h), float(v + h))
+        for q, v, h in zip(free, result.x, half, strict=True)
     }
-    return (
-        values,
-        spent,
-        f"relative error left {np.sqrt(np.mean(np.square(np.concatenate(left)))):.2g}",
-    )
 
 
 def _modifier(q: Any) -> Callable[[Any, Any], None]:

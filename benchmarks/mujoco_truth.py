@@ -305,8 +305,10 @@ def record(
     seconds: float,
     seed: int,
     torque_noise: float = TORQUE_NOISE,
+    pose: Array | None = None,
 ) -> tuple[dict[str, Array], float]:
     """A log's columns, and the amplitude at which every joint kept within its range (at most 95 %).
+    pose: angles from which it starts at rest, and about which servos move; zero by default.
 
     Positions by an encoder of 2^13 to 2^15 steps per turn, velocities with noise of half a percent
     of their usual size."""
@@ -326,9 +328,12 @@ def record(
     ripple = torque_noise * random.normal(size=(count, len(own)))
     driving = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     start = np.zeros(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    pose = np.zeros(len(own)) if pose is None else pose
+    start[1 + positions] = pose
+    about = pose * [link.kp > 0.0 for link in machine.links]
     amplitude = 0.8
     while True:
-        sent = commands(machine, seconds, amplitude, seed)[:count]
+        sent = about + commands(machine, seconds, amplitude, seed)[:count]
         reached = np.array(sent)
         for i, samples in enumerate(late):
             reached[samples:, i] = sent[: len(sent) - samples, i]

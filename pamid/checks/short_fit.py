@@ -21,7 +21,7 @@ run; what the error becomes once everything has followed is to first order (`rea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ FURTHEST = 300.0  # logarithm of a factor on the data sheet: beyond any bound
 class FitPoint:
     """Scaled parameters s and states x at the windows' starts (windows x states); cost, half its
     Hessian and gradient in s with the states eliminated, and what gives their steps; errors:
-    squared weighted residuals, windows x channels."""
+    squared weighted residuals, windows x channels; linearised: are there derivatives?"""
 
     s: Array
     x: Array
@@ -61,6 +61,7 @@ class FitPoint:
     gains: Array  # windows x states x parameters: how the start states follow s
     own_steps: Array  # windows x states: their steps where s stays
     errors: Array
+    linearised: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +100,9 @@ class FitData:
         stepping: Stepping | None = None,
         steps: int = STEPS,
     ) -> FittedWindows:
-        """problem: of a fit of the same rig before, whose model is there already; stepping: of a
+        """problem: of a fit of the same rig before, whose model is compiled already; stepping: of a
         fit that differs in its inputs alone."""
-        problem = problem or ShortFit.of(self, rig, stepping)
+        problem = problem.along(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), steps).point
         return FittedWindows(rig, point, problem)
@@ -161,7 +162,25 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             for i, b in enumerate(a.parameters)
             if b.fitted and i not in t.known and np.isfinite(b.spread) and b.spread > 0.0
         )
-        return cls(trial, Runner(a, t, step, free))
+        return cls(trial, Runner(a, t, step, free).keeping())
+
+    def along(self, trial: FitData) -> ShortFit:
+        """The same model with other measurements or weights. Slopes of a stepped rig along the
+        windows serve again where they hold."""
+        return replace(self, trial=trial, runner=replace(self.runner, track=trial.track))
+
+    def suits(self, trial: FitData) -> bool:
+        """Is the model that of these data, with the same inputs and data sheet?"""
+        ours, theirs = self.trial, trial
+        return (
+            ours.rig is theirs.rig
+            and ours.names == theirs.names
+            and ours.track.period_s == theirs.track.period_s
+            and ours.track.first == theirs.track.first
+            and ours.track.known == theirs.track.known
+            and np.array_equal(ours.track.u, theirs.track.u)
+            and np.array_equal(ours.track.p, theirs.track.p)
+        )
 
     def sheet(self) -> FitPoint:
         """The data sheet's parameters, and the states to which its run leads."""
@@ -197,7 +216,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             low[k], high[k] = ends / b.spread
         return low, high
 
-    def at(self, s: Array, x: Array) -> FitPoint:
+    def at(self, s: Array, x: Array, derivatives: bool = True) -> FitPoint:
         trial, m = self.trial, len(s)
         n, channels = self.runner.start_states, len(trial.names)
         p, slopes = self.parameters(s)
@@ -207,29 +226,39 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         gains, own_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         errors = np.zeros((len(x), channels))
         for k, window in enumerate(trial.windows):
-            rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes)
+            rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes, derivatives)
             if rows is None:
                 return FitPoint(s, x, np.inf, H, g, gains, own_steps, np.full_like(errors, np.inf))
             A, B, r = rows
+            errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
+            cost += float(r @ r)
+            if not derivatives:
+                continue
             solve = _pseudo_inverse(B)
             gains[k], own_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
             g += A.T @ r + A.T @ B @ own_steps[k]
-            errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
-            cost += float(r @ r)
-        return FitPoint(s, x, cost, H, g, gains, own_steps, errors)
+        return FitPoint(s, x, cost, H, g, gains, own_steps, errors, derivatives)
 
     def _weighted_rows(
-        self, memory: Memory, window: Window, x: Array, p: Array, slopes: Array
+        self,
+        memory: Memory,
+        window: Window,
+        x: Array,
+        p: Array,
+        slopes: Array,
+        derivatives: bool = True,
     ) -> tuple[Array, Array, Array] | None:
-        """Of one window derivatives by parameters and by its start, and residuals, weighted; None
-        where the model runs away."""
+        """Of one window derivatives by parameters and by its start (empty without derivatives), and
+        residuals, weighted; None where the model runs away."""
         m, n, weight = len(slopes), self.runner.start_states, self.trial.weight
         self.runner.enter(memory, x)
-        Y, J, fine = self.runner.run(memory, window, p, True, weight)
-        if not fine or not np.isfinite(J).all():
+        Y, J, fine = self.runner.run(memory, window, p, derivatives, weight)
+        if not fine or derivatives and not np.isfinite(J).all():
             return None
         left = (Y - self.trial.track.y[window.start : window.stop]) * weight
+        if not derivatives:
+            return J, J, left.ravel()
         return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
 
     def residuals(self, at: FitPoint) -> Array:
@@ -298,7 +327,12 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:
         m = len(at.s)
         s = np.clip(at.s + step[:m], *self._reach())
-        return self.at(s, at.x + step[m:].reshape(at.x.shape))
+        # the derivatives of what is stepped cost many times as much as a run, and most of the steps
+        # from a data sheet that does not suit the recording are given up
+        return self.at(s, at.x + step[m:].reshape(at.x.shape), self.runner.known is None)
+
+    def linearised(self, at: FitPoint) -> FitPoint:
+        return at if at.linearised else self.at(at.s, at.x)
 
     def settled(self, gain: float, before: FitPoint, after: FitPoint) -> bool:
         return gain < SETTLED_GAIN * after.cost

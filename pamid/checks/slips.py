@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ from pamid.checks.sheet_comparison import (
     recorded_as,
     shapes,
 )
-from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, fit_data_of
+from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, ShortFit, fit_data_of
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
@@ -241,11 +241,12 @@ class Slip:
 @dataclass(frozen=True)
 class Judgement:
     """How well a rig explains a recording: error over motion by channel, and the sum of squares of
-    the parameters' distances from the data sheet in prior spreads."""
+    the parameters' distances from the data sheet in prior spreads. problem: of the fit."""
 
     errors: dict[str, float]
     strain: float
     fitted: bool = True
+    problem: ShortFit | None = field(default=None, compare=False, repr=False)
 
     @property
     def score(self) -> float:
@@ -314,18 +315,26 @@ class Explanation:
 # ---- judging -------------------------------------------------------------------------------------
 
 
-def judged(recording: Recording, e: SheetComparison, p: Array | None = None) -> Judgement:
+def judged(
+    recording: Recording,
+    e: SheetComparison,
+    p: Array | None = None,
+    like: ShortFit | None = None,
+) -> Judgement:
     """The recording as the rig explains it after a short fit; where there is none, as the data
-    sheet's run does. p: other values than the data sheet's."""
+    sheet's run does. p: other values than the data sheet's; like: a fit of the rig to another
+    version of the recording, whose model serves where the inputs are the same."""
     rig = e.assembly.rig
     try:
         data = fit_data_of(recording, rig, WINDOW_TIMESCALES)
         if data is not None:
-            track = data.track if p is None else replace(data.track, p=p)
-            fit = replace(data, track=track).fitted(rig, steps=JUDGING_STEPS)
+            data = data if p is None else replace(data, track=replace(data.track, p=p))
+            problem = like if like and like.suits(data) else None
+            fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS)
             errors = np.sqrt(fit.point.errors.mean(axis=0)) / data.weight / _moves(data)
             errors = np.where(np.isfinite(errors), errors, RUNAWAY)
-            return Judgement(dict(zip(data.names, errors.tolist(), strict=True)), fit.strain)
+            by_channel = dict(zip(data.names, errors.tolist(), strict=True))
+            return Judgement(by_channel, fit.strain, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
     return _judged_by_sheet(e)
@@ -512,7 +521,7 @@ def _next(
     ranked = _best(recording, before, _nearer(recording, e, slips_of_recording(e, recording)))
     first = _first(ranked)
     if first is None or first.slip.kind in UNNAMED:
-        ranked = _best(recording, before, _predicted_slips(recording, e), ranked)
+        ranked = _best(recording, before, _predicted_slips(recording, e, before), ranked)
         first = _first(ranked)
     if first is not None and first.slip.kind not in UNNAMED:
         return [first]
@@ -552,7 +561,7 @@ def _best(
     slips: each with the comparison with it set right."""
     scored = list(rivals)
     for slip, after in slips:
-        judgement = judged(slip.corrected(recording), after, after.p)
+        judgement = judged(slip.corrected(recording), after, after.p, before.problem)
         if judgement.errors.keys() != before.errors.keys():
             continue
         recorded = zip(after.names, recorded_as(after.names, recording), strict=True)
@@ -575,7 +584,7 @@ def _first(ranked: Sequence[Explanation]) -> Explanation | None:
 
 
 def _predicted_slips(
-    recording: Recording, e: SheetComparison
+    recording: Recording, e: SheetComparison, before: Judgement
 ) -> list[tuple[Slip, SheetComparison]]:
     """Offset, opposite sign and factor of every output, as the other outputs predict it.
 
@@ -591,8 +600,10 @@ def _predicted_slips(
         data = fit_data_of(recording, e.assembly.rig, WINDOW_TIMESCALES)
         if data is None:
             return []
+        like = before.problem
+        problem = like if like and like.suits(data) else ShortFit.of(data, data.rig)
         for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
-            y, model = _prediction(data, k)
+            y, model = _prediction(data, k, problem)
             (column,) = recorded_as((name,), recording)
             of_column = _regressed(column, y, model, float(motion_))
             # of a lone output the data sheet alone predicts the size: the table of factors serves
@@ -603,11 +614,11 @@ def _predicted_slips(
     return [(slip, after) for slip, after in compared if after is not None]
 
 
-def _prediction(data: FitData, k: int) -> tuple[Array, Array]:
+def _prediction(data: FitData, k: int, problem: ShortFit) -> tuple[Array, Array]:
     """Channel k as measured, and as the other channels predict it: windows x samples."""
     weight = data.weight.copy()
     weight[k] *= UNSEEN_WEIGHT
-    fit = replace(data, weight=weight).fitted(data.rig, steps=JUDGING_STEPS)
+    fit = replace(data, weight=weight).fitted(data.rig, problem=problem, steps=JUDGING_STEPS)
     y = np.array([data.track.y[w.start : w.stop, k] for w in data.windows])
     model = y + fit.problem.residuals(fit.point)[:, :, k]
     ran = np.isfinite(model).all(axis=1)

@@ -8,7 +8,7 @@ and with it whatever goes in, f + d df/dp; what it reads differs by d times the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,7 @@ BLOWN_UP = 1e15
 MOVED = 1e-4  # of a parameter: a simulator that controls its own step knows its outputs to 1e-6
 
 
-@runtime_checkable
-class Carrier(Protocol):
+class Carrier:
     """Copies of a simulator, side by side; values SI.
 
     whole_samples: it takes steps of a sample only; longest_s: see `Simulator`.
@@ -34,15 +33,19 @@ class Carrier(Protocol):
     def begin(self, p: Array) -> Array:
         """Copies at the start of a recording with parameters p (n, parameters); what they read (n,
         readings)."""
+        raise NotImplementedError
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
         """Copies from what was saved of each, now with parameters p; what they read."""
+        raise NotImplementedError
 
     def step(self, f: Array, h: float) -> Array:
         """What they read h seconds later, under f (n, forces)."""
+        raise NotImplementedError
 
     def save(self) -> tuple[Any, ...]:
         """Of every copy something to resume from; the copies are then free for other runs."""
+        raise NotImplementedError
 
 
 class CarriedCourse:

@@ -109,9 +109,9 @@ class KnownSlopes:
         return cls._empty(samples, substeps, sizes, chosen) if numbers <= MOST_NUMBERS else None
 
     @classmethod
-    def none(cls, states: int, forces: int, own: int) -> KnownSlopes:
-        """Of a run that keeps nothing: without rows."""
-        return cls._empty(0, 1, (0, states, forces, own), np.zeros(0, np.intp))
+    def none(cls, sizes: tuple[int, int, int, int]) -> KnownSlopes:
+        """Of a run that keeps nothing: without rows; sizes: as of `room`."""
+        return cls._empty(0, 1, sizes, np.zeros(0, np.intp))
 
     @classmethod
     def _empty(

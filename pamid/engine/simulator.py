@@ -1,5 +1,5 @@
-"""What steps by itself, as the engine asks it: steps, readings, and the slopes of a step, by finite
-differences over copies where it does not tell them."""
+"""A simulator as the engine drives it: steps, readings, and the slopes of a step by finite
+differences over copies."""
 
 from __future__ import annotations
 
@@ -42,17 +42,19 @@ class Simulator(Protocol):
         """Readings (n, readings) at x (n, states), p (n, parameters)."""
 
     def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
-        """The same steps of h seconds as a function of a library, with parameters p (n,
-        parameters); None where there is none, or where there are readings."""
+        """The same steps of h seconds as a compiled function, with parameters p (n, parameters);
+        None where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class LibraryStep:
-    """What steps, in a library of C functions; addresses are int64.
+    """A compiled function that steps; addresses are int64.
 
     step: function (model, data) that moves data on, `count` times an exchange; models (n,): with
     parameters of their own; state_at, force_at: where the states and forces (float64) stand in
-    data; cleared_at: numbers of it that every exchange begins with at zero; kept: what must live as
+    data; reading_at: where the readings stand after a step; cleared_at: numbers that every exchange
+    begins with at zero; leads_at: address of a number that is 1 for the step itself and 0 for those
+    from moved values, whose internal steps follow it (0: there is none); kept: what must live as
     long as these.
     """
 
@@ -63,6 +65,8 @@ class LibraryStep:
     state_at: NDArray[np.int64]
     force_at: NDArray[np.int64]
     cleared_at: NDArray[np.int64]
+    reading_at: NDArray[np.int64]
+    leads_at: int
     kept: tuple[Any, ...]
 
 
@@ -85,27 +89,13 @@ def slopes_of(
     chosen: NDArray[np.intp],
     pushed: NDArray[np.intp] | None = None,
 ) -> Slopes:
-    """By forward differences over copies (`Differences`); or as the simulator itself tells them,
-    where it has `slopes` that do. chosen: places of parameters; pushed: of forces, all without it.
-    """
-    exact = exact_slopes(simulator, x, f, p, h, chosen)
-    if exact is not None:
-        return exact if pushed is None else exact._replace(by_force=exact.by_force[:, pushed])
+    """By forward differences over copies (`Differences`). chosen: places of parameters; pushed: of
+    forces, all without it."""
     nx, nf = len(x), len(f)
     forces = np.arange(nf) if pushed is None else pushed
     step = Differences(simulator, x, f, p, h)
     slopes = step.slopes(np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen]))
     return Slopes(step.after, *np.split(slopes, [nx, nx + len(forces)], axis=1))
-
-
-def exact_slopes(
-    simulator: Simulator, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
-) -> Slopes | None:
-    """Slopes by states, all forces and the chosen parameters that the simulator itself knows; None
-    where it does not."""
-    known = getattr(simulator, "slopes", None)
-    exact = None if known is None else known(x, f, p, h, chosen)
-    return None if exact is None else Slopes(*exact)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,6 @@ from pamid.engine.simulator import (
     Differences,
     Simulator,
     Slopes,
-    exact_slopes,
     slopes_of,
 )
 from pamid.engine.step_driver import StepDriver
@@ -203,7 +202,8 @@ class SteppedProgram:
         n, known = windows.states.shape[1], self.known
         for (start, stop), x in zip(windows.edges.tolist(), windows.states, strict=True):
             memory.enter(x, windows.column)
-            Y, JY, bad = self.knowing(known and known.part(start, stop)).run(
+            here = self.knowing(known.part(start, stop)) if known else self
+            Y, JY, bad = here.run(
                 memory,
                 u[start:stop],
                 p,
@@ -369,7 +369,7 @@ class _Course:
         if lacking.any():
             known.pushed[row] |= lacking
             at = len(x) + np.flatnonzero(lacking)
-            known.slopes[row][:, at] = self._by_forces(step, at)
+            known.slopes[row][:, at] = step.slopes(at)
         after, foretold = self._after(row, step)
         moves, acts = known.hold(row, x, f, self.own, after, self.level)
         if not acts:
@@ -387,10 +387,6 @@ class _Course:
         by_force[:, forces] = narrow.by_force
         return narrow._replace(by_force=by_force)
 
-    def _by_forces(self, step: Differences, at: NDArray[np.intp]) -> Array:
-        exact = exact_slopes(step.simulator, step.x, step.f, step.p, step.h, self.chosen)
-        return step.slopes(at) if exact is None else exact.by_force[:, at - len(step.x)]
-
     def _probed(self, row: int, step: Differences, moves: bool) -> Array:
         """Slopes of a row for a step where they are in doubt; moves: those by parameters alone."""
         known, nx, nf = self.known, len(step.x), len(step.f)
@@ -399,10 +395,6 @@ class _Course:
         places = np.concatenate([np.arange(nx), nx + pushed])
         own = nx + nf + np.arange(len(self.chosen))  # columns of the table
         slopes = known.scaled(row, self.own)
-        exact = exact_slopes(step.simulator, step.x, step.f, step.p, step.h, self.chosen)
-        if exact is not None:
-            known.counts[0] += 1
-            return np.hstack(exact[1:])
         chosen = nx + nf + self.chosen  # places of a step
         if not (moves or step.agree(places, slopes[:, places], PROBED)):
             both = step.slopes(np.concatenate([places, chosen]))
@@ -476,6 +468,8 @@ class _Course:
                     c.state_at,
                     c.force_at,
                     c.cleared_at,
+                    c.reading_at,
+                    c.leads_at,
                     *self.simulator.sizes,
                     by,
                     np.asarray(self.places, np.int64),
@@ -496,7 +490,7 @@ class _Course:
         from pamid.engine.stepped_kernel import KnownInC
 
         q = self.program
-        t = self.known or KnownSlopes.none(q.simulated, q.forces, q.own)
+        t = self.known or KnownSlopes.none((q.readings, q.simulated, q.forces, q.own))
         rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.pushed, t.last, t.led, t.trust
         limits = STILL_HOLDS, FAR, SLOPE_ROUNDING, t.foretold
         return KnownInC(*rows, t.chosen, t.counts, self.own, self.level, *limits)

@@ -31,6 +31,9 @@ class SteppedInC(NamedTuple):
     state_at, force_at
                     (states,), (forces,): where these numbers stand in data
     cleared_at      (cleared,): numbers of data that every exchange begins with at zero
+    reading_at      (readings,): where readings stand after a step
+    leads_at        where 1.0 is written before the step itself, 0.0 before those from moved
+                    values; 0: nowhere
     state_size, force_size
                     (states,), (forces,) float64: typical magnitudes
     moved_by, place
@@ -48,6 +51,8 @@ class SteppedInC(NamedTuple):
     state_at: Any
     force_at: Any
     cleared_at: Any
+    reading_at: Any
+    leads_at: int
     state_size: Any
     force_size: Any
     moved_by: Any
@@ -86,7 +91,8 @@ class KnownInC(NamedTuple):
 
 @njit(cache=True)
 def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
-    """States after an exchange from x under f, with the model at an address."""
+    """Readings and states after an exchange from moved values x, f, with the model at an
+    address."""
     for i in range(c.cleared_at.shape[0]):
         put_number(c.cleared_at[i], 0.0)
     for i in range(x.shape[0]):
@@ -95,8 +101,21 @@ def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
         put_number(c.force_at[i], f[i])
     for _ in range(c.steps):
         call_pair(c.step, model, c.data)
+    readings = c.reading_at.shape[0]
+    for i in range(readings):
+        after[i] = number_at(c.reading_at[i])
     for i in range(x.shape[0]):
-        after[i] = number_at(c.state_at[i])
+        after[readings + i] = number_at(c.state_at[i])
+
+
+@njit(cache=True)
+def _step(c, x, f, after):  # type: ignore[no-untyped-def]
+    """Readings and states after the exchange itself, from x under f."""
+    if c.leads_at:
+        put_number(c.leads_at, 1.0)
+    _advance(c, c.models[0], x, f, after)
+    if c.leads_at:
+        put_number(c.leads_at, 0.0)
 
 
 @njit(cache=True)
@@ -135,12 +154,13 @@ def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _told(t, row, j, dz):  # type: ignore[no-untyped-def]
-    """By how much the slopes of a row move the j-th state, and how differently it then acts."""
-    told, differently = 0.0, 0.0
+    """By how much the slopes of a row move the j-th reading or state, and how differently it then
+    acts."""
+    told, differently, own = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
     for i in range(dz.shape[0]):
         slope = t.slopes[row, j, i]
         told += slope * dz[i]
-        differently += abs((slope - 1.0 if i == j else slope) * dz[i])
+        differently += abs((slope - 1.0 if i == own else slope) * dz[i])
     return told, differently
 
 
@@ -176,7 +196,7 @@ def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
     near = way == 0.0 or bend * (2.0 * base + way) * way <= t.foretold
     if not (near and way <= reach):
         return False
-    for j in range(nx):
+    for j in range(after.shape[0]):
         after[j] = t.led[row, j] + _told(t, row, j, dz)[0]
     return True
 
@@ -192,7 +212,7 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     way, base = _way(t, row, dz), t.trust[row, 0]
     if 0.0 < way < np.inf:
         missed = 0.0
-        for j in range(nx):
+        for j in range(plain.shape[0]):
             off = abs(plain[j] - t.led[row, j] - _told(t, row, j, dz)[0])
             missed = _more(missed, off, t.level[j])
         t.trust[row, 1] = way
@@ -213,14 +233,16 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
         return False, False
     dz, acts = np.empty(t.slopes.shape[2]), True
     _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
-    for j in range(x.shape[0]):
+    readings = plain.shape[0] - x.shape[0]
+    for j in range(plain.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
         change = plain[j] - t.after[row, j]
         told, differently = _told(t, row, j, dz)
         # neither is so of what is no number
         if not abs(change - told) <= t.same * differently + tiny:
             return False, False
-        if not abs(change - dz[j]) <= t.same * t.level[j] + tiny:
+        moved = dz[j - readings] if j >= readings else 0.0
+        if not abs(change - moved) <= t.same * t.level[j] + tiny:
             acts = False
     return True, acts or t.chosen.shape[0] == 0
 
@@ -246,10 +268,10 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-def]
-    """Fill columns of `found` (states, states + forces + moved parameters) by differences over
-    these steps, where they are not zero; models: addresses, each with one parameter moved."""
+    """Fill columns of `found` (told, states + forces + moved parameters) by differences over these
+    steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
-    moved = np.empty(nx)
+    moved = np.empty(plain.shape[0])
     for i in range(steps.shape[0]):
         if steps[i] == 0.0:
             continue
@@ -269,13 +291,14 @@ def _agree(c, model, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
     """Do slopes foretell the step with everything moved to the other side? model: with the
     parameters that are."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
-    moved = np.empty(nx)
+    moved, readings = np.empty(plain.shape[0]), plain.shape[0] - nx
     _advance(c, model, x - steps[:nx], f - steps[nx:at], moved)
-    for j in range(nx):
+    for j in range(plain.shape[0]):
         told, differently = plain[j], 0.0
         for i in range(steps.shape[0]):
             told -= found[j, i] * steps[i]
-            differently += abs((found[j, i] - 1.0 if i == j else found[j, i]) * steps[i])
+            own = i == j - readings
+            differently += abs((found[j, i] - 1.0 if own else found[j, i]) * steps[i])
         # neither is so of what is no number
         if not abs(moved[j] - told) <= c.same * differently + c.rounded * abs(plain[j]):
             return False
@@ -297,9 +320,9 @@ def _slopes(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
         return
     other = found.copy()
     _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
-    for j in range(x.shape[0]):
+    for j in range(plain.shape[0]):
         for i in range(found.shape[1]):
-            still = 1.0 if i == j else 0.0
+            still = 1.0 if i == j - plain.shape[0] + x.shape[0] else 0.0
             if abs(other[j, i] - still) < abs(found[j, i] - still):
                 found[j, i] = other[j, i]
 
@@ -352,18 +375,18 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
             lacking[nx + k] = steps[nx + k]
         t.pushed[row, k] = wanted
     if not made:
-        _advance(c, c.models[0], x, f, plain)
+        _step(c, x, f, plain)
         t.slopes[row] = 0.0
         _slopes(c, x, f, steps, plain, t.slopes[row])
         t.counts[0] += 1
         _keep(t, row, x, f, plain)
         return
     if lacking.any():
-        _advance(c, c.models[0], x, f, plain)
+        _step(c, x, f, plain)
         _slopes(c, x, f, lacking, plain, t.slopes[row])
     foretold = _foretells(t, row, x, f, plain)
     if not foretold:
-        _advance(c, c.models[0], x, f, plain)
+        _step(c, x, f, plain)
         _check(t, row, x, f, plain)
     moves, acts = _hold(t, row, x, f, plain)
     if acts:
@@ -371,26 +394,28 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
         t.counts[2] += foretold
         return
     if foretold:
-        _advance(c, c.models[0], x, f, plain)
+        _step(c, x, f, plain)
     anew = _probed(c, t, row, x, f, steps, plain, moves)
     t.counts[0 if anew else 1] += 1
     _keep(t, row, x, f, plain)
 
 
 @njit(cache=True)
-def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
-    """Move x (states,) and, where asked for, their rows of S (all in place) over an exchange under
-    f (forces,), whose sensitivities are `by` (forces, columns)."""
+def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
+    """Move `told` (readings and states,) and, where asked for, their rows of S (all in place) over
+    an exchange under f (forces,), whose sensitivities are `by` (forces, columns)."""
+    readings, seen = c.reading_at.shape[0], told.shape[0]
+    x = told[readings:]
     nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], c.place.shape[0]
-    plain, keep = np.empty(nx), t.made.shape[0] > 0
+    plain, keep = np.empty(seen), t.made.shape[0] > 0
     if not sensitive:
         if keep and _foretells(t, row, x, f, plain):
             t.counts[2] += 1
         else:
-            _advance(c, c.models[0], x, f, plain)
+            _step(c, x, f, plain)
             if keep:
                 _check(t, row, x, f, plain)
-        x[:] = plain
+        told[:] = plain
         return
     steps, pushed = np.empty(nx + nf + n), np.zeros(nf, np.bool_)
     for i in range(nx):
@@ -403,36 +428,37 @@ def _exchange(c, x, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def
         found = t.slopes[row]
         _kept_slopes(c, t, row, x, f, pushed, steps, plain)
     else:
-        found = np.zeros((nx, nx + nf + n))
+        found = np.zeros((seen, nx + nf + n))
         steps[nx : nx + nf] *= pushed
-        _advance(c, c.models[0], x, f, plain)
+        _step(c, x, f, plain)
         _slopes(c, x, f, steps, plain, found)
-    rows = np.zeros((nx, wide))
+    rows = np.zeros((seen, wide))
     for i in range(nx + nf):
-        for j in range(nx):
+        for j in range(seen):
             slope = found[j, i]
             if slope == 0.0:
                 continue
             for m in range(wide):
-                rows[j, m] += slope * (S[i, m] if i < nx else by[i - nx, m])
+                rows[j, m] += slope * (S[readings + i, m] if i < nx else by[i - nx, m])
     for k in range(n):
         # in proportion to the parameter they stay as they are
         share = 1.0
         if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]] and t.own[t.chosen[k]] != 0.0:
             share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
-        for j in range(nx):
+        for j in range(seen):
             rows[j, c.place[k]] += share * found[j, nx + nf + k]
-    S[:nx] = rows
-    x[:] = plain
+    S[:seen] = rows
+    told[:] = plain
 
 
 @njit(cache=True)
 def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # type: ignore[no-untyped-def]
     """Run over the rows of u, filling Y (samples, seen) and, where sensitivities are asked for, JY
     (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
-    what is seen. Memory is carried on in place; the simulator's states are the first in it. Returns
-    the first sample at which a state is no longer finite, or -1."""
-    nx, seen, sensitive = c.state_at.shape[0], Y.shape[1], inputs.sensitive
+    what is seen. Memory is carried on in place; readings and states of the simulator are the first
+    in it. Returns the first sample at which a state is no longer finite, or -1."""
+    inside = c.reading_at.shape[0] + c.state_at.shape[0]
+    seen, sensitive = Y.shape[1], inputs.sensitive
     begin, join = times.begin, times.join
     f = np.empty(c.force_at.shape[0])
     x, S = memory.x, memory.S
@@ -457,7 +483,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # ty
                     JY[k] = results.JY[0, :seen]
             f[:] = results.Y[0, seen:]
             row = k * times.substeps + sub
-            _exchange(c, x[:nx], f, results.JY[0, seen:], S, sensitive, t, row)
+            _exchange(c, x[:inside], f, results.JY[0, seen:], S, sensitive, t, row)
         for i in range(x.shape[0]):
             if not abs(x[i]) < BLOWN_UP:
                 Y[k + 1 :] = np.nan

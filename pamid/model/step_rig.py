@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.carried import Carrier
-from pamid.engine.simulator import DIFFERENCE, LibraryStep, Slopes, slopes_of
+from pamid.engine.simulator import DIFFERENCE, LibraryStep, slopes_of
 from pamid.engine.stepped import FarRunner
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
@@ -118,13 +118,6 @@ class StepRig(Rig):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
             out.append(self._called(self.read, wanted, given, known.of(values)))
         return np.array(out)
-
-    def slopes(
-        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
-    ) -> Slopes | None:
-        """What `slopes_of` gives, where the simulation knows its own derivatives; None has them
-        taken by differences."""
-        return None
 
     def in_c(
         self, p: Array, h: float, into: tuple[str, ...]
@@ -313,11 +306,6 @@ class RigSimulator:
 
     def reads(self, x: Array, p: Array) -> Array:
         return self.rig.reads(x, p)
-
-    def slopes(
-        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
-    ) -> Slopes | None:
-        return self.rig.slopes(x, f, p, h, chosen)
 
     def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
         return self.rig.in_c(p, h, self.into)

@@ -7,27 +7,31 @@ without harm, so that one call serves FMI 2.0 and 3.0 where their arguments begi
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba import carray, types
 from numpy.typing import NDArray
 
 from pamid.engine.function_calls import call_foreign
-from pamid.engine.numba_cache import njit
+from pamid.engine.numba_cache import cfunc, njit
+
+if TYPE_CHECKING:
+    from pamid.simulators.fmu_link import FmuUnits
 
 Array = NDArray[np.float64]
 Places = NDArray[np.uint32]
 
 # names of the functions in FMI 2.0 and 3.0, by their place
 SET, GET, STEP, SAVE, RESTORE, TIME, PUT_X, GET_X, RATES, INDICATORS, EVENT, DISCRETE = range(12)
-CONTINUOUS, COMPLETED, DIRECTIONAL = 12, 13, 14
+CONTINUOUS, COMPLETED = 12, 13
 NAMES = {
     2: "SetReal GetReal DoStep GetFMUstate SetFMUstate SetTime SetContinuousStates "
     "GetContinuousStates GetDerivatives GetEventIndicators EnterEventMode NewDiscreteStates "
-    "EnterContinuousTimeMode CompletedIntegratorStep GetDirectionalDerivative",
+    "EnterContinuousTimeMode CompletedIntegratorStep",
     3: "SetFloat64 GetFloat64 DoStep GetFMUState SetFMUState SetTime SetContinuousStates "
     "GetContinuousStates GetContinuousStateDerivatives GetEventIndicators EnterEventMode "
-    "UpdateDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep GetDirectionalDerivative",
+    "UpdateDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep",
 }
 
 # statuses of this file
@@ -183,23 +187,6 @@ def rates_at(m: FmiModel, c: int, t: float, x: Array, dx: Array) -> int:
 
 
 @njit(cache=True)
-def partials(m: FmiModel, c: int, unknown: Places, J: Array) -> int:
-    """J (unknowns, states and inputs) by directional derivatives, where the instance stands."""
-    nx, nu = len(m.states), len(unknown)
-    known, one, column = np.zeros(1, np.uint32), np.ones(1), np.zeros(nu)
-    for k in range(J.shape[1]):
-        known[0] = m.states[k] if k < nx else m.inputs[k - nx]
-        if m.version == 2:
-            status = call_foreign(m.at[DIRECTIONAL], c, unknown, nu, known, 1, one, column)
-        else:
-            status = call_foreign(m.at[DIRECTIONAL], c, unknown, nu, known, 1, one, 1, column, nu)
-        if _failed(m, status, DIRECTIONAL) != 0:
-            return status
-        J[:, k] = column
-    return 0
-
-
-@njit(cache=True)
 def indicators_at(m: FmiModel, c: int, z: Array) -> int:
     if m.indicators == 0:
         return 0
@@ -229,30 +216,19 @@ _E = np.array(
 
 @njit(cache=True)
 def _tried(
-    m: FmiModel, c: int, t: float, x: Array, S: Array, dt: float, xn: Array, Sn: Array, err: Array
+    m: FmiModel, c: int, t: float, x: Array, dt: float, xn: Array, err: Array, K: Array
 ) -> int:
-    """One step of dt from x, into xn; of the sensitivities S (states, states and inputs), where
-    they have columns, into Sn; err (1): its error, in tolerances. The instance then stands at the
-    step's end."""
-    nx, wide = len(x), S.shape[1]
-    K, KS = np.zeros((7, nx)), np.zeros((7, nx, wide))
-    J = np.zeros((nx, nx + len(m.inputs)))
+    """One step of dt from x, into xn; err (1): its error, in tolerances; K (7, states): scratch.
+    The instance then stands at the step's end."""
+    nx = len(x)
     for i in range(7):
         xn[:] = x
         for j in range(i):
-            xn += dt * _A[i, j] * K[j]
+            for k in range(nx):
+                xn[k] += dt * _A[i, j] * K[j, k]
         status = rates_at(m, c, t + _C[i] * dt, xn, K[i])
         if status != 0:
             return status
-        if wide:
-            status = partials(m, c, m.rates, J)
-            if status != 0:
-                return status
-            Sn[:] = S
-            for j in range(i):
-                Sn += dt * _A[i, j] * KS[j]
-            KS[i] = J[:, :nx] @ Sn
-            KS[i, :, nx:] += J[:, nx:]
     worst = 0.0
     for k in range(nx):
         e = 0.0
@@ -277,10 +253,10 @@ def _narrowed(
     """The shortest step from x after which an indicator has changed its sign, to a trillionth of
     dt; xn is what it leads to, and where the instance stands."""
     low, high = 0.0, dt
-    none, err, now = np.zeros((len(x), 0)), np.zeros(1), np.zeros(len(z))
+    err, now, K = np.zeros(1), np.zeros(len(z)), np.zeros((7, len(x)))
     for k in range(BISECTIONS + 1):
         middle = 0.5 * (low + high) if k < BISECTIONS else high
-        status = _tried(m, c, t, x, none, middle, xn, none, err)
+        status = _tried(m, c, t, x, middle, xn, err, K)
         if status == 0:
             status = indicators_at(m, c, now)
         if status != 0:
@@ -300,26 +276,19 @@ def exchange(
     h: float,
     f: Array,
     x: Array,
-    S: Array,
     due: Array,
     grid: Array,
 ) -> int:
-    """Move x on by h seconds from `begin` under f, and its derivatives S by the states before and
-    by f, where S has columns. Steps end where grid says (ends from `begin`, 0 where it is not
-    written yet: then they are chosen and noted there). due (1): the next event in time. m.told[2]:
-    how many events there were within."""
+    """Move x on by h seconds from `begin` under f. Steps end where grid says (ends from `begin`, up
+    to a zero; where it begins with one they are chosen, and noted there). due (1): the next event
+    in time. m.told[2]: how many events there were within."""
     # an event that falls between two exchanges belongs to the later one, whose inputs it sees
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
     status = put_inputs_anew(m, c, first, f, x, due)
     m.told[2] = 0
-    z, after, xn, Sn, err = (
-        np.zeros(m.indicators),
-        np.zeros(m.indicators),
-        np.zeros(len(x)),
-        np.zeros(S.shape),
-        np.zeros(1),
-    )
+    z, after = np.zeros(m.indicators), np.zeros(m.indicators)
+    xn, err, K = np.zeros(len(x)), np.zeros(1), np.zeros((7, len(x)))
     status = status or indicators_at(m, c, z)
     follows, at, step, count = grid[0] > 0.0, 0.0, h, 0
     while status == 0 and at < h:
@@ -331,7 +300,7 @@ def exchange(
         stop = max(due[0] - begin, at) if due[0] - begin < h - near else h
         dt = min(step, stop - at)
         dt = stop - at if stop - at < 1.0001 * dt else dt
-        status = _tried(m, c, begin + at, x, S, dt, xn, Sn, err)
+        status = _tried(m, c, begin + at, x, dt, xn, err, K)
         if status == 0 and not follows and not err[0] <= 1.0:
             step = dt * max(LEAST_SHRINKAGE, SAFETY * err[0] ** -0.2) if err[0] < np.inf else dt / 8
             if step < h / MOST_STEPS:
@@ -341,13 +310,13 @@ def exchange(
         crossed = status == 0 and _crossed(z, after)
         if crossed:
             status, dt = _narrowed(m, c, begin + at, x, dt, z, xn)
-        x[:], S[:] = xn, Sn
+        x[:] = xn
         reached = not crossed and dt == stop - at
         at = stop if reached else at + dt
         if not follows:
             if count + 1 >= len(grid):
                 return STIFF
-            grid[count], count = at, count + 1
+            grid[count], grid[count + 1], count = at, 0.0, count + 1
             step = min(h, dt * min(MOST_GROWTH, SAFETY * max(err[0], 1e-4) ** -0.2))
         status = status or _complete(m, c, x, z, due, crossed or (reached and stop < h))
     return status
@@ -404,30 +373,141 @@ def exchange_copies(
 ) -> None:
     """Model exchange: `step_copies`, with the states x (copies, states) and the next events due
     (copies, 1). Steps are those of the first copy: differences between copies are smooth then."""
-    n, grid, none = len(handles), np.zeros(MOST_STEPS + 1), np.zeros((x.shape[1], 0))
+    n, grid = len(handles), np.zeros(MOST_STEPS + 1)
     for k in range(n):
         if statuses[k] != 0:
             continue
         c, status = handles[k], 0
         if saved[k] and standing != k:
             status = _failed(m, call_foreign(m.at[RESTORE], c, saved[k]), RESTORE)
-        status = status or exchange(m, c, times[k], h, f[k], x[k], none, due[k], grid)
+        status = status or exchange(m, c, times[k], h, f[k], x[k], due[k], grid)
         if status == 0 and saved[k] and n > 1:
             status = _failed(m, call_foreign(m.at[SAVE], c, saved[k : k + 1]), SAVE)
         statuses[k] = status or get_outputs(m, c, y[k])
 
 
+# ---- as a compiled function of two addresses -----------------------------------------------------
+
+_HEAD, _STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
+_FUNCTIONS = len(NAMES[2].split())
+
+
+class ExchangeTable(NamedTuple):
+    """All that an exchange works on, views of one array of words: version, states, inputs,
+    outputs, indicators; the status of the first failure; as floats the next event, whether the
+    steps within are chosen (LEADS), the length of an exchange (s); then the arrays below.
+
+    x, f, y: states, inputs and outputs (SI); own_x, own_f: in the FMU's units; each scale and
+    offset leads from its units to SI; grid: ends of the steps within.
+    """
+
+    model: FmiModel
+    x: Array
+    f: Array
+    y: Array
+    own_x: Array
+    own_f: Array
+    x_scale: Array
+    x_offset: Array
+    f_scale: Array
+    f_offset: Array
+    y_scale: Array
+    y_offset: Array
+    grid: Array
+
+
 @njit(cache=True)
-def slopes_at(m: FmiModel, c: int, h: float, f: Array, x: Array, y: Array, J: Array) -> int:
-    """Model exchange from states that are set: x moved on by h under f, outputs y there, and in J
-    (outputs and states, states and inputs) their derivatives. m.told[2]: events within, with which
-    J is not right."""
-    nx, ny, wide = len(x), len(y), len(x) + len(f)
-    S, due, D = np.zeros((nx, wide)), np.zeros(1), np.zeros((ny, wide))
-    S[:, :nx] = np.eye(nx)
-    status = exchange(m, c, 0.0, h, f, x, S, due, np.zeros(MOST_STEPS + 1))
-    status = status or get_outputs(m, c, y) or partials(m, c, m.outputs, D)
-    J[:ny] = D[:, :nx] @ S
-    J[:ny, nx:] += D[:, nx:]
-    J[ny:] = S
-    return status
+def _length(nx: int, nf: int, ny: int) -> int:
+    """Words of a table with so many states, inputs and outputs."""
+    return _HEAD + _FUNCTIONS + 4 + 7 * nx + 5 * nf + 4 * ny + MOST_STEPS + 2
+
+
+@njit(cache=True)
+def table_in(words: NDArray[np.int64]) -> ExchangeTable:
+    """The table whose words these are; the counts at their beginning are set."""
+    nx, nf, ny = words[1], words[2], words[3]
+    numbers = words.view(np.float64)
+    a = _HEAD + _FUNCTIONS
+    # value references are half as long as a word
+    v = a + 4
+    xs, rs = words[v : v + nx].view(np.uint32)[:nx], words[v + nx : v + 2 * nx].view(np.uint32)[:nx]
+    v += 2 * nx
+    fs, ys = words[v : v + nf].view(np.uint32)[:nf], words[v + nf :].view(np.uint32)[:ny]
+    v += nf + ny
+    model = FmiModel(
+        words[_HEAD:a],
+        words[0],
+        fs,
+        ys,
+        xs,
+        rs,
+        words[4],
+        numbers[v : v + nx],
+        words[a : a + 4],
+    )
+    v += nx
+    w = v + 4 * nx
+    z = w + 4 * nf
+    return ExchangeTable(
+        model,
+        numbers[v : v + nx],
+        numbers[w : w + nf],
+        numbers[z : z + ny],
+        numbers[v + nx : v + 2 * nx],
+        numbers[w + nf : w + 2 * nf],
+        numbers[v + 2 * nx : v + 3 * nx],
+        numbers[v + 3 * nx : w],
+        numbers[w + 2 * nf : w + 3 * nf],
+        numbers[w + 3 * nf : z],
+        numbers[z + ny : z + 2 * ny],
+        numbers[z + 2 * ny : z + 3 * ny],
+        numbers[z + 3 * ny : z + 3 * ny + MOST_STEPS + 1],
+    )
+
+
+def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
+    """Words of a table for exchanges of h seconds."""
+    counts = len(m.states), len(m.inputs), len(m.outputs)
+    words = np.zeros(_length(*counts), np.int64)
+    words[:5] = m.version, *counts, m.indicators
+    words.view(np.float64)[_STEP_S] = h
+    t = table_in(words)
+    for name in ("at", "inputs", "outputs", "states", "rates", "sizes"):
+        getattr(t.model, name)[:] = getattr(m, name)
+    t.x_scale[:], t.x_offset[:] = units.states
+    t.f_scale[:], t.f_offset[:] = units.inputs
+    t.y_scale[:], t.y_offset[:] = units.outputs
+    return words
+
+
+@cfunc(types.void(types.CPointer(types.int64), types.CPointer(types.int64)), cache=True)
+def exchange_of(handle, data):  # type: ignore[no-untyped-def]
+    """An exchange of the instance whose handle stands at an address, over the table at another
+    one. States and outputs are no numbers after a failure."""
+    head = carray(data, _HEAD)
+    words = carray(data, _length(head[1], head[2], head[3]))
+    t, numbers = table_in(words), words.view(np.float64)
+    for k in range(len(t.x)):
+        t.own_x[k] = (t.x[k] - t.x_offset[k]) / t.x_scale[k]
+    for k in range(len(t.f)):
+        t.own_f[k] = (t.f[k] - t.f_offset[k]) / t.f_scale[k]
+    if numbers[LEADS] != 0.0:
+        t.grid[0] = 0.0
+    due, c = numbers[_DUE : _DUE + 1], handle[0]
+    due[0] = 0.0
+    status = exchange(t.model, c, 0.0, numbers[_STEP_S], t.own_f, t.own_x, due, t.grid)
+    status = status or get_outputs(t.model, c, t.y)
+    if status != 0:
+        words[_STATUS] = words[_STATUS] or status
+        t.x[:] = np.nan
+        t.y[:] = np.nan
+        return
+    for k in range(len(t.x)):
+        t.x[k] = t.own_x[k] * t.x_scale[k] + t.x_offset[k]
+    for k in range(len(t.y)):
+        t.y[k] = t.y[k] * t.y_scale[k] + t.y_offset[k]
+
+
+def first_failure(words: NDArray[np.int64]) -> int:
+    """Status of the first exchange over a table that failed, 0 where none did."""
+    return int(words[_STATUS])

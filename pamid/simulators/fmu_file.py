@@ -12,7 +12,6 @@ import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,10 +76,10 @@ class FmuFile:
     """An FMU as it is used. exchange: for model exchange, else co-simulation; states, rates:
     continuous states and references of their derivatives, of model exchange; nominals: typical
     sizes of states; indicators: how many signs say that an event came; seen: are its states all
-    that it knows?; saves, derives: it can save its state, and tell its directional derivatives;
-    alone: one instance a process; period_s: the step that it proposes, 0 where none; any_step: it
-    takes steps of any length; motion: inputs that are forces -> position and velocity there; free:
-    parameters to fit, where not all; remarks: how it goes, and what is left out."""
+    that it knows?; saves: it can save its state; alone: one instance a process; period_s: the step
+    that it proposes, 0 where none; any_step: it takes steps of any length; motion: inputs that are
+    forces -> position and velocity there; free: parameters to fit, where not all; remarks: how it
+    goes, and what is left out."""
 
     path: str
     name: str
@@ -95,7 +94,6 @@ class FmuFile:
     indicators: int
     seen: bool
     saves: bool
-    derives: bool
     alone: bool
     any_step: bool
     period_s: float
@@ -126,7 +124,6 @@ class FmuFile:
             "indicators": self.indicators,
             "alone": self.alone,
             "units": [[s.tolist() for s in unit] for unit in self.units],
-            "derives": self.derives,
             "any_step": self.any_step,
             "seen": self.seen,
             "called": [v.called for v in self.outputs.variables],
@@ -220,7 +217,6 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
     )
     saves = bool(offers.canGetAndSetFMUstate)
     seen = exchange and _is_seen(described, own, chosen)
-    derives = seen and (bool(offers.providesDirectionalDerivative) or _says_derivatives(file))
     events = described.numberOfEventIndicators if version == 2 else len(described.eventIndicators)
     proposed = described.defaultExperiment and described.defaultExperiment.stepSize
     return FmuFile(
@@ -237,7 +233,6 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
         int(events or 0) if exchange else 0,
         seen,
         saves,
-        derives,
         bool(offers.canBeInstantiatedOnlyOncePerProcess),
         exchange or bool(offers.canHandleVariableCommunicationStepSize),
         float(proposed or 0.0),
@@ -245,16 +240,8 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
         described.instantiationToken,
         chosen.motion,
         chosen.free,
-        (*why, *_remarks(variables, reals, exchange, seen, saves, derives)),
+        (*why, *_remarks(variables, reals, exchange, seen, saves)),
     )
-
-
-def _says_derivatives(file: Path) -> bool:
-    """Of FMI 3.0: the attribute has another name there, which FMPy 0.3 passes over."""
-    with zipfile.ZipFile(file) as packed, packed.open(_DESCRIPTION) as text:
-        found = ElementTree.parse(text).getroot().find("ModelExchange")
-    said = "" if found is None else found.get("providesDirectionalDerivatives", "")
-    return said in ("true", "1")
 
 
 def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[str]]:
@@ -301,7 +288,6 @@ def _remarks(
     exchange: bool,
     seen: bool,
     saves: bool,
-    derives: bool,
 ) -> list[str]:
     """How it goes, in sentences."""
     known = set(map(id, reals))  # variables compare by all their attributes
@@ -322,10 +308,7 @@ def _remarks(
             "and equations that want an implicit method, are not supported"
         ]
     if seen:
-        found += [
-            "its states are seen; their sensitivities are "
-            + ("its own directional derivatives" if derives else "differences between copies")
-        ]
+        found += ["its states are seen; their sensitivities are differences between copies"]
     else:
         found += [
             "its states are not seen: a fit runs it from the start of each recording, and which "

@@ -5,22 +5,30 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.simulator import LibraryStep
 from pamid.simulators.fmi_kernels import (
+    LEADS,
     MOST_STEPS,
     exchange,
     exchange_copies,
+    exchange_of,
+    exchange_words,
+    first_failure,
     get_outputs,
     rates_at,
-    slopes_at,
     step_copies,
+    table_in,
 )
 from pamid.simulators.fmu_instance import FATAL, FmuInstance, why
+from pamid.simulators.fmu_link import FmuUnits
 
 Array = NDArray[np.float64]
 
@@ -161,7 +169,7 @@ class FmuHost:
         while past is not None:
             past, f, h = past
             rows.append((f, h))
-        state = one.x.copy(), np.zeros((len(one.x), 0)), one.due.copy()
+        state = one.x.copy(), one.due.copy()
         y = np.zeros((1, len(self.m.outputs)))
         none, status = np.zeros(1, np.int64), np.zeros(1, np.int64)
         for f, h in reversed(rows):
@@ -207,10 +215,9 @@ class FmuHost:
     def with_values(self, p: Array) -> FmuInstance:
         """An instance with these parameters."""
         key = p.tobytes()
-        one = self.of_values.get(key)
+        one = self.of_values.pop(key, None)  # put back as the last: the first is started anew
         if one is None:
-            most = 1 if self.about["alone"] else MOST_INSTANCES
-            if len(self.of_values) >= most:
+            if len(self.of_values) >= self.most:
                 one = self.of_values.pop(next(iter(self.of_values)))
             elif not self.of_values:
                 one = self.instance(0)
@@ -219,8 +226,48 @@ class FmuHost:
             one.started(self.m, p)
             if not self.went:
                 self._refuse_clocks(one)
-            self.of_values[key] = one
+        self.of_values[key] = one
         return one
+
+    @property
+    def most(self) -> int:
+        """Instances with parameters of their own."""
+        return 1 if self.about["alone"] else MOST_INSTANCES
+
+    @contextmanager
+    def in_c(
+        self, units: FmuUnits, p: Array, h: float, places: NDArray[np.intp]
+    ) -> Iterator[LibraryStep | None]:
+        """See `pamid.engine.simulator.Simulator`; p: SI; places: of the readings among the
+        outputs. None of more copies than there may be instances."""
+        if len(p) > self.most:
+            yield None
+            return
+        rows = units.parameters.outside(p)
+        handles = np.array([self.with_values(row).handle for row in rows], np.int64)
+        words = exchange_words(self.m, units, h)
+        table = table_in(words)
+
+        def of(numbers: NDArray[Any]) -> NDArray[np.int64]:
+            return np.asarray(numbers.ctypes.data + 8 * np.arange(len(numbers)), np.int64)
+
+        assert exchange_of.address is not None
+        yield LibraryStep(
+            exchange_of.address,
+            words.ctypes.data,
+            of(handles),
+            1,
+            of(table.x),
+            of(table.f),
+            np.zeros(0, np.int64),
+            of(table.y)[places],
+            words.ctypes.data + 8 * LEADS,
+            kept=(handles, words),
+        )
+        status = first_failure(words)
+        if status and (not self.went or status == FATAL):
+            raise RuntimeError(why(table.model, status, h))
+        self.went = self.went or not status
 
     def _refuse_clocks(self, one: FmuInstance) -> None:
         rows = []
@@ -235,32 +282,16 @@ class FmuHost:
         """States and outputs h later, of rows of states, inputs and parameters."""
         nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
         found, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
-        grid, none, due = np.zeros(MOST_STEPS + 1), np.zeros((nx, 0)), np.zeros(1)
+        grid, due = np.zeros(MOST_STEPS + 1), np.zeros(1)
         for k, row in enumerate(rows):
             c = self.with_values(row[nx + nf :]).handle
             f, x = row[nx : nx + nf].copy(), found[k, ny:]
             x[:] = row[:nx]
-            statuses[k] = exchange(self.m, c, 0.0, h, f, x, none, due, grid)
+            statuses[k] = exchange(self.m, c, 0.0, h, f, x, due, grid)
             statuses[k] = statuses[k] or get_outputs(self.m, c, found[k, :ny])
         self._judge(statuses, found, h)
         self.went = True
         return found
-
-    def derived(self, rows: Array, h: float) -> Array:
-        """Of the first row what `moved` gives, and below it, a row each, its derivatives by states
-        and inputs; then what `moved` gives of the other rows. No rows where an event came
-        between."""
-        m, nx, nf = self.m, len(self.m.states), len(self.m.inputs)
-        first = np.zeros(len(m.outputs) + nx)
-        y, x = first[: len(m.outputs)], first[len(m.outputs) :]
-        x[:] = rows[0, :nx]
-        J = np.zeros((len(first), nx + nf))
-        c = self.with_values(rows[0, nx + nf :]).handle
-        status = slopes_at(m, c, h, rows[0, nx : nx + nf].copy(), x, y, J)
-        if status != 0 or m.told[2]:
-            return np.zeros((0, 0))
-        others = self.moved(rows, h) if len(rows) > 1 else np.zeros((0, len(first)))
-        return np.concatenate([first[None], J.T, others])
 
     def shown(self, rows: Array) -> Array:
         """Outputs of rows of states and parameters."""
@@ -284,8 +315,6 @@ class FmuHost:
             return self.step(table, h)
         if word == b"x":
             return self.moved(table, h)
-        if word == b"l":
-            return self.derived(table, h)
         if word == b"o":
             return self.shown(table)
         if word == b"b":

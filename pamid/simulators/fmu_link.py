@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.simulator import DIFFERENCE, Slopes
+from pamid.engine.carried import Carrier
+from pamid.engine.simulator import LibraryStep
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class FmuUnits(NamedTuple):
     states: UnitScale
 
 
-class FmuLink:
+class FmuLink(Carrier):
     """Copies of an FMU, a `pamid.engine.carried.Carrier`; where its states are seen, `SeenFmu`
     drives it."""
 
@@ -80,27 +81,17 @@ class FmuLink:
         """States and outputs h later, of n copies; all SI."""
         return self._parted(self._request(b"x", self._rows(x, f, p), h))
 
-    def derived(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array, Array]:
-        """Of the first copy outputs and states h later, in a row, and their derivatives by its
-        states and what goes in (outputs and states, both); the same of every copy, where there are
-        others. Empty where the FMU cannot tell."""
-        found = self._request(b"l", self._rows(x, f, p), h)
-        if not len(found):
-            return _EMPTY, _EMPTY, _EMPTY
-        wide, file = x.shape[1] + f.shape[1], self.units
-        after = np.concatenate([file.outputs.scale, file.states.scale])
-        before = np.concatenate([file.states.scale, file.inputs.scale])
-        slopes = found[1 : 1 + wide].T * after[:, None] / before
-        first, others = (
-            np.concatenate(self._parted(rows)[::-1], axis=1)
-            for rows in (found[:1], found[1 + wide :])
-        )
-        return first[0], slopes, others
-
     def shown(self, x: Array, p: Array) -> Array:
         """Outputs at these states; all SI."""
         rows = np.concatenate([self.units.states.outside(x), self.units.parameters.outside(p)], 1)
         return self._readings(b"o", rows)
+
+    def in_c(
+        self, p: Array, h: float, places: NDArray[np.intp]
+    ) -> AbstractContextManager[LibraryStep | None]:
+        """See `pamid.engine.simulator.Simulator`; places: of the readings among the outputs. None
+        where the FMU is held by another process, which makes whole runs."""
+        return nullcontext()
 
     def _rows(self, x: Array, f: Array, p: Array) -> Array:
         file = self.units
@@ -120,11 +111,10 @@ class FmuLink:
 @dataclass
 class SeenFmu:
     """An FMU whose states are seen, a `pamid.engine.simulator.Simulator`. places: of the readings
-    among the outputs; derives: it tells its directional derivatives."""
+    among the outputs."""
 
     link: FmuLink
     places: NDArray[np.intp]
-    derives: bool
     sizes: tuple[Array, Array]
     longest_s: float = field(default=float("inf"))
 
@@ -137,27 +127,5 @@ class SeenFmu:
             return np.empty((len(x), 0))
         return self.link.shown(x, p)[:, self.places]
 
-    def in_c(self, p: Array, h: float) -> AbstractContextManager[None]:
-        """It is stepped one exchange after the other."""
-        return nullcontext()
-
-    def slopes(
-        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
-    ) -> Slopes | None:
-        """By the FMU's directional derivatives; parameters, of which it has none, by differences
-        along the same steps. None where it cannot tell."""
-        if not self.derives:
-            return None
-        copies = np.tile(p, (1 + len(chosen), 1))
-        by = DIFFERENCE * np.where(p == 0.0, 1.0, np.abs(p))[chosen]
-        copies[1 + np.arange(len(chosen)), chosen] += by
-        xs, fs = (np.tile(row, (len(copies), 1)) for row in (x, f))
-        first, slopes, others = self.link.derived(xs, fs, copies, h)
-        if not len(first):
-            return None
-        seen = len(first) - len(x)
-        rows = np.concatenate([self.places, np.arange(seen, seen + len(x))])
-        moved = np.zeros((len(rows), 0))
-        if len(chosen):
-            moved = ((others[1:] - others[:1]).T / by)[rows]
-        return Slopes(first[rows], slopes[rows][:, : len(x)], slopes[rows][:, len(x) :], moved)
+    def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
+        return self.link.in_c(p, h, self.places)

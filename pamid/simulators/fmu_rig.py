@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
 from pamid.engine.carried import Carrier
-from pamid.engine.simulator import Slopes
 from pamid.engine.stepped import FarRunner
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -172,7 +171,7 @@ class FmuRig(StepRig):
     @cached_property
     def _seen(self) -> SeenFmu:
         places = np.array(self._process.places, np.intp)
-        return SeenFmu(self._process, places, self.file.derives, self.sizes(()))
+        return SeenFmu(self._process, places, self.sizes(()))
 
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
@@ -181,11 +180,6 @@ class FmuRig(StepRig):
 
     def reads(self, x: Array, p: Array) -> Array:
         return self._seen.reads(x, p)
-
-    def slopes(
-        self, x: Array, f: Array, p: Array, h: float, chosen: NDArray[np.intp]
-    ) -> Slopes | None:
-        return self._seen.slopes(x, f, p, h, chosen)
 
 
 def _beside(kind: type, path: str) -> Path:

@@ -12,6 +12,7 @@ import json
 import os
 import struct
 import sys
+from contextlib import AbstractContextManager
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.sent_program import Parcel, received_program, run_answer, run_of
+from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_host import SHAPE_HEAD, FmuHost
 from pamid.simulators.fmu_link import FmuLink, FmuUnits, Kept, SeenFmu, UnitScale
@@ -44,6 +46,11 @@ class NearFmu(FmuLink):
     ) -> Array:
         return self.host.told(word, table, h, kept or [])
 
+    def in_c(
+        self, p: Array, h: float, places: NDArray[np.intp]
+    ) -> AbstractContextManager[LibraryStep | None]:
+        return self.host.in_c(self.units, p, h, places)
+
 
 class FmuRuns:
     """Programs that were sent here, and runs of them."""
@@ -59,7 +66,7 @@ class FmuRuns:
         if self.host.about["seen"]:
             states, forces = map(np.array, data["typical"])
             places = np.array(data["places"], np.intp)
-            simulator = SeenFmu(self.near, places, self.host.about["derives"], (states, forces))
+            simulator = SeenFmu(self.near, places, (states, forces))
         self.count += 1
         self.host.programs[self.count] = received_program(data, simulator)
         return np.full((1, 1), float(self.count))

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pamid.base.errors import DataError
 from pamid.simulators.mechanism import Mechanism, Vector
@@ -23,6 +22,9 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 
     DataError where no sensor reads the position of a joint.
     """
+    # loading it takes a seventh of a first fit, which draws nothing
+    from scipy.spatial.transform import Rotation
+
     positions = _positions(m, y)
     size = len(next(iter(positions.values()), np.zeros(1)))
     places = [np.zeros((size, 3))]

@@ -303,6 +303,8 @@ class _Stepper:
                 np.array([m._address for m in models], np.int64),
                 count,
                 *self.addresses,
+                np.zeros(0, np.int64),
+                0,
                 kept=(models, self.data),
             )
         self._add_warnings(round(self.data.time * count / h))

@@ -1,5 +1,5 @@
 """FMUs in C that pamid did not write: both kinds, both versions, states saved or replayed,
-derivatives told or by differences, and everything that may go wrong with a binary."""
+and everything that may go wrong with a binary."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import pamid
 from pamid.base.errors import PamidError
+from pamid.engine.program import WindowStarts
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
@@ -110,21 +111,23 @@ def test_model_exchange_is_integrated_through_its_events(
     both: dict[tuple[int, str], FmuFile], truth: Array, version: int
 ) -> None:
     file = both[version, "ModelExchange"]
-    assert file.exchange and file.seen and file.saves and file.derives and file.indicators == 1
+    assert file.exchange and file.seen and file.saves and file.indicators == 1
     y, told = _run(FmuRig(file))
     assert np.abs(y - truth).max() <= 1e-4  # the reference meets the stop between its own steps
     again, also = _run(FmuRig(file), parts=3)
     assert np.array_equal(again, y) and np.allclose(also, told, rtol=1e-12, atol=0.0)
-    differences = _run(FmuRig(replace(file, derives=False)))[1]
-    assert np.abs(told - differences).max() <= 1e-4 * np.abs(told).max()
-    kept, by = _run(FmuRig(replace(file, derives=False, seen=False)))
+    # one instance a process: stepped one exchange after the other, which leads to the same
+    single, by_exchanges = _run(FmuRig(replace(file, alone=True)))
+    assert np.allclose(single, y, rtol=1e-12, atol=0.0)
+    assert np.abs(told - by_exchanges).max() <= 1e-4 * np.abs(told).max()
+    kept, by = _run(FmuRig(replace(file, seen=False)))
     assert np.abs(kept - y).max() <= 1e-7
     assert np.abs(by - told).max() <= 1e-2 * np.abs(told).max()
-    replayed = _run(FmuRig(replace(file, derives=False, seen=False, saves=False)), parts=3)[0]
+    replayed = _run(FmuRig(replace(file, seen=False, saves=False)), parts=3)[0]
     assert np.abs(replayed - kept).max() <= 1e-7
 
 
-def test_directional_derivatives_are_those_of_the_equations(
+def test_slopes_of_an_exchange_are_those_of_the_equations(
     both: dict[tuple[int, str], FmuFile],
 ) -> None:
     """Away from the stop the slider is linear: one step is the exponential of its matrix."""
@@ -132,15 +135,28 @@ def test_directional_derivatives_are_those_of_the_equations(
 
     for version in (2, 3):
         rig = FmuRig(both[version, "ModelExchange"])
-        p = np.array(list(TRUE.values()))
-        none = np.zeros(0, np.intp)
-        found = rig.slopes(np.array([0.01, -0.2]), np.array([3.0]), p, PERIOD, none)
-        assert found is not None
-        A = np.zeros((3, 3))
-        A[0, 1], A[1] = 1.0, np.array([-80.0, -3.0, 1.0]) / 2.0
+        a = Assembly(rig)
+        p, program, n = a.values(), a.program, len(rig.states)
+        memory = program.memory(np.array([0.01, -0.2]), n, period_s=PERIOD)
+        np.fill_diagonal(memory.S[:n], 1.0)
+        none = np.full(len(p), -1, np.int64)
+        program.run(memory, np.array([[3.0]]), p, period_s=PERIOD, columns=none)
+        A = np.array([[0.0, 1.0, 0.0], [-40.0, -1.5, 0.5], [0.0, 0.0, 0.0]])
         step = expm(PERIOD * A)
-        assert np.abs(found.by_state[-2:] - step[:2, :2]).max() <= 1e-9
-        assert np.abs(found.by_force[-2:, 0] - step[:2, 2]).max() <= 1e-9
+        assert np.abs(memory.x - step[:2] @ (0.01, -0.2, 3.0)).max() <= 1e-9
+        assert np.abs(memory.S[:n, :n] - step[:2, :2]).max() <= 1e-8
+
+
+def test_windows_in_a_row_send_a_program_once(both: dict[tuple[int, str], FmuFile]) -> None:
+    rig = FmuRig(both[2, "ModelExchange"])
+    a = Assembly(rig)
+    p, u, n = a.values(), np.ones((20, 1)), len(rig.states)
+    edges = np.array([(0, 10), (10, 20)], np.int64)
+    windows = WindowStarts(edges, np.tile(a.start(p), (2, 1)), 0, 0)
+    memory = a.program.memory(a.start(p), n, period_s=PERIOD)
+    ends = [w.end for w in a.program.run_windows(memory, u, p, windows, period_s=PERIOD)]
+    assert np.array_equal(ends[0], ends[1])  # from the same start, with the same input
+    assert dict(rig._process.programs) == {a.program: 1}
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -249,7 +265,7 @@ def test_what_goes_wrong_inside_is_a_sentence(
     tmp_path: Path, kind: str, fault: str, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = read_fmu(slider(tmp_path, 2, kinds=(kind,), fault=fault))
-    rig = FmuRig(replace(file, seen=False, derives=False))
+    rig = FmuRig(replace(file, seen=False))
     a = Assembly(rig)
     p = a.values()
     process = rig._process
