@@ -9,6 +9,7 @@ from . import frame, names
 PLACE = 140
 EXAMPLE = """
 pamid effects
+pamid effects --symptom stops-short
 pamid effects coulomb-friction --rig one-dof
 """
 
@@ -28,7 +29,15 @@ pamid effects coulomb-friction --rig one-dof
     help="List the free forms of the families, too, which say what an effect outside the catalogue "
     "is like.",
 )
-def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result:
+@click.option(
+    "--symptom",
+    metavar="NAME",
+    help="List the effects whose error has this shape, such as stops-short, reversals or lags "
+    "(an unknown name lists all).",
+)
+def command(
+    name: str | None, rigs: tuple[str, ...], free: bool, symptom: str | None
+) -> frame.Result:
     """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
     file. The name of a family, such as friction, lists its effects.
 
@@ -36,12 +45,15 @@ def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result
     its equation, references, parameters with their ranges and sources, and the ports at which it
     fits.
     """
-    from pamid.base.errors import FileError, nearest
+    from pamid.base.errors import FileError, UsageError, nearest
+    from pamid.base.symptoms import SYMPTOMS
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.model.attachment import attachments
     from pamid.schemas.catalogue_files import EffectCatalogue
 
+    if symptom not in (None, *SYMPTOMS):
+        raise UsageError(f"There is no symptom {symptom!r}.", f"Symptoms: {', '.join(SYMPTOMS)}.")
     looked_at = [library.rig_named(rig) for rig in rigs] or [
         library.rig_named(rig) for rig in library.rigs()
     ]
@@ -56,6 +68,7 @@ def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result
             else set(known)
         )
         fit = fit & family if name else fit
+        fit = {n for n in fit if symptom in (None, *known[n].symptoms)}
         rows = tuple(catalogue.effect_row(known[effect]) for effect in sorted(fit))
         return frame.Result(EffectCatalogue(effects=rows), catalogue.effects_text(rows))
     known, (wanted,) = library.effects_with((name,))

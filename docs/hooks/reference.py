@@ -15,6 +15,7 @@ from pamid_cli.table import COMMANDS, load_command
 
 import pamid
 from pamid import equations
+from pamid.base.symptoms import SYMPTOMS
 from pamid.diagnosis.settings import described
 from pamid.model import catalogue
 from pamid.model.effect import KINDS
@@ -25,11 +26,13 @@ from pamid.symbolic.vocabulary import FUNCTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFECTS, RIGS, COMMAND_PAGES = "reference/effects/", "reference/rigs/", "reference/commands/"
+SYMPTOM_PAGE = "how-to/symptoms.md"
 
 
 def written_pages() -> Iterator[tuple[str, str]]:
     """Path in the site and text of every generated page."""
     stories = _stories()
+    yield SYMPTOM_PAGE, _symptoms_page(stories)
     yield f"{EFFECTS}index.md", _catalogue_page(stories)
     for name, story in stories.items():
         yield f"{EFFECTS}{name}.md", _effect_page(story)
@@ -65,7 +68,19 @@ def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
         )
         head, equation, rest = pages[place].partition("## What it is\n")
         found[place] = head + shown + equation + rest
+    found[SYMPTOM_PAGE] = _with_pictures(pages[SYMPTOM_PAGE])
     return found
+
+
+def _with_pictures(page: str) -> str:
+    """The page of symptoms, each with the signature of its first effect."""
+    first = re.compile(r"(\n\| effect \|[^\n]*\n\|---[^\n]*\n\| \[`)([\w-]+)`")
+
+    def pictured_table(match: re.Match[str]) -> str:
+        path = f"../{EFFECTS}{match[2]}.svg"
+        return f"\n![Signature of {match[2]}]({path})\n{match[0]}"
+
+    return first.sub(pictured_table, page)
 
 
 def navigation() -> dict[str, list[Any]]:
@@ -93,6 +108,40 @@ def _stories() -> dict[str, EffectStory]:
         name: catalogue.effect_story(known[name], looked_at, known.values())
         for name in sorted(known)
     }
+
+
+def _symptoms_page(stories: dict[str, EffectStory]) -> str:
+    """Effects by the shape of the error that they cause."""
+    lines = [
+        "# What does your error look like?",
+        "",
+        "Plot what was measured over what the model predicts. Find the shape of the difference "
+        "below. `pamid effects --symptom NAME` prints the same lists, and `pamid diagnose rec.csv "
+        "--rig RIG --output run` decides between the effects.",
+        "",
+        "A policy that shakes on the real robot usually combines several: delays and lags "
+        "([lags](#lags)), play ([reversals](#reversals)), friction ([stops-short](#stops-short)) "
+        "and coarse sensors ([steps](#steps)).",
+    ]
+    for symptom, title in SYMPTOMS.items():
+        members = [story for story in stories.values() if symptom in story.symptoms]
+        members.sort(key=lambda story: (story.symptoms.index(symptom), bool(story.unit)))
+        lines += [
+            "",
+            f"## {title} {{#{symptom}}}",
+            "",
+            f"`pamid effects --symptom {symptom}`",
+            "",
+            "| effect | in a recording | how to separate it |",
+            "|---|---|---|",
+        ]
+        lines += [
+            f"| [`{story.name}`](../{EFFECTS}{story.name}.md) "
+            f"| {_cell(story.story.get('What it looks like', ''))} "
+            f"| {_cell(story.story.get('Looks like it', ''))} |"
+            for story in members
+        ]
+    return "\n".join(lines) + "\n"
 
 
 def _catalogue_page(stories: dict[str, EffectStory]) -> str:

@@ -30,4 +30,5 @@ class AngleSensorLag(FirstOrderLag, sensor="rad"):
             "estimate: 1-20 ms"
         ),
     )
+    symptoms = ("lags",)
     look_alikes = ("dead-time", "tube-lag", "clock-skew")

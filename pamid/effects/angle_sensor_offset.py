@@ -33,4 +33,5 @@ class AngleSensorOffset(Offset, sensor="rad"):
             "level", 1.0, -6.0, 6.0, "deg", spread=1.0, null=0.0, label="offset", tries=(-1.0,)
         ).with_source("estimate: an arm squared by eye, 0.1-2 deg"),
     )
+    symptoms = ("constant-error",)
     look_alikes = ("length-asymmetry", "force-asymmetry", "gravity")

@@ -41,6 +41,7 @@ class AsymmetricDeadZone(Effect):
         # unequal to begin with: of equal widths it is a dead zone
         replace(ABOVE, name="below", value=0.12),
     )
+    symptoms = ("stops-short", "direction")
     look_alikes = ("dead-zone", "offset", "asymmetric-saturation", "quantisation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

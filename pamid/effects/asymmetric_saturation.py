@@ -40,6 +40,7 @@ class AsymmetricSaturation(Effect):
         ).with_source("estimate: seen only if it lies above the smallest value"),
         Parameter.share("share", 1.0, 0.0, 1.0, spread=0.1).with_source("1: hard limits"),
     )
+    symptoms = ("saturates", "direction")
     look_alikes = ("saturation", "rectification", "gain-error", "asymmetric-dead-zone")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -49,6 +49,7 @@ class Backlash(OutboardEffect):
         ).with_source("in contact: 300 N m/rad with 0.01-0.08 kg m2"),
         DAMPING,
     )
+    symptoms = ("reversals", "rings")
     look_alikes = ("two-mass", "coulomb-friction")
     absorbed_by = ("damping",)
 

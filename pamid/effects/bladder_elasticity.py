@@ -49,6 +49,7 @@ class BladderElasticity(Effect):
             "the same maps: first force at 35-65 kPa, a tenth to a half of the level"
         ),
     )
+    symptoms = ("load",)
     look_alikes = ("threshold-pressure", "offset")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -50,6 +50,7 @@ class BoucWenHysteresis(Effect):
     )
     general_parameters = (*anywhere(parameters[1]), parameters[2])
     limits: ClassVar[dict[str, str]] = {"reach": "friction"}  # slips at once
+    symptoms = ("history", "reversals")
     look_alikes = (
         "maxwell-slip-hysteresis",
         "prandtl-ishlinskii-hysteresis",

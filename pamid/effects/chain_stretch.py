@@ -40,6 +40,7 @@ class ChainStretch(Effect):
             "chains and belts of 1e5-1e6 N/m on a 250 mm muscle: 0.4-4 %/kN"
         ),
     )
+    symptoms = ("load",)
     look_alikes = ("two-mass", "force-asymmetry")
     absorbed_by = ("scale", "contraction_0")
 

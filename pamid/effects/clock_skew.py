@@ -47,6 +47,7 @@ class ClockSkew(Effect):
             "estimate: quartz clocks differ by 10-200 parts per million"
         ),
     )
+    symptoms = ("lags", "drifts")
     look_alikes = ("dead-time", "angle-sensor-lag", "first-order-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -53,6 +53,7 @@ class Cogging(Effect):
             "the lines of the gap's spectrum over the position are tried first"
         ),
     )
+    symptoms = ("one-frequency",)
     look_alikes = ("external-vibration", "gravity", "cubic-stiffness")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

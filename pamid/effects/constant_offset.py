@@ -35,6 +35,7 @@ class ConstantOffset(Effect):
             "estimate: tilt, preload and amplifier zero, 1-10 % of the force"
         ),
     )
+    symptoms = ("direction", "constant-error")
     look_alikes = ("offset", "linear-stiffness", "gravity")
     absorbed_by = ("offset",)
 

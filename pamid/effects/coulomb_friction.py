@@ -43,6 +43,7 @@ class CoulombFriction(Effect):
         ),
         PRESLIDING,
     )
+    symptoms = ("stops-short", "direction", "reversals")
     look_alikes = (
         "stribeck-friction",
         "lugre-friction",

@@ -40,6 +40,7 @@ class CouplingPlay(Effect):
             "half_gap", 0.5, 0.0, 30.0, spread=3.0, size="stretch", null=0.0, tries=(3.0,)
         ).with_source("estimate: a stiff coupling stretches less than its gap is wide"),
     )
+    symptoms = ("reversals", "rings")
     look_alikes = ("backlash", "play", "coulomb-friction", "cubic-stiffness")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

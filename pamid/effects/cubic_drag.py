@@ -35,6 +35,7 @@ class CubicDrag(Effect):
             "drag", "velocity/velocity/velocity", 0.05, 0.0, 2.0, spread=0.2
         ).with_source("estimate: 2-20 % of the force at full speed"),
     )
+    symptoms = ("speed",)
     look_alikes = ("quadratic-drag", "viscous-friction", "saturation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -41,6 +41,7 @@ class CubicStiffness(Effect):
             " softens does not run away faster than exponentially"
         ),
     )
+    symptoms = ("position",)
     look_alikes = ("linear-stiffness", "end-stop", "backlash")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -41,6 +41,7 @@ class DahlFriction(Effect):
             "reach", 0.01, 0.0003, 0.05, factor=4.0, size="travel", hard=True
         ).with_source("estimate: ball bearings 10-100 um, seals up to a millimetre"),
     )
+    symptoms = ("reversals", "history")
     look_alikes = ("coulomb-friction", "stribeck-friction", "lugre-friction", "bouc-wen-hysteresis")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

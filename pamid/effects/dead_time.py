@@ -60,6 +60,7 @@ class DeadTime(Effect):
             " blocks up to a tenth of a recording"
         ),
     )
+    symptoms = ("lags", "rings")
     look_alikes = ("tube-lag", "angle-sensor-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

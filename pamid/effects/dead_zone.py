@@ -36,6 +36,7 @@ class DeadZone(Effect):
             "estimate: overlapped spools 2-10 % of the command"
         ),
     )
+    symptoms = ("stops-short", "reversals")
     look_alikes = (
         "coulomb-friction",
         "backlash",

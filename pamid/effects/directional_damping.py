@@ -39,6 +39,7 @@ class DirectionalDamping(Effect):
             "estimate: shock absorbers resist rebound 2-4 times as much as compression"
         ),
     )
+    symptoms = ("direction", "speed")
     look_alikes = (
         "viscous-friction",
         "quadratic-drag",

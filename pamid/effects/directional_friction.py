@@ -45,6 +45,7 @@ class DirectionalFriction(Effect):
         replace(FORWARD, name="backward", value=0.08, label="backward_{value}"),
         PRESLIDING,
     )
+    symptoms = ("direction", "stops-short")
     look_alikes = (
         "coulomb-friction",
         "constant-offset",

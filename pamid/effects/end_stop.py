@@ -43,6 +43,7 @@ class EndStop(Effect):
             "estimate: buffers of 0.5-20 N m s/rad"
         ),
     )
+    symptoms = ("saturates",)
     look_alikes = ("force-compensator", "cubic-stiffness")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -45,6 +45,7 @@ class ExternalVibration(Effect):
             "frequency", 3.0, 0.6, 36.0, factor=3.0, size="1/timescale", tries=(0.9, 7.2, 15.0)
         ).with_source("1-50 Hz on a joint; the peaks of the residual's spectrum are tried first"),
     )
+    symptoms = ("one-frequency",)
     look_alikes = ("two-mass", "pwm-quantisation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

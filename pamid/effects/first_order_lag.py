@@ -37,6 +37,7 @@ class FirstOrderLag(Effect):
             "estimate: filters, amplifiers and thermal sensors, 2 % of what they follow"
         ),
     )
+    symptoms: ClassVar[tuple[str, ...]] = ("lags", "speed")
     look_alikes: ClassVar[tuple[str, ...]] = ("dead-time", "clock-skew")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

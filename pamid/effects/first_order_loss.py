@@ -41,6 +41,7 @@ class FirstOrderLoss(Effect):
         ),
         AMBIENT,
     )
+    symptoms = ("level",)
     look_alikes = ("leak", "overflow", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

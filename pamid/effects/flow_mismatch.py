@@ -35,6 +35,7 @@ class FlowMismatch(Effect):
             "estimate: conductances of like valves within +-20 %"
         ),
     )
+    symptoms = ("direction",)
     look_alikes = ("force-asymmetry", "length-asymmetry")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -36,6 +36,7 @@ class ForceAsymmetry(Effect):
             "specimens differ by 5-10 %, up to 19 % from the chart"
         ),
     )
+    symptoms = ("direction",)
     look_alikes = ("length-asymmetry", "angle-sensor-offset")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -33,6 +33,7 @@ class ForceCompensator(Effect):
     kinds = ("rate",)
     signals = ("force", "outflow")
     parameters = (OPENING, LIMIT, OPENING_SPAN)
+    symptoms = ("saturates",)
     look_alikes = ("end-stop", "leak")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -37,6 +37,7 @@ class FullWaveRectification(Effect):
             "1: an ideal full-wave rectifier"
         ),
     )
+    symptoms = ("direction",)
     look_alikes = ("rectification", "asymmetric-saturation", "saturation", "offset", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

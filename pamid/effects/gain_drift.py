@@ -41,6 +41,7 @@ class GainDrift(Effect):
             "slower a straight line"
         ),
     )
+    symptoms = ("drifts",)
     look_alikes = ("gain-error", "offset")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -35,6 +35,7 @@ class GainError(Effect):
             "estimate: uncalibrated sensors and amplifiers 1-5 %"
         ),
     )
+    symptoms: ClassVar[tuple[str, ...]] = ("constant-error",)
     look_alikes: ClassVar[tuple[str, ...]] = ("offset", "saturation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -41,6 +41,7 @@ class Gravity(Effect):
             "m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging"
         ),
     )
+    symptoms = ("position", "load")
     look_alikes = ("linear-stiffness", "constant-offset", "force-asymmetry", "length-asymmetry")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

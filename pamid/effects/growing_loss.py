@@ -43,6 +43,7 @@ class GrowingLoss(Effect):
         ),
         REFERENCE,
     )
+    symptoms = ("level",)
     look_alikes = ("overflow", "first-order-loss", "orifice-loss", "saturation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

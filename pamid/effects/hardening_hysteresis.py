@@ -46,6 +46,7 @@ class HardeningHysteresis(Effect):
         ),
     )
     limits: ClassVar[dict[str, str]] = {"reach": "friction"}  # slips at once
+    symptoms = ("history",)
     look_alikes = ("bouc-wen-hysteresis", "maxwell-slip-hysteresis", "cubic-stiffness")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:

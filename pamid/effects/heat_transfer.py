@@ -41,6 +41,7 @@ class HeatTransfer(Effect):
             "derived: 30-100 W/(m2 K) on a 20 mm muscle give 0.35-1.2 s"
         ),
     )
+    symptoms = ("level", "drifts")
     look_alikes = ("leak", "muscle-creep")
     absorbed_by = ("polytropic",)
 

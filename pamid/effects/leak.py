@@ -46,6 +46,7 @@ class Leak(Effect):
         replace(OrificeLoss.parameters[0], name="share", size="value/stored"),
         REFERENCE,
     )
+    symptoms = ("level", "drifts")
     look_alikes = ("heat-transfer", "muscle-creep", "first-order-loss", "overflow")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -35,6 +35,7 @@ class LengthAsymmetry(Effect):
             "estimate: contractions differ by +-1 %"
         ),
     )
+    symptoms = ("direction",)
     look_alikes = ("angle-sensor-offset", "force-asymmetry")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -42,6 +42,7 @@ class LinearStiffness(Effect):
         ),
         REST,
     )
+    symptoms = ("position",)
     look_alikes = ("cubic-stiffness", "constant-offset", "gravity")
     absorbed_by = ("stiffness",)
 

@@ -40,6 +40,7 @@ class LoadDependentFriction(Effect):
         ),
         PRESLIDING,
     )
+    symptoms = ("load",)
     look_alikes = ("coulomb-friction", "maxwell-slip-hysteresis")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

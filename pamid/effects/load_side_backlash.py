@@ -41,6 +41,7 @@ class LoadSideBacklash(OutboardEffect):
             "of what the servo's loop sees: 1 its own encoder, 0 the one behind the gap"
         ),
     )
+    symptoms = ("one-frequency", "reversals")
     look_alikes = ("backlash", "play", "dead-zone", "coulomb-friction")
     absorbed_by = ("damping",)
 

@@ -46,6 +46,7 @@ class LugreFriction(Effect):
             "bristle damping over stiffness; kept below a sample so that it is never stiff"
         ),
     )
+    symptoms = ("reversals", "stops-short")
     look_alikes = ("coulomb-friction", "stribeck-friction", "maxwell-slip-hysteresis")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

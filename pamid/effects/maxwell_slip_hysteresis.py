@@ -76,6 +76,7 @@ class MaxwellSlipHysteresis(Effect):
     )
     general_parameters = anywhere(parameters[1])
     limits: ClassVar[dict[str, str]] = {"reach": "friction"}  # slips at once
+    symptoms = ("history",)
     look_alikes = (
         "bouc-wen-hysteresis",
         "prandtl-ishlinskii-hysteresis",

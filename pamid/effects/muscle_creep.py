@@ -41,6 +41,7 @@ class MuscleCreep(Effect):
             "estimate: 1-10 s and 100-1000 s; beyond 100 s a recording of minutes is blind"
         ),
     )
+    symptoms = ("drifts",)
     look_alikes = ("leak", "heat-transfer", "maxwell-slip-hysteresis")
     absorbed_by = ("scale",)
 

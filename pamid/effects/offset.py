@@ -35,6 +35,7 @@ class Offset(Effect):
             "level", 0.02, -0.5, 0.5, spread=0.1, size="value", null=0.0, tries=(-0.02,)
         ).with_source("estimate: zero errors of 0.5-5 % of the range"),
     )
+    symptoms: ClassVar[tuple[str, ...]] = ("constant-error",)
     look_alikes: ClassVar[tuple[str, ...]] = ("gain-error", "constant-offset")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

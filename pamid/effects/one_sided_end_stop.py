@@ -44,6 +44,7 @@ class OneSidedEndStop(Effect):
         ).with_source("estimate: within the travel; twice the travel: none on this side"),
         next(q for q in EndStop.parameters if q.name == "speed"),
     )
+    symptoms = ("saturates", "direction")
     look_alikes = ("end-stop", "cubic-stiffness", "asymmetric-saturation")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -42,6 +42,7 @@ class OrificeLoss(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (LOSS, AMBIENT, REFERENCE)
+    symptoms = ("level",)
     look_alikes = ("first-order-loss", "leak", "overflow", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -47,6 +47,7 @@ class Overflow(Effect):
             "estimate: seen only if it lies below the largest level"
         ),
     )
+    symptoms = ("saturates", "level")
     look_alikes = ("first-order-loss", "leak", "saturation", "overflow-into-store")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -41,6 +41,7 @@ class OverflowIntoStore(Effect):
             "estimate: a part falls beside; times the ratio of the areas"
         ),
     )
+    symptoms = ("saturates", "level")
     look_alikes = ("overflow", "orifice-loss", "saturation")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -39,6 +39,7 @@ class Play(Effect):
             "half_gap", 0.02, 0.0, 0.5, spread=0.1, size="value", null=0.0, tries=(0.1,)
         ).with_source("estimate: gears and linkages 0.1-2 deg, screws 5-100 um"),
     )
+    symptoms = ("reversals",)
     look_alikes = ("signal-hysteresis", "coulomb-friction", "dead-zone", "dead-time", "backlash")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -47,6 +47,7 @@ class PrandtlIshlinskiiHysteresis(Effect):
             "estimate; measured loops of muscles are asymmetric"
         ),
     )
+    symptoms = ("history",)
     look_alikes = (
         "maxwell-slip-hysteresis",
         "bouc-wen-hysteresis",

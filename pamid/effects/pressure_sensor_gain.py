@@ -28,4 +28,5 @@ class PressureSensorGain(GainError, sensor="Pa"):
             "estimate: 1-3 % uncalibrated"
         ),
     )
+    symptoms = ("constant-error",)
     look_alikes = ("pressure-sensor-offset",)

@@ -30,4 +30,5 @@ class PressureSensorLag(FirstOrderLag, sensor="Pa"):
             "estimate: 2-20 ms with a short sensing tube"
         ),
     )
+    symptoms = ("lags",)
     look_alikes = ("tube-lag", "dead-time", "clock-skew")

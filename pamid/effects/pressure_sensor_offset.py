@@ -28,4 +28,5 @@ class PressureSensorOffset(Offset, sensor="Pa"):
             "level", 5.0, -40.0, 40.0, "kPa", spread=8.0, null=0.0, label="offset", tries=(-5.0,)
         ).with_source("estimate: 2-10 kPa for 10 bar sensors"),
     )
+    symptoms = ("constant-error",)
     look_alikes = ("pressure-sensor-gain",)

@@ -103,6 +103,7 @@ class PwmQuantisation(Effect):
             size="period",
         ).with_source("ten samples of 3 ms; lines of the residual's spectrum are tried first"),
     )
+    symptoms = ("steps",)
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

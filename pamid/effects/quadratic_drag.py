@@ -37,6 +37,7 @@ class QuadraticDrag(Effect):
             "estimate: 2-20 % of the force at full speed"
         ),
     )
+    symptoms = ("speed",)
     look_alikes = ("viscous-friction", "coulomb-friction", "saturation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

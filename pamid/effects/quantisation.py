@@ -57,6 +57,7 @@ class Quantisation(Effect):
             "read off: a plateau on which the recorded values rest"
         ),
     )
+    symptoms = ("steps",)
     look_alikes = ("dead-zone",)
     mean_slope_at = ("reading",)
 

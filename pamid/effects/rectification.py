@@ -36,6 +36,7 @@ class Rectification(Effect):
             "1: an ideal diode"
         ),
     )
+    symptoms = ("saturates", "direction")
     look_alikes = ("full-wave-rectification", "saturation", "offset", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

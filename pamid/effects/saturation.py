@@ -38,6 +38,7 @@ class Saturation(Effect):
         ),
         Parameter.share("share", 1.0, 0.0, 1.0, spread=0.5).with_source("1: a hard limit"),
     )
+    symptoms = ("saturates",)
     look_alikes = ("gain-error", "dead-zone", "quadratic-drag", "end-stop")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:

@@ -45,6 +45,7 @@ class SecondStore(Effect):
             "estimate, in correlation times: what is faster is one store, what is slower a loss"
         ),
     )
+    symptoms = ("drifts", "level")
     look_alikes = ("first-order-lag", "first-order-loss", "heat-transfer", "clock-skew")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:

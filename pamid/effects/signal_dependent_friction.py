@@ -51,6 +51,7 @@ class SignalDependentFriction(Effect):
             "give", 0.003, 0.0001, 0.3, factor=4.0, size="travel", tries=(0.05,)
         ).with_source("estimate: presliding of a thousandth of the stroke, of fluids a tenth"),
     )
+    symptoms = ("load",)
     look_alikes = (
         "load-dependent-friction",
         "coulomb-friction",

@@ -38,6 +38,7 @@ class SignalDependentYield(Effect):
     defining = SignalDependentFriction.defining
     stand_ins = SignalDependentFriction.stand_ins
     parameters = (*SignalDependentFriction.parameters[:2], SPEED)
+    symptoms = ("load", "history")
     look_alikes = ("signal-dependent-friction", "yielding-friction", "saturation")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -42,6 +42,7 @@ class SignalHysteresis(Effect):
             "reach", 0.2, 0.02, 2.0, factor=3.0, size="value", tries=(0.05,)
         ).with_source("estimate: the travel after which the value follows fully again"),
     )
+    symptoms = ("history", "direction")
     look_alikes = ("play", "first-order-lag", "dead-zone")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

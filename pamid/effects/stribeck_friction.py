@@ -56,6 +56,7 @@ class StribeckFriction(Effect):
             "give", 0.0015, 0.0007, 0.02, factor=3.0, size="travel", hard=True
         ).with_source("presliding of 0.5-2 mrad"),
     )
+    symptoms = ("stops-short", "speed")
     look_alikes = ("coulomb-friction", "lugre-friction", "maxwell-slip-hysteresis")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

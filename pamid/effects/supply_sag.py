@@ -41,6 +41,7 @@ class SupplySag(Effect):
             "estimate: 0.1-0.6 bar lost at the full flow of 3 l/s"
         ),
     )
+    symptoms = ("load",)
     look_alikes = ("tube-lag", "flow-mismatch")
     absorbed_by = ("conductance_in", "supply_pressure")
 

@@ -41,6 +41,7 @@ class ThreadFriction(Effect):
             "estimate: presliding of 0.05 % of contraction"
         ),
     )
+    symptoms = ("history", "load")
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")
     absorbed_by = ("damping",)
 

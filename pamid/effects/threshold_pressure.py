@@ -36,6 +36,7 @@ class ThresholdPressure(Effect):
             "0.2-0.6 bar without load; specimens differ by 0.1-0.3 bar from the chart"
         ),
     )
+    symptoms = ("stops-short", "load")
     look_alikes = ("pressure-sensor-offset", "force-asymmetry")
     absorbed_by = ("scale", "contraction_0")
 

@@ -40,6 +40,7 @@ class TubeLag(Effect):
     )
     # a pipe between stores of another kind is as slow as these let it be seen
     general_parameters = FirstOrderLag.parameters
+    symptoms = ("lags",)
     look_alikes = ("dead-time", "pressure-sensor-lag")
     absorbed_by = ("conductance_in", "conductance_out")
 

@@ -57,6 +57,7 @@ class TwoMass(OutboardEffect):
         ).with_source("30-1000 N m/rad with a load of 0.08 kg m2: 3-18 Hz"),
         DAMPING,
     )
+    symptoms = ("rings", "one-frequency")
     look_alikes = ("backlash", "chain-stretch", "dead-time", "external-vibration")
     absorbed_by = ("damping",)
 

@@ -36,6 +36,7 @@ class ValveDeadBand(DeadZone):
             "estimate: 2-10 % of full command, up to 30 % for coarse spools"
         ),
     )
+    symptoms = ("stops-short", "reversals")
     look_alikes = ("valve-switching", "pwm-quantisation", "coulomb-friction")  # type: ignore[assignment]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

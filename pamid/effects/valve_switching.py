@@ -61,6 +61,7 @@ class ValveSwitching(Effect):
             hard=True,
         ).with_source("estimate: ten samples of 3 ms"),
     )
+    symptoms = ("steps",)
     look_alikes = ("valve-dead-band", "pwm-quantisation", "coulomb-friction")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

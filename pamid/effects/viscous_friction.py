@@ -37,6 +37,7 @@ class ViscousFriction(Effect):
             "estimate: greased guides and geared drives lose 2-20 % of their force at full speed"
         ),
     )
+    symptoms = ("speed",)
     look_alikes = ("quadratic-drag", "coulomb-friction", "stribeck-friction")
     absorbed_by = ("viscous", "damping")
 

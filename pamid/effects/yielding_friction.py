@@ -46,6 +46,7 @@ class YieldingFriction(Effect):
         ),
         SPEED,
     )
+    symptoms = ("reversals", "history")
     look_alikes = ("coulomb-friction", "stribeck-friction", "saturation", "signal-dependent-yield")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -55,6 +55,7 @@ def _row(effect: type[Effect]) -> dict[str, Any]:
         "families": {k: effect.family_at(k) for k in kinds},
         "home": effect.kinds,
         "general": effect.general_kinds,
+        "symptoms": effect.symptoms,
     }
 
 
@@ -295,7 +296,11 @@ def effect_text(said: result.EffectStory) -> str:
         if said.home_signals:
             where = f"{', '.join(said.home)} without {', '.join(said.home_signals)}"
         lines += ["", f"At port {where}", *_parameter_lines(said.general_parameters)]
-    for key, title in (("look_alikes", "Look-alikes"), ("absorbed_by", "Absorbed by a rig's")):
+    for key, title in (
+        ("symptoms", "Symptoms"),
+        ("look_alikes", "Look-alikes"),
+        ("absorbed_by", "Absorbed by a rig's"),
+    ):
         if names := getattr(said, key):
             lines += ["", f"{title}: {', '.join(names)}"]
     lines += ["", "Fits"] + [

@@ -122,6 +122,7 @@ class Effect:
     defining: ClassVar[tuple[str, ...]] = ()
     # parameter -> family that the effect belongs to where it ends at the lower bound
     limits: ClassVar[dict[str, str]] = {}
+    symptoms: ClassVar[tuple[str, ...]] = ()  # of `pamid.base.symptoms`
     look_alikes: ClassVar[tuple[str, ...]] = ()
     absorbed_by: ClassVar[tuple[str, ...]] = ()  # parameters of a rig that do the same
 

@@ -51,6 +51,7 @@ class EffectRow(Model):
     families: dict[Text, Text] = Field(description="by kind of port")
     home: ListOf[Text] = Field(description="kinds of port that it is made for")
     general: ListOf[Text] = Field(description="kinds of port on any rig")
+    symptoms: ListOf[Text] = Field((), description="shapes of the error that it causes")
 
 
 class EffectStory(EffectRow):
