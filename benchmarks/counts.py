@@ -9,7 +9,7 @@ Counted in `pamid` and `cli`, unless the row says otherwise:
 
 - rooms, floors and arrows: folders of `pamid`, and `cli`, `benchmarks`, `data`, `notebooks`; the
   longest chain of imports between rooms; pairs of rooms with an import
-- functions of the Python API: those of the names in `pamid.__all__`
+- functions of the Python API: those of the names in `pamid.__all__` (ingest and report, which are packages, aside)
 - parameters: `self`, `cls`, `*args` and `**kwargs` are left out
 - called once: private functions whose name occurs once besides its definition
 - comments: lines with a comment per line of code, in engine, estimation, diagnosis and networks
@@ -113,12 +113,13 @@ def parameter_count(node: Function) -> int:
     return len([name for name in names if name not in ("self", "cls")])
 
 
-def api_names(face: Path) -> set[str]:
-    """Names in `__all__` of the package."""
+def api_homes(face: Path) -> dict[str, str]:
+    """Names of the Python API and the files that define them, as parts of a path."""
     for node in ast.parse(face.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
-            return set(ast.literal_eval(node.value))
-    return set()
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "_HOME":
+            homes: dict[str, str] = ast.literal_eval(node.value)
+            return {name: f"{home.replace('.', '/')}.py" for name, home in homes.items()}
+    return {}
 
 
 def docstrings(paths: list[Path]) -> Iterator[tuple[str, str]]:
@@ -173,12 +174,12 @@ def counts(root: Path, worst: dict[str, list[str]]) -> dict[str, str]:
     }
     once = [place for place, name in private.items() if names[name] == 2]
     many = [place for place, node, _ in defined if parameter_count(node) >= 8]
-    face = api_names(root / "pamid" / "__init__.py")
+    homes = api_homes(root / "pamid" / "__init__.py")
     unsectioned = [
         place
         for place, node, public in defined
         if public
-        and node.name in face
+        and homes.get(node.name, "/") in place
         and parameter_count(node) > 2
         and "Parameters\n" not in (ast.get_docstring(node) or "")
     ]
