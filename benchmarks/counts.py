@@ -9,7 +9,7 @@ Counted in `pamid` and `cli`, unless the row says otherwise:
 
 - rooms, floors and arrows: folders of `pamid`, and `cli`, `benchmarks`, `data`, `notebooks`; the
   longest chain of imports between rooms; pairs of rooms with an import
-- functions of the Python API: those of the names in `pamid.__all__` (ingest and report, which are packages, aside)
+- functions of the Python API: those that `pamid` itself offers
 - parameters: `self`, `cls`, `*args` and `**kwargs` are left out
 - called once: private functions whose name occurs once besides its definition
 - comments: lines with a comment per line of code, in engine, estimation, diagnosis and networks
@@ -179,7 +179,8 @@ def counts(root: Path, worst: dict[str, list[str]]) -> dict[str, str]:
         place
         for place, node, public in defined
         if public
-        and homes.get(node.name, "/") in place
+        and node.name in homes
+        and homes[node.name] in place
         and parameter_count(node) > 2
         and "Parameters\n" not in (ast.get_docstring(node) or "")
     ]
