@@ -1,1 +1,1 @@
-"""What is wrong with a recording, a rig or an effect, before anything is fitted."""
+"""Faults of a recording, a rig or an effect, before anything is fitted."""

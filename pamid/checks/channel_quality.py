@@ -1,5 +1,4 @@
-"""What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse,
-noisy, or dead.
+"""Measurement quality of one channel: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
 
 Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is a fault only
 if the channel would have gone on: its motion has a corner there, leaps on behind it, or its white

@@ -1,5 +1,5 @@
-"""What every rig and effect must be able to do: checks that return numbers, and the findings `pamid
-check` prints.
+"""Requirements for every rig and effect: checks that return numbers, and the findings of `pamid
+check`.
 
     null_error          an effect at its null leaves every output as it was
     finite_everywhere   nothing blows up at random points of the bounds

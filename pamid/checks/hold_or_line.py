@@ -64,7 +64,7 @@ class HoldOrLine:
         return self.better not in ("", self.taken)
 
     def text(self, recording: Recording) -> str:
-        """What was found, and what to write where."""
+        """Finding and the line to write where."""
         unit = split_column(self.channel)[1]
         unit = "" if unit == NONE else f" {unit}"
         by = {HELD: self.held, LINEAR: self.linear}

@@ -1,5 +1,4 @@
-"""What is in a file and what is wrong with it, before anything is fitted: recordings, rig files,
-effect files."""
+"""Content and faults of a file, before anything is fitted: recordings, rig files, effect files."""
 
 from __future__ import annotations
 
@@ -481,7 +480,7 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOut
 def _rig(
     path: Path, kind: type[Rig], effects: dict[str, type[Effect]]
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
-    """What is found in the rig, and its ports where its equations can be built."""
+    """Findings on a rig, and its ports where its equations can be built."""
     try:
         rig = kind()
         check_rig(rig, str(path))

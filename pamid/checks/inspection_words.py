@@ -1,4 +1,4 @@
-"""What an inspection found, as lines of text."""
+"""Result of an inspection, as lines of text."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _VARIABLE = re.compile(
 
 
 def inspection_text(said: dict[str, Any], *, everything: bool = True) -> str:
-    """What `inspect` found, for people: problems first.
+    """Result of `inspect` as text, problems first.
 
     everything: all of it; else a rig that fills more than a screen is shown on one, with like ports
     and like findings together.
@@ -77,7 +77,7 @@ def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
 
 
 def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
-    """What is as it should be."""
+    """Passed checks."""
     fine: dict[str, list[str]] = {}
     for f in findings:
         if f["ok"]:

@@ -135,8 +135,9 @@ def _absurd(recording: Recording) -> QualityIssue | None:
 def _against(
     recording: Recording, rig: Rig, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
-    """What only the rig can tell, and where it has judged, so that nothing need be guessed from the
-    values alone: kind of issue -> columns. thorough: also what takes many runs of the model."""
+    """Issues that only the rig can judge, with the columns that it has judged, so that nothing is
+    guessed from the values alone: kind of issue -> columns. thorough: also what takes many runs of
+    the model."""
     # the engine is needed only here
     from pamid.checks.idle_inputs import idle_input_issues
     from pamid.checks.input_echo import echoed_inputs
@@ -229,7 +230,7 @@ def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
 def _held_and_clipped(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
 ) -> list[QualityIssue]:
-    """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then
+    """Causes of samples that stand still: a slow sensor, lost rows, a limit, a dead channel; then
     bridges and spikes. While everything sent is 0, standing still is not a fault."""
     found: list[QualityIssue] = []
     idle = _nothing_sent(sent)

@@ -81,8 +81,8 @@ def _is_limit(bound: Bound, end: str) -> bool:
 
 
 def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[Bound, str, float]]:
-    """What ended at the end of a range that is a guess, at which end, and how hard it presses (nats
-    per prior spread)."""
+    """Parameters at the end of a range that is a guess, that end, and the slope there (nats per
+    prior spread)."""
     if not fitted.residuals or not assembly.attachments:
         return []
     own = label or assembly.attachments[-1].label

@@ -1,4 +1,4 @@
-"""What spills over the rim of one store is caught by the next.
+"""Overflow of one store into the next.
 
 What it is
     Two tanks, one above the other: beyond a level the upper one spills, and a share of that falls

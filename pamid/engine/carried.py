@@ -40,7 +40,7 @@ class Carrier:
         raise NotImplementedError
 
     def step(self, f: Array, h: float) -> Array:
-        """What they read h seconds later, under f (n, forces)."""
+        """States h seconds later, under f (n, forces)."""
         raise NotImplementedError
 
     def save(self) -> tuple[Any, ...]:

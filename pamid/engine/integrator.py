@@ -74,7 +74,7 @@ class CompiledEquations(NamedTuple):
 
 
 class MemoryArrays(NamedTuple):
-    """What is carried on from step to step, in place.
+    """Memory that a run carries from step to step, in place.
 
     x (nx,) states; cells, past (nc,); S (nx + 2 nc, ns) their sensitivities, in this order; buffers
     (delays, length), buffer_S (delays, length, ns) and heads (delays,) of the delay lines.
@@ -90,8 +90,8 @@ class MemoryArrays(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """What a run is given: u (samples, inputs), p (parameters and derived ones), column
-    (parameters) of each one's sensitivity or -1, and whether sensitivities are asked for."""
+    """Inputs of a run: u (samples, inputs), p (parameters and derived ones), column (parameters) of
+    each one's sensitivity or -1, and whether sensitivities are wanted."""
 
     u: Any
     p: Any

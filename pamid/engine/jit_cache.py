@@ -42,7 +42,7 @@ def cache_folder() -> Path:
 
 
 def _target(level: int) -> llvm.TargetMachine:
-    """What writes machine code, with so much effort (0 to 3)."""
+    """Machine-code target with this optimisation level (0 to 3)."""
     if level not in _machines:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()

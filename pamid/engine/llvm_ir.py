@@ -76,7 +76,7 @@ def part_of(groups: list[list[Expr]]) -> int | None:
 
 
 def declarations(part: int | None) -> str:
-    """What the functions of a module may call."""
+    """Declarations of the functions that a module may call."""
     found = [] if part is None else [IN_PARTS]
     found += ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
     for operator in OPERATORS.values():
@@ -183,7 +183,7 @@ class _FunctionWriter:
         return self.truths[node]
 
     def write(self, node: Expr) -> None:
-        """What computes a node, in the part that it belongs to."""
+        """Write the code of a node into the part that it belongs to."""
         if node not in self.parts:
             if not self.last:  # symbols are loaded where they are first met
                 self.value(node)

@@ -124,7 +124,7 @@ def run_request(memory: Memory, course: Course) -> Parcel:
 
 
 def run_of(parcel: Parcel) -> tuple[Memory, Course]:
-    """What `run_request` packed."""
+    """Unpack a run from `run_request`."""
     x, cells, past, S, buffers, buffer_S, heads, *rest = parcel.arrays()
     u, p, columns, weights, after = rest
     about = parcel.about
@@ -140,12 +140,12 @@ def run_of(parcel: Parcel) -> tuple[Memory, Course]:
 
 
 def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
-    """What a run has come to, and where the memory then stands."""
+    """Pack the result of a run, and its memory at the end."""
     return packed({"bad": found[2]}, [*found[:2], *memory.arrays()])
 
 
 def take_answer(memory: Memory, parcel: Parcel) -> tuple[Array, Array, int]:
-    """What `run_answer` packed, written into the memory."""
+    """Unpack `run_answer` into the memory."""
     Y, JY, *kept = parcel.arrays()
     for array, new in zip(memory.arrays(), kept, strict=True):
         array[...] = new

@@ -25,7 +25,8 @@ PROBED = 10.0
 
 
 class Simulator(Protocol):
-    """What steps by itself. All values SI; n copies side by side, each with values of its own.
+    """Interface of a simulator that steps by itself. All values SI; n copies side by side, each
+    with values of its own.
 
     sizes (states, forces): typical magnitudes, of which differences take a share;
     longest_s: longest step (s) that it may be asked for, infinite where nothing is known of it.

@@ -241,8 +241,8 @@ class SteppedProgram:
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
-        """What a df/dx (nx x nx) would be: of the equations' own states it is one, of the
-        simulator's (A - I)/h with the A by which a step of h moves deviations on."""
+        """Equivalent of df/dx (nx x nx): the Jacobian of the equations' own states, and (A - I)/h
+        of the simulator's, with the A by which a step of h moves deviations on."""
         nx, first = len(self.states), self.readings
         if isinstance(self.simulator, Carrier):  # nothing is known of what is inside
             inside = replace(memory.copy(), x=np.concatenate([np.zeros(first), memory.x]))

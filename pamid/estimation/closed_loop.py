@@ -91,7 +91,7 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
 
 
 def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingError, ...]:
-    """What every model errs by in its own loop over what was held out, recording by recording and
+    """Errors of every model in its own loop over the held-out part, recording by recording and
     channel by channel; cause: the model with the causes."""
     models = {"data_sheet": (g, g.assembly.data_sheet()), "refitted": (g, g.fit.p)}
     models |= {"with_cause": (cause, cause.fit.p)} if cause is not None else {}

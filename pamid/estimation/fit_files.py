@@ -1,4 +1,4 @@
-"""What `pamid fit` writes: fit.json and residual.csv."""
+"""Files of `pamid fit`: fit.json and residual.csv."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
 
 
 def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
-    """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and
-    its steps."""
+    """Data that rebuild a fitted model to the last bit: its effects, every parameter (SI) by key,
+    and its steps."""
     found = result.FittedModel(
         effects=tuple(one.label for one in a.attachments),
         stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),

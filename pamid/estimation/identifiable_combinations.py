@@ -1,4 +1,5 @@
-"""What recordings tell of parameters together where they do not tell them one by one.
+"""Combinations of parameters that recordings determine where they do not determine the parameters
+one by one.
 
 A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint.
 Beside that, parameters that are loose by themselves and tight once the others are given are found

@@ -1,5 +1,5 @@
-"""What a fit says about its parameters: value, interval, a word, strain, bounds; from the Jacobian
-or the bootstrap."""
+"""Estimates of a fit: value, interval, a word, prior distance, bounds; from the Jacobian or the
+bootstrap."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SETTLED, SILENT = 0.3, 0.9  # posterior over prior standard deviation
 
 
 def word_for(share: float) -> str:
-    """What a posterior of this share of the prior's standard deviation means."""
+    """Word for a posterior of this share of the prior's standard deviation."""
     return "settled" if share < SETTLED else "weak" if share < SILENT else "silent"
 
 

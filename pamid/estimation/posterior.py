@@ -109,7 +109,7 @@ class EarlierPosterior:
         return places
 
     def remarks(self, problem: Problem) -> list[str]:
-        """What a reader must know of the way from that fit to this one, a sentence each."""
+        """Remarks on the step from that fit to this one, a sentence each."""
         bounds = problem.assembly.parameters
         carried = {self.keys[i] for _, i in self._places(problem)}
         notes = [

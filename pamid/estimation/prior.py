@@ -1,5 +1,5 @@
-"""What is known of the parameters before a fit, in prior spreads of the data sheet
-(`problem.Scale`): the data sheet itself and, where there was one, an earlier fit.
+"""Prior of the parameters, in prior spreads of the data sheet (`problem.Scale`): the data sheet
+itself and, where there was one, an earlier fit.
 
 The data sheet costs |s|^2. An earlier fit adds its recordings' Laplace approximation, |R (x(s) -
 x(at)) + a|^2 with R'R their information and R'a half their gradient, in coordinates x in which a

@@ -1,4 +1,4 @@
-"""What is fitted to what, in which units, and what comes of it."""
+"""Fitting problem, its units, and its solution."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ SHORTEST = 20  # samples
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what. free: places of the fitted parameters; importance: a factor per
-    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: an earlier
-    fit's, beside it."""
+    """Fitting problem: model, tracks and free parameters. free: places of the fitted parameters;
+    importance: a factor per window, sheet: another draw of the data sheet in prior spreads
+    (bootstrap); prior: an earlier fit's, beside it."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]

@@ -20,7 +20,7 @@ Blocks: TypeAlias = tuple[Array, Array, Array, Array]
 
 
 class ShootingFit(Protocol):
-    """What the windows have to know of a fit; as in `MultipleShooting`."""
+    """Parts of a fit that its windows need; as in `MultipleShooting`."""
 
     @property
     def problem(self) -> Problem: ...

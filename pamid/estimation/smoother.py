@@ -335,9 +335,9 @@ class _SmoothingStep(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """What smoothing has found with latent values of a size and time constant: log evidence (nats,
-    up to a constant shared by all ports), parameters in prior spreads (k,), per track the states at
-    the start of every slice (slices x states), and the data linearised about them; moving: by the
+    """Result of smoothing with latent values of a size and time constant: log evidence (nats, up to
+    a constant shared by all ports), parameters in prior spreads (k,), per track the states at the
+    start of every slice (slices x states), and the data linearised about them; moving: by the
     parameters, too."""
 
     log_evidence: float
@@ -407,7 +407,7 @@ class Smoother:
 
     @cached_property
     def information(self) -> Array:
-        """What the fit knows of them: little where what it left is large."""
+        """Information of the fit on the parameters; little where its residual is large."""
         found: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
             np.float64, copy=False
         )

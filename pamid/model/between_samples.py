@@ -1,4 +1,4 @@
-"""What inputs do between two samples: held, or in a straight line to the next one.
+"""Inputs between two samples: held, or linear to the next one.
 
 A zero-order hold is what a converter sends; what is measured, or comes out of a filter, moves
 between samples. A straight line through its samples follows it to second order, where the hold lags

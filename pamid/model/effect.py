@@ -56,7 +56,7 @@ class State:
 
 
 class Signals:
-    """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time, in
+    """Signals of a port at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time, in
     s; at.step and at.period, of the integrator and of the recording, in s; at.kind, the kind of the
     port; rig_period_s: the rig's usual sampling period, a number; upper_bounds: by parameter of the
     effect, where its range ends (SI), numbers."""
@@ -181,7 +181,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Hints:
-    """What an effect may look at to choose starting values.
+    """Data from which an effect may choose starting values.
 
     peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the
     port where the model's states are those of the recording (SI); periods: of the gap's spectrum
@@ -220,7 +220,7 @@ def sections(doc: str, named: tuple[str, ...] = SECTIONS) -> dict[str, str]:
 
 
 def problems(effect: type[Effect]) -> list[str]:
-    """What is wrong with an effect's data sheet, in words (empty: nothing)."""
+    """Faults of an effect's data sheet, in words (empty: none)."""
     wrong = []
     if not effect.family:
         wrong.append("it names no family")

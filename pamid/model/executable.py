@@ -78,7 +78,7 @@ def program_of(
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None = None,
 ) -> Executable:
-    """What computes these outputs; parameters: all keys, the rig's own first. See
+    """Program of these outputs; parameters: all keys, the rig's own first. See
     `pamid.engine.program.build_program`."""
     if isinstance(rig, StepRig):
         return _stepped(rig, traced, outputs, parameters, sensitive)

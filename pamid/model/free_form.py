@@ -83,7 +83,7 @@ class FreeFormEffect(Effect):
         return {"middle": 0.5 * (low + high), "half": 0.5 * (high - low)}
 
     def curve(self, p: Any, low: float, high: float) -> FormShapes:
-        """What `act` takes off or adds between low and high; p: numbers (SI)."""
+        """Curve that `act` subtracts or adds between low and high; p: numbers (SI)."""
         x = np.linspace(low, high, CURVE_POINTS)
         columns = [[float(expression(s)) for s in self.shapes(expression(v), p)] for v in x]
         return FormShapes(x, np.zeros_like(x), np.array(columns))

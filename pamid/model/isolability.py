@@ -34,7 +34,7 @@ MOST_SENSORS = 5
 
 @dataclass(frozen=True)
 class Split:
-    """What one further sensor (or one at each place of a port) brings.
+    """Gain by one further sensor (or one at each place of a port).
 
     splits  the groups that it takes apart
     shows   port groups that become visible
@@ -47,7 +47,7 @@ class Split:
 
 @dataclass(frozen=True)
 class Isolability:
-    """What a set of outputs can tell apart by structure; names in the order of the rig's ports.
+    """Structural isolability of a set of outputs; names in the order of the rig's ports.
 
     groups         port groups (`Rig.group_of`) of the places in each class of `places`, singletons
                    included, less what is part of a larger set; they overlap where one group has
@@ -71,8 +71,8 @@ class Isolability:
 
 @lru_cache(maxsize=8)  # a diagnosis needs it when it judges and when it reports
 def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
-    """What these outputs of the rig can tell apart; a sensor that is not there is nowhere listed.
-    UsageError."""
+    """Structural isolability of these outputs of the rig; a sensor that is not there is nowhere
+    listed. UsageError."""
     for name in outputs:
         if name not in rig.outputs:
             raise UsageError(
@@ -137,7 +137,7 @@ class Structure:
         return self.checked()
 
     def hidden_by(self, i: int) -> frozenset[int]:
-        """What can no longer be checked where equation i is in doubt, itself included."""
+        """Equations that can no longer be checked where equation i is in doubt, itself included."""
         return self.part - self.checked(frozenset({i}))
 
     @property

@@ -1,5 +1,5 @@
-"""What swings behind a joint: the part of effects that let a load move against its drive by a twist
-t, a share of its inertia J on the far side,
+"""Load behind a joint: the part of effects that let a load move against its drive by a twist t, a
+share of its inertia J on the far side,
 
     J q'' = T_out, T_out = (T + share J pull) / (1 - share), t'' = -pull - T_out/J
 

@@ -1,5 +1,5 @@
-"""What every kind of port passes, with which sign, and which signals let which effects act
-there: for `pamid check RIG.py`, and for the page `data/rigs/README.md`, which is made of it."""
+"""Guide to the kinds of ports: their values, signs, and the signals that let effects act there. For
+`pamid check RIG.py`, and for the page `data/rigs/README.md`, which is made of it."""
 
 from __future__ import annotations
 
@@ -190,8 +190,8 @@ def mapped_ports(rig: Rig) -> list[str]:
 
 
 def tolerance_words(rig: Rig) -> list[str]:
-    """What to say of a rig that states no tolerances, with the line that would; or those of a
-    balance as a whole."""
+    """Advice for a rig without tolerances, with the line that states them; or for the tolerances of
+    a balance as a whole."""
     mapped = mapped_ports(rig)
     if rig.background or not mapped:
         whole = [name for name in rig.background if _of(rig, name) and _is_whole(rig, name)]
@@ -212,8 +212,8 @@ def tolerance_words(rig: Rig) -> list[str]:
 def reachable(
     port: Port, effects: Iterable[type[Effect]], *, any_unit: bool = False
 ) -> dict[tuple[str, ...], list[str]]:
-    """What can act at the port by the signals that it would have to offer beyond those it does: ()
-    what acts there now. any_unit: whatever the port's unit."""
+    """Effects that could act at the port, by the further signals that it would have to offer: ()
+    those that act there now. any_unit: whatever the port's unit."""
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
     found: dict[tuple[str, ...], list[str]] = {(): []}
     for effect in effects:

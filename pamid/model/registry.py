@@ -1,4 +1,4 @@
-"""What there is: effects and rigs found by scanning their folders, or loaded from a user's file.
+"""Registry of effects and rigs: found by scanning their folders, or loaded from a user's file.
 
 Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from
 data, which no file can ever answer, and `rig_named` (`effects_with`) for words that the user said,
@@ -57,7 +57,7 @@ def free_form_effects() -> dict[str, type[FreeFormEffect]]:
 
 
 def all_effects() -> dict[str, type[Effect]]:
-    """What a run may have been made with: the catalogue and the free forms."""
+    """All effects of the catalogue and the free forms."""
     return effects() | free_form_effects()
 
 
@@ -83,7 +83,7 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
 
 
 def _source_of(path: Path, sha256: str) -> bytes:
-    """What a file holds; FileError where its SHA-256 is another than the one given, if any."""
+    """Content of a file; FileError where its SHA-256 is another than the one given, if any."""
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -150,8 +150,8 @@ def rig_named(name: str | Rig) -> Rig:
 
 
 def name_of(rig: str | Rig) -> str:
-    """What a run notes of the rig that a user named: the word itself, the catalogue's name of a rig
-    of the catalogue, else the name of its class."""
+    """Name by which a run notes the rig that a user named: the word itself, the catalogue's name of
+    a rig of the catalogue, else the name of its class."""
     if isinstance(rig, str):
         return rig
     kind = type(rig)

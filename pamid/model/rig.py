@@ -157,8 +157,8 @@ class RigForms(Protocol):
         decide nothing."""
 
     def left_out(self, rig: Rig, recording: Recording) -> str:
-        """What acts in a recording and a rig in one of the forms leaves out, in sentences; "" for
-        nothing."""
+        """Interactions in a recording that this form of the rig leaves out, in sentences; "" for
+        none."""
 
 
 class Rig:
@@ -242,11 +242,11 @@ class Rig:
         raise NotImplementedError
 
     def told(self) -> dict[str, Expr]:
-        """What equations see beside the states, by name; nothing by default."""
+        """Further signals of the equations, by name; nothing by default."""
         return {}
 
     def rated(self) -> list[str]:
-        """What `rates` gives a rate of."""
+        """States that `rates` gives a rate of."""
         return [s.name for s in self.states]
 
     def start(self, p: Any) -> dict[str, float]:
@@ -255,13 +255,13 @@ class Rig:
         return {}
 
     def combinations(self, p: Any) -> dict[str, Number]:
-        """What the equations see of parameters that they only hold together, such as mass times
+        """Combinations of parameters in which alone the equations hold them, such as mass times
         distance: name with its unit -> value (SI) from the parameters p (SI), numbers or symbols;
         nothing by default."""
         return {}
 
     def pose(self, y: Mapping[str, Array], p: Any) -> dict[str, Array]:
-        """What to draw of the rig: polylines in metres, name -> (samples, points, 2); nothing by
+        """Drawing of the rig: polylines in metres, name -> (samples, points, 2); nothing by
         default.
 
         y: outputs by name (SI), one value per sample; p: parameters (SI).

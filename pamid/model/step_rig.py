@@ -78,8 +78,7 @@ class StepRig(Rig):
     scales: ClassVar[dict[str, float]] = {}
 
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        """What goes into the simulation (SI), held over an exchange: commands, forces from
-        outside."""
+        """Inputs of the simulation (SI), held over an exchange: commands, forces from outside."""
         raise FileError("there is none", _WHOLE)
 
     def step(self, x: Any, f: Any, p: Any, h: float) -> Mapping[str, float] | Sequence[float]:
@@ -88,8 +87,7 @@ class StepRig(Rig):
         raise FileError("there is none", _WHOLE)
 
     def read(self, x: Any, p: Any) -> Mapping[str, float] | Sequence[float]:
-        """What else the equations see of states x: numbers, SI, by name or in the order of
-        `readings`."""
+        """Further readings of states x: numbers, SI, by name or in the order of `readings`."""
         raise FileError("there is none, but there are readings", _WHOLE)
 
     def steps(
@@ -128,8 +126,7 @@ class StepRig(Rig):
     def _called(
         self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
     ) -> list[float]:
-        """What `step` or `read` returns, in the wanted order. FileError for whatever is wrong with
-        it."""
+        """Result of `step` or `read`, in the wanted order. FileError for whatever is wrong with it."""
         what = "step" if method == self.step else "read"
         try:
             found = method(*given)
@@ -149,7 +146,7 @@ class StepRig(Rig):
     def _failed(
         self, method: str, wanted: tuple[str, ...], given: tuple[Any, ...], error: Exception
     ) -> FileError:
-        """What a user's own code raised: where, why, and at which states."""
+        """Error for an exception in the user's own code: where, why, and at which states."""
         where_ = f"rig {self.name!r}, {method}()"
         if isinstance(error, FileError):
             return FileError(f"{where_}: {error.message}", error.hint, code=error.code)
@@ -180,7 +177,7 @@ class StepRig(Rig):
     # ---- what the equations see ----------------------------------------------------------
 
     def carrier(self) -> Carrier:
-        """What steps where the rig `carries`."""
+        """Simulator that steps where the rig `carries`."""
         raise FileError("there is none", "a rig that carries has carrier()")
 
     def far_runner(self) -> FarRunner | None:

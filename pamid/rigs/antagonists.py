@@ -141,7 +141,7 @@ WARMING_S = 60.0  # until a muscle has drifted by half of what it will: estimate
 
 
 def force_map(name: str = "force_map") -> SmoothGain:
-    """What a specimen's force map differs from its law by."""
+    """Tolerance of a specimen's force map."""
     return SmoothGain(
         name,
         ("position", 0.0, 0.20),
@@ -155,7 +155,7 @@ def force_map(name: str = "force_map") -> SmoothGain:
 
 
 def flow_tolerance(name: str = "flow") -> SplitGain:
-    """What a valve's conductances differ by, filling and venting."""
+    """Tolerance of a valve's conductances, filling and venting."""
     return SplitGain(name, tolerance=0.05)
 
 

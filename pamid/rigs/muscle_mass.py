@@ -50,7 +50,7 @@ ONE_SIDE = 1.0  # the side of the one muscle there is
 
 
 def _without_side(signals: dict[str, Any]) -> dict[str, Any]:
-    """What a port offers here: which of a pair a muscle is says nothing of one."""
+    """Signals of a port without the side: there is no pair of muscles."""
     return {name: symbol for name, symbol in signals.items() if name != "side"}
 
 

@@ -312,7 +312,7 @@ class TwoLink(Rig):
     # ---- links ----------------------------------------------------------------------------------
 
     def combinations(self, p: Any) -> dict[str, Number]:
-        """What the equations of motion see of masses, centres and inertias; p: numbers or
+        """Combinations of masses, centres and inertias in the equations of motion; p: numbers or
         symbols."""
         own = self._inertia(p)
         return {

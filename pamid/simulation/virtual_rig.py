@@ -71,7 +71,7 @@ def attach_specs(
 
 
 def form_remarks(rig: Rig, excitation: Recording, columns: Mapping[str, Array]) -> tuple[str, ...]:
-    """What would act in a simulated motion and the form of the rig leaves out, in sentences.
+    """Interactions in a simulated motion that the form of the rig leaves out, in sentences.
 
     columns: readings by name, in their units.
     """

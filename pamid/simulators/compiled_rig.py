@@ -62,7 +62,7 @@ Turn: TypeAlias = tuple[Expr, Expr]
 
 @dataclass(frozen=True)
 class Load:
-    """What a joint drives while all other joints give way: torque that accelerates it, its inertia,
+    """Load of a joint while all other joints give way: torque that accelerates it, its inertia,
     that of it without the motor's (carried), the acceleration of this part with no spring at its
     joint, and its usual inertia, a number (kg m2 or kg; N m or N)."""
 
@@ -206,7 +206,7 @@ class MechanismEquations:
     # ---- actuators -------------------------------------------------------------------------------
 
     def command(self, i: int) -> Expr:
-        """What an actuator is told: through its port, delayed, within its range."""
+        """Command of an actuator: through its port, delayed, within its range."""
         a = self.m.actuators[i]
         if not a.column:
             return ZERO
@@ -296,7 +296,7 @@ class MechanismEquations:
         return length, rate
 
     def tendon_force(self, i: int) -> Expr:
-        """What a tendon's spring and damper pull with, against its length."""
+        """Force of a tendon's spring and damper, against its length."""
         t, value = self.m.tendons[i], self.rig.value
         length, rate = self.tendon(i)
         passed = self.dampers(rate, tendon=i)
@@ -314,7 +314,7 @@ class MechanismEquations:
         )
 
     def dampers(self, velocity: Expr, *, joint: int = -1, tendon: int = -1) -> Expr:
-        """What the dampers of the actuators of a joint or a tendon exert against its velocity."""
+        """Forces of the dampers of the actuators of a joint or a tendon against its velocity."""
         found = ZERO
         for i, a in enumerate(self.m.actuators):
             if (a.joint, a.tendon) == (joint, tendon) and (a.damping or any(a.damping_powers)):
@@ -357,7 +357,7 @@ class MechanismEquations:
         return found
 
     def drive(self) -> list[Expr]:
-        """What the actuators exert at every joint."""
+        """Forces of the actuators at every joint."""
         found = [self.joint_drive(j) for j in range(len(self.m.joints))]
         for i, a in enumerate(self.m.actuators):
             if a.mount is not None:
@@ -595,7 +595,7 @@ class MechanismEquations:
         return accelerations(tree, applied, [None] * tree.n, [None] * tree.n)
 
     def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
-        """What joint j carries, all other joints giving way; moving: as `moving` has it."""
+        """Load of joint j, all other joints giving way; moving: as `moving` has it."""
         inertia = tree.felt_inertia(j)
         carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
         joint = self.m.joints[j]
@@ -606,7 +606,7 @@ class MechanismEquations:
     # ---- readings --------------------------------------------------------------------------------
 
     def reading(self, i: int, sensor: MechanismSensor) -> Expr:
-        """What a sensor returns."""
+        """Reading of a sensor."""
         rate: Expr | None = None
         if sensor.kind in ("jointpos", "jointvel"):
             value, rate = self.q[sensor.of], self.qd[sensor.of]
@@ -628,7 +628,7 @@ class MechanismEquations:
         return clip(read, -sensor.cutoff, sensor.cutoff) if sensor.cutoff > 0.0 else read
 
     def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
-        """What a sensor of a frame returns."""
+        """Reading of a sensor of a frame."""
         tree, values = self.rigid, tuple[Expr, ...]()
         if sensor.kind == "framequat":
             values = tree.quaternion(mount)

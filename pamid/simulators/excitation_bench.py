@@ -25,8 +25,8 @@ ROUNDED = 1e-6  # rad or m: an end that is met by rounding is not left
 
 @dataclass(frozen=True)
 class Trouble:
-    """What a run met: in words, when (s), which actuators may be the cause, the joint whose
-    range it is."""
+    """Fault in a run: in words, when (s), which actuators may be the cause, the joint whose range
+    it is."""
 
     text: str
     at_s: float
@@ -73,7 +73,7 @@ class ExcitationBench:
             self.ends[k] = np.where(away < STANDING, [-np.inf, np.inf], self.ends[k])
 
     def limits(self) -> tuple[str, ...]:
-        """What was looked at, in words."""
+        """Limits that were checked, in words."""
         said = []
         stops = [
             m.name
@@ -165,7 +165,7 @@ class ExcitationBench:
         return data
 
     def _trouble(self, data: Any, sample: int, learn: bool) -> Trouble | None:
-        """What is wrong at this sample. learn: touching the surroundings is noted instead."""
+        """Fault at this sample. learn: touching the surroundings is noted instead."""
         m, at = self.m, sample * self.period_s
         everything = m.commanded
         wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
@@ -260,8 +260,7 @@ class ExcitationBench:
 
 
 def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
-    """What a URDF says of its joints' speeds, which MuJoCo does not read; MJCF says nothing of
-    them."""
+    """Speed limits of the joints in a URDF, which MuJoCo does not read; MJCF has none."""
     if file.path.suffix.lower() != ".urdf":
         return {}
     tags = tags_of(file.path.read_bytes())

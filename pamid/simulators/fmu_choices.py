@@ -1,4 +1,4 @@
-"""What a user says of an FMU in a table beside it, `drive.fmu.toml` beside `drive.fmu`:
+"""Choices of a user on an FMU, in a table next to it, `drive.fmu.toml` for `drive.fmu`:
 
 kind = "model-exchange"   # or "co-simulation", where it offers both
 seen = false              # its states are not all that it knows

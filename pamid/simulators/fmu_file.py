@@ -1,5 +1,5 @@
-"""What an FMU (FMI 2.0 or 3.0) says of itself; nothing of it is run to read that. The package is
-FMPy, the extra `[fmu]`.
+"""Description of an FMU (FMI 2.0 or 3.0), read without running it. The package is FMPy, the extra
+`[fmu]`.
 
     Modelica Association (2022), Functional Mock-up Interface for Model Exchange, Co-Simulation, and
     Scheduled Execution, version 3.0; (2014) version 2.0
@@ -111,7 +111,7 @@ class FmuFile:
 
     @property
     def request(self) -> dict[str, Any]:
-        """What `FmuHost` is made of, but for the folder."""
+        """Arguments of `FmuHost`, except the folder."""
         return {
             "path": self.path,
             "version": self.version,
@@ -151,8 +151,8 @@ def fmpy_package() -> Any:
 
 
 def read_fmu(path: PathLike) -> FmuFile:
-    """What the file says. FileError: it is absent or damaged, it offers neither kind, no binary for
-    this machine, no input or output that is a real number, or the extra is not installed."""
+    """Read the description. FileError: it is absent or damaged, it offers neither kind, no binary
+    for this machine, no input or output that is a real number, or the extra is not installed."""
     file = Path(path)
     if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of an .fmu file")

@@ -136,7 +136,7 @@ class FmuHost:
         return self.y
 
     def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
-        """What has failed is no number any more; before a run has gone through it is an error."""
+        """Turn failures into NaN; before a run has gone through, into an error."""
         if not statuses.any() and np.isfinite(y).all():
             return
         for status in statuses[statuses != 0]:
@@ -149,7 +149,7 @@ class FmuHost:
             raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
 
     def _left(self, k: int, one: FmuInstance) -> Array:
-        """What the instance reads, for a copy that stands where it does."""
+        """Readings of the instance, for a copy in the same state."""
         if self.saves:
             self.copies[k].state = one.save(self.m)
         else:

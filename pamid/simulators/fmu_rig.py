@@ -97,7 +97,7 @@ class FmuRig(StepRig):
 
     @property
     def _moving(self) -> dict[str, str]:
-        """What may be a position or a velocity: outputs, and states that are seen, with units."""
+        """Possible positions and velocities: outputs, and states that are seen, with units."""
         return {s.name: s.unit for s in self.states} | self.outputs
 
     def _check_names(self) -> None:

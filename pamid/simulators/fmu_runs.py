@@ -101,7 +101,7 @@ class FmuRuns:
 
 
 def parted(message: bytes) -> tuple[dict[str, Any], Array]:
-    """What a message says, and the numbers behind it."""
+    """Header of a message, and the numbers behind it."""
     size = _LENGTH.unpack_from(message)[0]
     end = _LENGTH.size + size
     return json.loads(message[_LENGTH.size : end]), np.frombuffer(message, offset=end)

@@ -33,8 +33,8 @@ RAISED = (
 
 @dataclass(frozen=True)
 class ForeignLimits:
-    """What one model file may take: the compilation, bytes of its text, bytes and number of the
-    files that it unpacks, elements of a kind."""
+    """Limits for one model file: the compilation, bytes of its text, bytes and number of the files
+    that it unpacks, elements of a kind."""
 
     compilation: ProcessLimits
     text: int

@@ -313,7 +313,7 @@ class ModelPort:
 
 @dataclass(frozen=True)
 class ModelFinding:
-    """What a file holds that is not carried over, in a sentence, with the element and its line.
+    """Part of a file that is not carried over, in a sentence, with the element and its line.
 
     hinders: it cannot be written as equations, so the model has to be stepped by its simulator.
     """

@@ -104,7 +104,7 @@ def _free_words(met: RecordedContacts) -> str:
 
 
 def _acting_words(met: RecordedContacts, path: str) -> str:
-    """What acts along a recording that is not free, and how to leave it out, in sentences."""
+    """Interactions along a recording that is not free, and how to leave them out, in sentences."""
     if met.touching is None:
         return f"{met.limit}."
     pair = met.touching

@@ -1,5 +1,5 @@
-"""What logs call the columns of a mechanism: the names of its joints, motors and sensors, and their
-places in the vectors of MuJoCo."""
+"""Names of a mechanism's columns in logs: those of its joints, motors and sensors, and their places
+in the vectors of MuJoCo."""
 
 from __future__ import annotations
 

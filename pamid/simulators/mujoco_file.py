@@ -66,7 +66,7 @@ class MujocoFile:
         return str(found) if found else f"{kind}_{number}"
 
     def word(self, enum: str, value: Any) -> str:
-        """What MuJoCo calls a value of one of its enumerations: ("mjtJoint", 3) -> "hinge"."""
+        """MuJoCo's word for a value of one of its enumerations: ("mjtJoint", 3) -> "hinge"."""
         return str(getattr(self.mujoco, enum)(int(value)).name).split("_", 1)[1].lower()
 
 

@@ -1,4 +1,4 @@
-"""What of a MuJoCo model cannot be written as equations, and what is left out either way.
+"""Parts of a MuJoCo model that cannot be written as equations, or that are left out either way.
 
 A mechanism can be written as equations where it is a tree of hinges and slides: no contacts in
 reach, no closed loops but couplings of joints, no forces but those of joints, fixed tendons and

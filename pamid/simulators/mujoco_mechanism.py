@@ -279,7 +279,7 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
 
 
 def _kind(gain: Vector, bias: Vector) -> str:
-    """What these numbers make of an actuator: MuJoCo's shortcuts motor, position and velocity are
+    """Kind of an actuator by its numbers: MuJoCo's shortcuts motor, position and velocity are
     nothing else."""
     if any(gain[1:]) or bias[0]:
         return "general"

@@ -263,8 +263,8 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
 
 
 def _of_motor(i: int, actuator: Actuator, motor: DcMotor) -> list[ModelParameter]:
-    """What a winding, its controller, its cogging and its bristles have. The resistance is held: a
-    motor of twice the resistance drives half of all masses, dampings and frictions alike. A
+    """Parameters of a winding, its controller, its cogging and its bristles. The resistance is
+    held: a motor of twice the resistance drives half of all masses, dampings and frictions alike. A
     controller commands torque, and without a limit the winding does not show in it."""
     force, length = actuator.force_unit, "rad" if actuator.force_unit == "N m" else "m"
     rate, found = f"{length}/s", []

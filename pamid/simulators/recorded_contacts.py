@@ -130,7 +130,7 @@ def joint_positions(mechanism: Mechanism, recording: Recording) -> tuple[Array, 
 
 
 def _linear_in_positions(m: Mechanism, kind: str, of: int) -> Array | None:
-    """What a sensor reads per unit of every joint's position; None for another kind of sensor."""
+    """Reading of a sensor per unit of every joint's position; None for another kind of sensor."""
     row = np.zeros(len(m.joints))
     factor = 1.0
     tendon = of if kind == "tendonpos" else -1

@@ -29,8 +29,8 @@ MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is mo
 
 @dataclass(frozen=True)
 class KeptCommand:
-    """What became of one command: sent = shift + factor * what was asked for, about its centre;
-    why: what was in the way, in the order in which it was met."""
+    """Command within the limits: sent = shift + factor * the wanted one, about its centre; why: the
+    limits that were in the way, in the order in which they were met."""
 
     column: str
     factor: float = 1.0
@@ -53,7 +53,7 @@ class SafeExcitation:
     reached: dict[str, tuple[float, float]]
 
     def sentences(self) -> list[str]:
-        """What was done, and what the run then reaches."""
+        """Changes of the excitation, and the reach of the run with them."""
         said = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
         for one in self.kept:
             if one.changed:
@@ -192,7 +192,7 @@ def _within_range(a: Actuator, course: _CommandCourse) -> None:
 
 
 def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
-    """What a position drive may be told, by the range of its joint; None where it says nothing."""
+    """Range of a position drive's commands, by the range of its joint; None where there is none."""
     joint = m.joints[a.joint] if a.joint >= 0 else None
     if a.kind != "position" or joint is None or joint.range is None or not a.gear:
         return None

@@ -119,7 +119,7 @@ class System:
         return self._coupled(self.tree.solve(self.factors, force), aimed=True)
 
     def column(self, i: int) -> list[Expr]:
-        """What q'' changes by with the force at a joint."""
+        """Change of q'' with the force at a joint."""
         return self.solve([expression(1.0 if k == i else 0.0) for k in range(self.tree.n)])
 
     def _coupled(self, free: list[Expr], *, aimed: bool) -> list[Expr]:

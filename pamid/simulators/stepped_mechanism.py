@@ -114,7 +114,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     def _known_forces(
         self, equations: MechanismEquations, p: Any, actuators: Iterable[int]
     ) -> list[Expr]:
-        """What joints, tendons and these actuators are known to exert at every joint."""
+        """Known forces of joints, tendons and these actuators at every joint."""
         m = self.mechanism
         found = [ZERO] * len(m.joints)
         for i in actuators:

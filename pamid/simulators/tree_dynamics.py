@@ -208,7 +208,7 @@ class Tree:
         return Spatial(moved.a, plus(moved.b, cross(moved.a, self.mounted(mount).place)))
 
     def moments(self, mount: Mount, wrench: Sequence[float]) -> dict[int, Expr]:
-        """What a (force, torque) along the axes of a frame, at its origin, exerts at joints."""
+        """Joint forces of a (force, torque) along the axes of a frame, at its origin."""
         frame = self.mounted(mount)
         force, torque = frame.vector(np.array(wrench[:3])), frame.vector(np.array(wrench[3:]))
         whole = Spatial(plus(torque, cross(frame.place, force)), force)
@@ -267,7 +267,7 @@ class Tree:
         return found
 
     def forces(self, acceleration: list[Spatial]) -> list[Spatial]:
-        """What moves each link by itself."""
+        """Forces on each link by itself."""
         return [
             one.momentum(a) + v.cross_force(h)
             for one, a, v, h in zip(
@@ -428,7 +428,7 @@ class Tree:
 
     @cached_property
     def holding_change(self) -> list[Expr]:
-        """What the bias changes by, as `inverse_dynamics`."""
+        """Change of the bias, as `inverse_dynamics`."""
         return self.inverse_dynamics([ZERO] * self.n)
 
     @cached_property
@@ -438,8 +438,8 @@ class Tree:
         return [tangent(value, change) for value, change in pairs]
 
     def felt_inertia(self, j: int) -> Expr:
-        """What a joint feels of its motor and of all it carries while the other joints give way:
-        1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1."""
+        """Inertia at a joint of its motor and of all it carries while the other joints give way: 1
+        / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1."""
         column = self.unit(self.factors, j)
         still = [held(u) for u in column]
         change = ZERO
