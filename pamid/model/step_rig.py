@@ -126,7 +126,7 @@ class StepRig(Rig):
     def _called(
         self, method: Callable[..., Any], wanted: tuple[str, ...], *given: Any
     ) -> list[float]:
-        """Result of `step` or `read`, in the wanted order. FileError for whatever is wrong with it."""
+        """Result of `step` or `read`, in the wanted order. FileError for any fault in it."""
         what = "step" if method == self.step else "read"
         try:
             found = method(*given)
