@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.simulators.soft_constraints import SoftCoupling, SoftFriction, System, rub
+from pamid.simulators.soft_constraints import CoupledSystem, SoftCoupling, SoftFriction, rub
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
@@ -35,7 +35,7 @@ def accelerations(
     reaching = [
         f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
     ]
-    found = rub(System(tree, couplings), reaching, friction)
+    found = rub(CoupledSystem(tree, couplings), reaching, friction)
     still = [held(v) for v in found.value]
     moving = tree.inverse_dynamics(still)
     change = []

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 #: joints in the place of a free one: (ending of the name, is it a hinge, axis)
-BASE = (
+BASE_JOINTS = (
     ("x", False, (1.0, 0.0, 0.0)),
     ("y", False, (0.0, 1.0, 0.0)),
     ("z", False, (0.0, 0.0, 1.0)),
@@ -23,8 +23,8 @@ BASE = (
     ("pitch", True, (0.0, 1.0, 0.0)),
     ("roll", True, (1.0, 0.0, 0.0)),
 )
-HELD = "a free joint of an object that nothing drives or reads: it is held where it stands"
-FLOATING = "a free joint: three slides and yaw, pitch and roll stand for it"
+OBJECT_HELD = "a free joint of an object that nothing drives or reads: it is held where it stands"
+BASE_FREED = "a free joint: three slides and yaw, pitch and roll stand for it"
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) ->
         line = line_of(joint) or line_of(body)  # <freejoint> has none
         name = joint.name or f"of {body.name or f'body_{body.id}'}"
         if int(model.body_treeid[body.id]) not in touched:
-            notes.append((name, line, HELD))
+            notes.append((name, line, OBJECT_HELD))
         elif is_free and not _has_forces(model, joint.id):
-            notes.append((name, line, FLOATING))
+            notes.append((name, line, BASE_FREED))
             floating += _as_base(mujoco, spec, body, joint.name or body.name or "base")
         else:
             continue
@@ -77,11 +77,11 @@ def _has_forces(model: Any, joint: int) -> bool:
 def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
     """Give a body the joints of a floating base; their names."""
     taken = {joint.name for joint in spec.joints}
-    while any(f"{name}_{word}" in taken for word, _, _ in BASE):
+    while any(f"{name}_{word}" in taken for word, _, _ in BASE_JOINTS):
         name = f"{name}_base"
     place = np.array(body.pos)
     body.quat = [1.0, 0.0, 0.0, 0.0]
-    for word, turns, axis in BASE:
+    for word, turns, axis in BASE_JOINTS:
         body.add_joint(
             name=f"{name}_{word}",
             type=mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE,
@@ -96,7 +96,7 @@ def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
             limited=mujoco.mjtLimited.mjLIMITED_FALSE,
             actfrclimited=mujoco.mjtLimited.mjLIMITED_FALSE,
         )
-    return [f"{name}_{word}" for word, _, _ in BASE]
+    return [f"{name}_{word}" for word, _, _ in BASE_JOINTS]
 
 
 def _touched(mujoco: Any, m: Any) -> Iterator[int]:

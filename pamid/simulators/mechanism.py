@@ -162,7 +162,7 @@ def coupled_joints(
 
 
 @dataclass(frozen=True)
-class DcMotor:
+class WindingMotor:
     """A motor with a winding: v = R i + K w, torque = K i (MuJoCo, DC Motor Model).
 
     input            what its command is: voltage, pos, vel or ff (torque); none: nothing
@@ -241,7 +241,7 @@ class Actuator:
     line: int = 0
     adr: int = -1
     damping_powers: Vector = (0.0, 0.0)
-    motor: DcMotor | None = None
+    motor: WindingMotor | None = None
     mount: Mount | None = None
     wrench: Vector = ()
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from pamid.simulators.mechanism import Actuator, DcMotor
+from pamid.simulators.mechanism import Actuator, WindingMotor
 from pamid.symbolic.vocabulary import ZERO, Expr, absolute, clip, exp, maximum, minimum, sin, where
 
 #: of a parameter: attribute and the number in the file -> the expression
@@ -24,7 +24,7 @@ class MotorEquations:
     def __init__(
         self,
         actuator: Actuator,
-        motor: DcMotor,
+        motor: WindingMotor,
         value: Value,
         states: Mapping[str, Expr],
         command: Expr,

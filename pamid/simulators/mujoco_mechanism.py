@@ -14,7 +14,6 @@ from pamid.simulators.mechanism import (
     Actuator,
     Body,
     Coupling,
-    DcMotor,
     Mechanism,
     MechanismJoint,
     MechanismSensor,
@@ -22,6 +21,7 @@ from pamid.simulators.mechanism import (
     Mount,
     Range,
     Vector,
+    WindingMotor,
 )
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_findings import can_collide, contact_share, findings_of, reads_frame
@@ -362,13 +362,13 @@ def _actuators(
     return (*found, *bare)
 
 
-def _motor(model: Any, i: int) -> DcMotor:
+def _motor(model: Any, i: int) -> WindingMotor:
     """Places in the arrays: those of mjs_setToDCMotor."""
     gain, dynamics, bias = (
         _vector(array[i])
         for array in (model.actuator_gainprm, model.actuator_dynprm, model.actuator_biasprm)
     )
-    return DcMotor(
+    return WindingMotor(
         INPUTS.get(int(model.actuator_ctrlspec[i]), ""),
         gain[0],
         gain[1],

@@ -16,11 +16,11 @@ from pamid.model.parameter import Parameter
 from pamid.simulators.mechanism import (
     Actuator,
     Body,
-    DcMotor,
     MechanismJoint,
     MechanismTendon,
     ModelParameter,
     Vector,
+    WindingMotor,
     Write,
 )
 from pamid.simulators.mujoco_file import MujocoFile
@@ -262,7 +262,7 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
     return found
 
 
-def _of_motor(i: int, actuator: Actuator, motor: DcMotor) -> list[ModelParameter]:
+def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelParameter]:
     """Parameters of a winding, its controller, its cogging and its bristles. The resistance is
     held: a motor of twice the resistance drives half of all masses, dampings and frictions alike. A
     controller commands torque, and without a limit the winding does not show in it."""

@@ -95,7 +95,7 @@ def _power(base: Expr, power: float) -> Expr:
     return exp(power * log(maximum(base, 1e-12)))
 
 
-class System:
+class CoupledSystem:
     """M q'' = force of a tree with couplings, and something added on the diagonal of M."""
 
     def __init__(
@@ -107,8 +107,8 @@ class System:
         self.tree, self.couplings = tree, couplings
         self.factors: Factors = tree.factors if added is None else tree.factored(added)
 
-    def with_added(self, added: Sequence[Expr]) -> System:
-        return System(self.tree, self.couplings, added)
+    def with_added(self, added: Sequence[Expr]) -> CoupledSystem:
+        return CoupledSystem(self.tree, self.couplings, added)
 
     def solve(self, force: Sequence[Expr]) -> list[Expr]:
         """q'' where the couplings aim at no acceleration: (M + J' J / softness)^-1 force."""
@@ -187,11 +187,11 @@ class Rubbed:
     value: list[Expr]
     added: list[Expr]
     friction: list[Expr]
-    system: System
+    system: CoupledSystem
 
 
 def rub(
-    system: System, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
+    system: CoupledSystem, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
 ) -> Rubbed:
     """Accelerations under what reaches each joint and friction; see above."""
     none = [ZERO] * system.tree.n
@@ -207,7 +207,9 @@ def rub(
     return found
 
 
-def _swept(system: System, free: list[Expr], friction: dict[int, SoftFriction]) -> dict[int, Expr]:
+def _swept(
+    system: CoupledSystem, free: list[Expr], friction: dict[int, SoftFriction]
+) -> dict[int, Expr]:
     """Projected Gauss-Seidel: q'' + rate q' of each joint as its friction force says it."""
     columns = {i: system.column(i) for i in friction}
     a = {i: free[i] for i in friction}
@@ -232,7 +234,7 @@ def _swept(system: System, free: list[Expr], friction: dict[int, SoftFriction]) 
 
 
 def _solved(
-    system: System,
+    system: CoupledSystem,
     reaching: Sequence[Expr],
     friction: dict[int, SoftFriction],
     aims: dict[int, Expr],
