@@ -215,10 +215,12 @@ class ExcitedRig:
         return done.outputs
 
     def random_point(self, random: np.random.Generator) -> Array:
-        """Parameters under test drawn evenly from their bounds (or their logarithms), the others as
-        they are."""
+        """Fitted parameters under test drawn evenly from their bounds (or their logarithms), the
+        others as they are: no fit moves a held one."""
         p = self.assembly.values()
         for i, b in self.own:
+            if not b.fitted:
+                continue
             low = b.low if np.isfinite(b.low) else b.value - 3.0 * b.spread
             high = b.high if np.isfinite(b.high) else b.value + 3.0 * b.spread
             logs = b.log and low > 0.0
@@ -287,7 +289,7 @@ def finite_everywhere(
             or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all()
         ):
             continue
-        point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.own)
+        point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.own if b.fitted)
         sample = int(np.argmax(~np.isfinite(trial.run(p)).all(axis=1)))
         found.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
     return found

@@ -49,6 +49,30 @@ def test_growing_errors_are_no_wrong_derivatives() -> None:
     assert sensitivity_error(Toppling()) < SAME_SLOPE
 
 
+class Runaway(Toppling):
+    """One that runs away within seconds at any other value of a parameter."""
+
+    fitted = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        growth = Parameter("growth", 0.0, 0.0, 1e6, spread=1e5, source="", fitted=self.fitted)
+        return (*Toppling.parameters, growth)
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        rates = super().rates(x, u, p, port)
+        return rates | {"a_rate": rates["a_rate"] + p.growth * x.a * x.a * x.a}
+
+
+class FittedRunaway(Runaway):
+    fitted = True
+
+
+def test_held_parameters_are_checked_at_their_values_only() -> None:
+    assert finite_everywhere(Runaway(), draws=3) == []
+    assert finite_everywhere(FittedRunaway(), draws=3) != []
+
+
 def test_a_wrong_derivative_is_found_where_errors_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     right = conformance._start_slopes
 
