@@ -3,6 +3,7 @@ derivative."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from pamid.checks.conformance import SAME_SLOPE, finite_everywhere, sensitivity_
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number, clip, sin
+from pamid.symbolic.vocabulary import Number, clip, sin, sqrt
 
 
 class Toppling(Rig):
@@ -49,28 +50,26 @@ def test_growing_errors_are_no_wrong_derivatives() -> None:
     assert sensitivity_error(Toppling()) < SAME_SLOPE
 
 
-class Runaway(Toppling):
-    """One that runs away within seconds at any other value of a parameter."""
+class Undefined(Toppling):
+    """One without a solution at most values of a held parameter."""
 
-    fitted = False
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        growth = Parameter("growth", 0.0, 0.0, 1e6, spread=1e5, source="", fitted=self.fitted)
-        return (*Toppling.parameters, growth)
+    parameters = (
+        *Toppling.parameters,
+        Parameter("share", 0.0, 0.0, 100.0, spread=1.0, source="", fitted=False),
+    )
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         rates = super().rates(x, u, p, port)
-        return rates | {"a_rate": rates["a_rate"] + p.growth * x.a * x.a * x.a}
+        return rates | {"a_rate": rates["a_rate"] + sqrt(1.0 - p.share)}
 
 
-class FittedRunaway(Runaway):
-    fitted = True
+class UndefinedFitted(Undefined):
+    parameters = (*Undefined.parameters[:-1], replace(Undefined.parameters[-1], fitted=True))
 
 
 def test_held_parameters_are_checked_at_their_values_only() -> None:
-    assert finite_everywhere(Runaway(), draws=3) == []
-    assert finite_everywhere(FittedRunaway(), draws=3) != []
+    assert finite_everywhere(Undefined(), draws=3) == []
+    assert finite_everywhere(UndefinedFitted(), draws=3) != []
 
 
 def test_a_wrong_derivative_is_found_where_errors_grow(monkeypatch: pytest.MonkeyPatch) -> None:
