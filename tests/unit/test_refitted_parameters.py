@@ -47,12 +47,22 @@ def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
     assert none.texts() == [f"{5} parameters not moved materially"]
 
 
+def test_parameters_that_the_recordings_do_not_determine_are_named() -> None:
+    silent = {f"link{i}_mass_kg": estimate(0.5, word="silent", strain=0.0) for i in range(6)}
+    settled = {"m1_kg": estimate(0.6, strain=1.0, word="settled")}
+    (moved, rest) = refitted_parameters({**settled, "m2_kg": silent["link0_mass_kg"]}).texts()
+    assert moved.startswith("m1 0.5 -> 0.6 kg")
+    assert rest == "1 other not moved materially; not determined by these recordings: m2"
+    assert refitted_parameters(silent).remark().endswith("link2_mass, link3_mass, 2 more")
+
+
 def test_the_terminal_prints_them_after_the_causes() -> None:
     lines = diagnosis_text(diagnosis_json("explained"), Path("run")).splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("Refitted"))
     assert lines[first].startswith("Refitted  sonic_conductance 1.3e-08 -> 1.23e-08 m3/(s Pa) (")
     assert lines[first + 1].strip() == "damping 0.0014 -> 0.0016 m2 s (0.0015 .. 0.0017)"
-    assert lines[first + 2].strip() == "1 other not moved materially"
+    rest = "1 other not moved materially; not determined by these recordings: dead_volume"
+    assert lines[first + 2].strip() == rest
     heads = [line.split()[0] for line in lines if line[:1].strip()]
     assert heads.index("Refitted") == heads.index("Which") + 1
 
