@@ -101,6 +101,7 @@ def fit_model(
         fit_robustly(problem, progress=_counting(progress)),
         evidence.noise,
     )
+    # and a model that starts far off does not converge over windows in which it falls another way
     if touching or not fitted.converged:
         progress("fitting from shorter windows")
         fitted = fit_from_shorter_windows(fitted)

@@ -68,9 +68,11 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     where that leaves clearly less.
 
     A motion that touches something is another one after every impact: over a long window the misfit
-    has a minimum for every order of impacts, over a short one there are few of them. Growing
-    windows are the usual way past (Ribeiro, Tiels, Umenberger, Schoen, Aguirre 2020, Automatica
-    121, on the smoothness of nonlinear system identification).
+    has a minimum for every order of impacts, over a short one there are few of them. An arm whose
+    payload is not in the model falls another way, and the misfit of a long window has a narrow,
+    curved valley in which the fit does not converge. Growing windows are the usual way past
+    (Ribeiro, Tiels, Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of
+    nonlinear system identification).
     """
     problem = fitted.problem
     period = max(problem.tracks, key=len).period_s

@@ -39,11 +39,11 @@ from pamid.symbolic.vocabulary import ZERO, exp, expression
 Array = NDArray[np.float64]
 
 THINNEST = 1e-6  # second moment over the largest: a plate without thickness has no share to change
-MOST = 10.0  # factor to the bounds of a length; multiples of the body's size to those of the centre
+LENGTH_FACTOR = 10.0  # to the bounds of a length; radii of gyration to those of the centre
 SHAPE = "0: the shape of the model file"
 AXES = ("x", "y", "z")
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-STRETCHES, SHEARS = ("stretch1", "stretch2", "stretch3"), ("shear12", "shear13", "shear23")
+STRETCH_NAMES, SHEAR_NAMES = ("stretch1", "stretch2", "stretch3"), ("shear12", "shear13", "shear23")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class BodyShape:
     @property
     def deformation_names(self) -> tuple[str, ...]:
         """Of the stretches and shears, dimensionless."""
-        return tuple(f"{self.body.name}_{word}" for word in (*STRETCHES, *SHEARS))
+        return tuple(f"{self.body.name}_{word}" for word in (*STRETCH_NAMES, *SHEAR_NAMES))
 
     @property
     def inertia_names(self) -> tuple[str, ...]:
@@ -80,14 +80,14 @@ class BodyShape:
     def parameters(self) -> tuple[Parameter, ...]:
         """Centre, stretches and shears. Their spreads are those of a body whose second moments are
         known within 100 %, and whose centre within its radius."""
-        radius, far = self.radius_m, MOST * self.radius_m
+        radius, far = self.radius_m, LENGTH_FACTOR * self.radius_m
         size = f"the model file; the radius of gyration is {radius:.3g} m"
         found = [
             Parameter(name, at, at - far, at + far, "m", radius, source=size)
             for name, at in zip(self.centre_names, self.body.centre, strict=True)
         ]
         for name in self.deformation_names:
-            limit = MOST if "_shear" in name else math.log(MOST)
+            limit = LENGTH_FACTOR if "_shear" in name else math.log(LENGTH_FACTOR)
             found.append(Parameter(name, 0.0, -limit, limit, spread=0.5, inner=True, source=SHAPE))
         return tuple(found)
 

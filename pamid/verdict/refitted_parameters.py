@@ -2,7 +2,7 @@
 
 Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift is
 more than a rounding of its tolerance, or of the value where the tolerance is wide. The others are
-counted.
+counted. Those that the recordings say nothing about are named: their values are the priors'.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from pamid.schemas.estimates import Estimate
 # of a prior standard deviation, and of the value: precise data resolve smaller shifts, which matter
 # to nobody
 LEAST_SHIFT, LEAST_PART = 0.1, 0.05
+MOST_NAMED = 4  # parameters that are not determined; more are counted
 
 
 @dataclass(frozen=True)
 class RefittedParameters:
-    """shown: those that moved, by name, the largest shift first; total: parameters of the model."""
+    """shown: those that moved, by name, the largest shift first; total: parameters of the model;
+    undetermined: of the others, those that the recordings do not determine, by name."""
 
     shown: Mapping[str, Estimate]
     total: int
+    undetermined: tuple[str, ...] = ()
 
     def remark(self) -> str:
         """The parameters left out, in words; "" where all are shown."""
@@ -31,7 +34,13 @@ class RefittedParameters:
         if not rest:
             return ""
         noun = "other" if self.shown else "parameter"
-        return f"{rest} {noun}{'s' if rest > 1 else ''} not moved materially"
+        text = f"{rest} {noun}{'s' if rest > 1 else ''} not moved materially"
+        if not self.undetermined:
+            return text
+        names = [split_column(name)[0] for name in self.undetermined[:MOST_NAMED]]
+        more = len(self.undetermined) - len(names)
+        names += [f"{more} more"] if more else []
+        return f"{text}; not determined by these recordings: {', '.join(names)}"
 
     def texts(self) -> list[str]:
         """ "mass 0.5 -> 0.62 kg (0.61 .. 0.63)", and the number of those left out."""
@@ -43,7 +52,9 @@ def refitted_parameters(parameters: Mapping[str, Estimate]) -> RefittedParameter
     """The parameters that moved materially, and the number of all."""
     moved = [item for item in parameters.items() if _moved(item[1])]
     moved.sort(key=lambda item: -abs(item[1].strain or 0.0))
-    return RefittedParameters(dict(moved), len(parameters))
+    shown = dict(moved)
+    open_ones = [k for k, one in parameters.items() if one.word == "silent" and k not in shown]
+    return RefittedParameters(shown, len(parameters), tuple(open_ones))
 
 
 def _moved(estimate: Estimate) -> bool:

@@ -35,6 +35,15 @@ def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
     assert none.texts() == [f"{5} parameters not moved materially"]
 
 
+def test_parameters_that_the_recordings_do_not_determine_are_named() -> None:
+    silent = {f"link{i}_mass_kg": estimate(0.5, word="silent", strain=0.0) for i in range(6)}
+    settled = {"m1_kg": estimate(0.6, strain=1.0, word="settled")}
+    (moved, rest) = refitted_parameters({**settled, "m2_kg": silent["link0_mass_kg"]}).texts()
+    assert moved.startswith("m1 0.5 -> 0.6 kg")
+    assert rest == "1 other not moved materially; not determined by these recordings: m2"
+    assert refitted_parameters(silent).remark().endswith("link2_mass, link3_mass, 2 more")
+
+
 def test_page_and_table_show_the_model_of_the_answer(tmp_path: Path) -> None:
     folder = make_run(tmp_path / "RUN", "explained")
     page = flat(text_of(folder))
