@@ -251,8 +251,9 @@ class FmuHost:
         def of(numbers: NDArray[Any]) -> NDArray[np.int64]:
             return np.asarray(numbers.ctypes.data + 8 * np.arange(len(numbers)), np.int64)
 
+        address: Any = exchange_of.address
         yield LibraryStep(
-            int(exchange_of.address),
+            address,
             words.ctypes.data,
             of(handles),
             1,
