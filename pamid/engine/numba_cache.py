@@ -13,13 +13,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from numba import cfunc, njit
+from numba import carray, cfunc, njit, types
 from numba.core import config
 
 from pamid.base.trust import is_shared
 from pamid.engine.cache_folder import home_cache, private_folder
 
-__all__ = ["cfunc", "njit"]  # from here, so that nothing is compiled before `_settle`
+# from here, so that nothing is compiled before `_settle`
+__all__ = ["carray", "cfunc", "njit", "types"]
 
 
 def _settle() -> None:

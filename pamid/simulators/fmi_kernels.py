@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import carray, types
 from numpy.typing import NDArray
 
 from pamid.engine.function_calls import call_foreign
-from pamid.engine.numba_cache import cfunc, njit
+from pamid.engine.numba_cache import carray, cfunc, njit, types
 
 if TYPE_CHECKING:
     from pamid.simulators.fmu_link import FmuUnits
@@ -388,8 +387,8 @@ def exchange_copies(
 
 # ---- as a compiled function of two addresses -----------------------------------------------------
 
-_HEAD, _STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
-_FUNCTIONS = len(NAMES[2].split())
+_TABLE_HEAD, _STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
+_FUNCTION_COUNT = len(NAMES[2].split())
 
 
 class ExchangeTable(NamedTuple):
@@ -419,7 +418,7 @@ class ExchangeTable(NamedTuple):
 @njit(cache=True)
 def _length(nx: int, nf: int, ny: int) -> int:
     """Words of a table with so many states, inputs and outputs."""
-    return _HEAD + _FUNCTIONS + 4 + 7 * nx + 5 * nf + 4 * ny + MOST_STEPS + 2
+    return _TABLE_HEAD + _FUNCTION_COUNT + 4 + 7 * nx + 5 * nf + 4 * ny + MOST_STEPS + 2
 
 
 @njit(cache=True)
@@ -427,7 +426,7 @@ def table_in(words: NDArray[np.int64]) -> ExchangeTable:
     """The table whose words these are; the counts at their beginning are set."""
     nx, nf, ny = words[1], words[2], words[3]
     numbers = words.view(np.float64)
-    a = _HEAD + _FUNCTIONS
+    a = _TABLE_HEAD + _FUNCTION_COUNT
     # value references are half as long as a word
     v = a + 4
     xs, rs = words[v : v + nx].view(np.uint32)[:nx], words[v + nx : v + 2 * nx].view(np.uint32)[:nx]
@@ -435,7 +434,7 @@ def table_in(words: NDArray[np.int64]) -> ExchangeTable:
     fs, ys = words[v : v + nf].view(np.uint32)[:nf], words[v + nf :].view(np.uint32)[:ny]
     v += nf + ny
     model = FmiModel(
-        words[_HEAD:a],
+        words[_TABLE_HEAD:a],
         words[0],
         fs,
         ys,
@@ -484,7 +483,7 @@ def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
 def exchange_of(handle, data):  # type: ignore[no-untyped-def]
     """An exchange of the instance whose handle stands at an address, over the table at another
     one. States and outputs are no numbers after a failure."""
-    head = carray(data, _HEAD)
+    head = carray(data, _TABLE_HEAD)
     words = carray(data, _length(head[1], head[2], head[3]))
     t, numbers = table_in(words), words.view(np.float64)
     for k in range(len(t.x)):

@@ -252,8 +252,9 @@ class FmuHost:
             return np.asarray(numbers.ctypes.data + 8 * np.arange(len(numbers)), np.int64)
 
         assert exchange_of.address is not None
+        address: Any = exchange_of.address
         yield LibraryStep(
-            exchange_of.address,
+            address,
             words.ctypes.data,
             of(handles),
             1,

@@ -25,6 +25,7 @@ from pamid.simulators.fmu_link import FmuLink, Kept
 Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # that one answer may take
+COMPILING = 5.0  # times as long until a run was answered: the first one may compile what it needs
 FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
 _LENGTH = struct.Struct("<q")
 PATIENT_SAMPLES = 10000.0  # for which a run is given as much time again
@@ -50,6 +51,7 @@ class FmuProcess(FmuLink):
         ]
         self.whole_samples, self.longest_s = not file.any_step, float("inf")
         self.dropped: list[int] = []
+        self.compiled = False
         self.folder = tempfile.TemporaryDirectory(prefix="pamid-fmu-")
         extracted(file.path, self.folder.name)
         inlet, self.to_child = Pipe(duplex=False)
@@ -87,6 +89,7 @@ class FmuProcess(FmuLink):
         about = {**request.about, "program": number, "saved": saved}
         patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
         answer = self._told(b"u" + _lengthy(about) + request.numbers.tobytes(), patience_s)
+        self.compiled = True
         size = _LENGTH.unpack_from(answer)[0]
         told = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
         parcel = Parcel(told, np.frombuffer(answer, offset=_LENGTH.size + size))
@@ -133,7 +136,7 @@ class FmuProcess(FmuLink):
         return np.frombuffer(answer, offset=SHAPE_HEAD.size).reshape(rows, columns)
 
     def _told(self, message: bytes, patience_s: float | None = None) -> bytes:
-        waits_s = patience_s or PATIENCE_S
+        waits_s = (patience_s or PATIENCE_S) * (1.0 if self.compiled else COMPILING)
         try:
             self.to_child.send_bytes(message)
             if not self.told.poll(1000.0 * waits_s):
