@@ -5,10 +5,10 @@
     python benchmarks/stock_robots.py --models models [--only Panda ...] [--no-check]
 
 Prints a Markdown table with a row for every file. "Equations" is a compiled model. Where nothing
-but contacts stands against it, recordings decide: "equations unless touching". A model whose
-geoms touch at its reference counts as stepped. A stepped model
-states the first reason, and how many there are. `check` is the processor time of the whole command
-in a process of its own. Nothing is installed, and no program of the packages is run.
+but contacts stands against it, recordings decide: "equations unless touching". A model whose geoms
+touch at its reference counts as stepped. A stepped model states the first reason, and how many
+there are. `check` is the processor time of the whole command in a process of its own. Nothing is
+installed, and no program of the packages is run.
 """
 
 from __future__ import annotations
