@@ -217,7 +217,7 @@ def _compile(file: Path, packages: dict[str, Any]) -> tuple[Any, Any, str]:
     folders = require_plain_sources(file)
     assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages))
     try:
-        spec, model = assets.compile()
+        spec, model = assets.compiled()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FileError(f"{file}: {_reason(error)}", _hint(str(error)), code="model") from error
     return spec, model, assets.note()

@@ -143,7 +143,7 @@ class ModelAssets:
         self.bodies: dict[str, None] = {}  # that lack some of their collision shapes
         self.present: dict[str, tuple[Any, Path]] = {}  # meshes of the latest parse, their places
 
-    def compile(self) -> tuple[Any, Any]:
+    def compiled(self) -> tuple[Any, Any]:
         """The model's MjSpec, and what MuJoCo compiles of it.
 
         FileError: it depends on a mesh that cannot be read. ValueError: as MuJoCo raises it.

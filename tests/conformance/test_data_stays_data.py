@@ -57,7 +57,7 @@ MEANT = {
     ("pamid/model/registry.py", "exec"),
     ("pamid/parallel/dask_backend.py", "cloudpickle"),
     ("pamid/parallel/result_store.py", "marshal"),
-    ("pamid/simulators/mujoco_file.py", "compile"),
+    ("pamid/simulators/mujoco_sources.py", "compile"),
 }
 HARMLESS = {"re.compile", "platform.system"}
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+import tutorials
 from pamid_cli.table import COMMANDS, load_command
 
 from pamid.model.effect import KINDS
@@ -204,3 +205,42 @@ def test_the_answer_shown_is_the_answer_given(page: Path, lines: list[str], tmp_
         line for line in answer_of(page) if not any(one.startswith(shape(line)) for one in given)
     ]
     assert missing == [], printed
+
+
+@pytest.mark.slow
+def test_the_stock_robot_answers_as_shown(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
+    page = ROOT / "docs" / "tutorials" / "own-robot.md"
+    if why := tutorials.missing_package(page):
+        pytest.skip(why)
+    printed = ""
+    for step in tutorials.steps(page):
+        if step.name:
+            (tmp_path / step.name).write_text(step.text, encoding="utf-8")
+            continue
+        program, *words = shlex.split(step.text)
+        start = [sys.executable, *(["-m", "pamid_cli"] if program == "pamid" else [])]
+        done = subprocess.run(
+            [*start, *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )
+        assert done.returncode == 0, done.stderr
+        printed += done.stdout
+    given = [shape(line) for line in printed.splitlines()]
+    shown = [line for block in blocks(page, "text") for line in block.splitlines() if line]
+    missing = [x for x in shown if not any(one.startswith(shape(x)) for one in given)]
+    assert shown and missing == [], printed
+
+
+def test_a_page_without_its_package_is_skipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "robot.md"
+    page.write_text("```sh\nfalse\n```\n")
+    needed = {"robot": {"no_such_package": "pip install no-such-package"}}
+    monkeypatch.setattr(tutorials, "NEEDED", needed)
+    assert tutorials.run(page, tmp_path, tmp_path)
+    assert "skipped, no_such_package is not installed" in capsys.readouterr().out
