@@ -90,6 +90,9 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
                 unit=c.unit,
                 word=c.word,
                 strain=max(e.strain or 0.0 for _, e in members),
+                at_bound=None,
+                source="",
+                null=None,
             )
     return {b: e for b, e in reported.items() if b.full_name not in inner}
 
