@@ -114,8 +114,15 @@ class Comparison:
         return float(np.nanmax(seen_mean(model.absolutes) / floor))
 
     def at_floor(self, model: CandidateModel) -> bool:
-        """Whether a model is at the noise floor in every channel, within the margin."""
-        return self.floors(model) < 1.0 + self.budget.settings.floor_margin
+        """Whether a model is at the noise floor in every channel, or in their sum, within the
+        margin.
+
+        Shares are taken of the sum. Where channels below their floors cancel the excess of another
+        one, less than the margin of one channel is left, and a share of it means nothing.
+        """
+        margin = self.budget.settings.floor_margin
+        excess = self.loss(model) - self.budget.channel_losses(self.budget.floor)
+        return self.floors(model) < 1.0 + margin or float(excess.mean()) < margin
 
     def ordered(self, models: Sequence[CandidateModel]) -> list[CandidateModel]:
         """The lowest held-out loss first; among equal ones by name."""

@@ -198,6 +198,12 @@ def test_at_the_floor_means_every_channel() -> None:
     assert found.floors(one_left) == pytest.approx(1.2) and not found.at_floor(one_left)
 
 
+def test_channels_below_their_floors_leave_no_gap_to_take_shares_of() -> None:
+    found = comparison(np.full((WINDOWS, 2), 8.0), floor=[1.0, 2.0])
+    cancelled = model(np.tile([0.85, 2.4], (WINDOWS, 1)), FRICTION)
+    assert found.floors(cancelled) == pytest.approx(1.2) and found.at_floor(cancelled)
+
+
 # ---- confidence set -----------------------------------------------------------------------------
 
 
