@@ -272,7 +272,7 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("train-residual run --inputs command,command", 2, "usage", "twice"),
     ("train-residual run --hidden 0", 2, "usage", "hidden"),
     ("train-residual run --hidden 80", 4, "", "cannot decide"),
-    ("train-residual run --rig one-dof", 2, "usage", "--at PORT"),
+    ("train-residual run --rig one-dof", 2, "usage", "--port PORT"),
     ("train-residual run --at jont", 2, "usage", "joint"),
     ("train-residual run --at valve", 2, "usage", "valve_1|valve_2"),
 )
