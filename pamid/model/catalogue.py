@@ -139,7 +139,7 @@ def rig_story(
         ports=tuple(_port(rig, name, fit) for name in rig.ports),
         no_place=tuple(no_places(rig, known, rigs)),
         parameters=tuple(map(_parameter, rig.parameters)),
-        on_request=tuple(rig.on_request) or None,
+        on_request=tuple(rig.on_request),
         background=_background(rig),
         loops=tuple(
             result.LoopRow(command=x.command, reference=x.reference, reading=x.reading)

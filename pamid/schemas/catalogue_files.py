@@ -174,8 +174,8 @@ class RigStory(Model):
     ports: ListOf[RigPort]
     no_place: ListOf[NoPlaceRow] = ()
     parameters: ListOf[ParameterRow]
-    on_request: Sometimes[ListOf[Text]] = Field(
-        default=None, description="names that release several parameters at once under [free]"
+    on_request: ListOf[Text] = Field(
+        (), description="names that release several parameters at once under [free]"
     )
     background: ListOf[BackgroundRow]
     loops: ListOf[LoopRow]
