@@ -7,7 +7,9 @@ import pytest
 
 from pamid.base.errors import DataError
 from pamid.base.metrics import (
+    adjusted_share,
     block_sums,
+    independent_samples,
     mae,
     moving_block_interval,
     rms,
@@ -69,3 +71,58 @@ def test_interval_covers_the_truth_when_errors_are_alike_in_time() -> None:
             hits[length] += low < truth < high
     assert hits[12] >= 120
     assert hits[1] < 0.75 * hits[12]
+
+
+def test_shapes_must_agree() -> None:
+    with pytest.raises(DataError, match="one shape"):
+        mae([1.0, 2.0], [1.0])
+    with pytest.raises(DataError, match="one shape"):
+        mae([], [])
+
+
+def test_longer_blocks_do_not_widen_the_interval_of_independent_errors() -> None:
+    """Entries of one block are successive, not copies of each other."""
+    after = np.random.default_rng(2).exponential(size=600)
+    expected = 2 * 1.96 * after.std() / 600**0.5
+    for length in (1, 8):
+        low, high = moving_block_interval(after, np.ones(600), block_length=length)
+        assert high - low == pytest.approx(expected, rel=0.2)
+
+
+def test_interval_refuses_what_has_no_ratio() -> None:
+    for above, below in (
+        ([1.0], [1.0]),
+        ([1.0, 2.0], [1.0]),
+        ([1.0, 1.0], [0.0, 0.0]),
+        ([np.nan, 1.0], [1.0, 1.0]),
+    ):
+        with pytest.raises(DataError):
+            moving_block_interval(above, below)
+
+
+def test_a_cycle_of_a_sine_holds_four_independent_samples() -> None:
+    """However finely it is sampled; noise holds as many as there are samples."""
+    random = np.random.default_rng(4)
+    for count in (500, 5000):
+        t = np.arange(count) / count
+        for cycles in (2, 10):
+            wave = np.sin(2.0 * np.pi * cycles * t + 0.3)
+            assert independent_samples(wave, wave) == pytest.approx(4.0 * cycles, rel=0.1)
+        noise = random.normal(size=count)
+        assert independent_samples(noise, noise) == pytest.approx(count, rel=0.4)
+        assert independent_samples(noise, wave) > 0.3 * count
+    assert independent_samples(np.ones(50), noise[:50]) == 0.0
+
+
+def test_a_share_that_chance_makes_is_none() -> None:
+    """The mean of the adjusted share over independent noise is zero, whatever the parts."""
+    random, parts, n = np.random.default_rng(7), 8, 40
+    raw = []
+    for _ in range(400):
+        y = random.normal(size=(parts, n // parts))
+        raw.append(float(y.mean(axis=1).var() / y.var()))
+    mean = float(np.mean(raw))
+    assert mean == pytest.approx((parts - 1.0) / (n - 1.0), rel=0.05)
+    assert adjusted_share(mean, parts, n) == pytest.approx(0.0, abs=0.02)
+    assert adjusted_share(0.9, parts, 1e6) == pytest.approx(0.9, abs=1e-4)
+    assert adjusted_share(0.9, parts, 8.0) == adjusted_share(0.05, parts, n) == 0.0

@@ -12,8 +12,8 @@ from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.grey_box import fit_model
-from pamid.estimation.port_evidence import PortEvidence, locate
-from pamid.estimation.smoother import Smoother
+from pamid.estimation.port_evidence import PortEvidence, locate, shapley_value
+from pamid.estimation.smoother import Smoother, SmoothingProblem
 from pamid.model.registry import rig_named
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -111,3 +111,27 @@ def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -
             / len(bent[1].replays[0].track)
         )
     assert left["joint"] < 1.3 < 1.6 < left["valve"]
+
+
+def test_two_classes_share_what_they_explain_together() -> None:
+    values = shapley_value(3.0, 1.0, 3.5), shapley_value(1.0, 3.0, 3.5)
+    assert values == (2.75, 0.75) and sum(values) == 3.5
+    assert shapley_value(3.0, 3.0, 3.0) == 1.5, "what either explains is shared equally"
+
+
+def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, CandidateModel]) -> None:
+    """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
+    over states, latent values, joints and parameters is that of the cost."""
+    smoother = Smoother(*bent, ("joint",))
+    s, x = smoother.fitted, tuple(track.start for track in smoother.tracks)
+    solver = SmoothingProblem(smoother, smoother._priors(x, 0.03, 0.1), True)
+    point = solver.point(s, x, smoother._linearised(s, x, True))
+    step = solver.step(point, 1e-3)
+
+    def cost(share: float) -> float:
+        part = step._replace(s=share * step.s, x=[share * d for d in step.x])
+        return solver.moved(point, part).cost
+
+    slope = (cost(1e-5) - cost(-1e-5)) / 2e-5
+    assert np.abs(step.s).max() > 0.01, "the parameters take part"
+    assert slope == pytest.approx(-2.0 * step.gain, rel=2e-3)

@@ -3,6 +3,7 @@ said to cover."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,20 @@ from pamid.excitation.waveforms import (
     nested_loops,
     plan_for,
     prbs,
+    staircase,
+    steps,
 )
 from pamid.recording.recording import read_recording
+
+#: sha256 of what these calls wrote before there was another signal than the APRBS
+BEFORE = {
+    "--rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 --seed 1": "c972a3e2e4e1075c45e350338b62bc25b38dde561eace5dd62466f96c39ef5b2",  # noqa: E501
+    "--rig two-link --duration 60 --seed 4 --amplitude reference_2_deg=25": "ea0b7ce9547ee6b64b17ae5bcc6f4184b34fa8c499cec77cb43232635961feb1",  # noqa: E501
+    "--loop open --duration 40 --levels 5 --rate-limit 4 --offset 0.1 --seed 3": "92b8fae030b734ced38a79016c42d810ded2fd1e785df294e4eb6218adc31a9f",  # noqa: E501
+    "--column force_n --duration 30 --amplitude 3 --hold 0.2 0.8 --seed 1": "24884e103db819432f33c701ad970bc44e8ef7309b25569dd8532244011dceaa",  # noqa: E501
+    "--experiment valve-pulses --rig two-link": "ebbc4767dafc89aaf64e576fefe1fbba2f10dc23d1d0926906315173e89cfe77",  # noqa: E501
+    "--experiment gravity-test --rig two-link --release 60 0 --clamped 1": "92bdedfefe6f7f80d80f5f57ee5417a38d4b18b626122632a097b3ce9b21ba38",  # noqa: E501
+}
 
 PERIOD = 0.003
 
@@ -238,3 +251,52 @@ def test_every_signal_for_every_rig(
         assert np.abs(made.columns[c["column"]]).max() <= c["range"][1] * (1 + 1e-8)
         assert c["coverage"]["sentences"] and c["coverage"]["changes"] is not None
     assert ("seed" in about) == (signal not in ("chirp", "torque-loops"))
+
+
+@pytest.mark.parametrize("call", BEFORE)
+def test_what_there_was_is_bit_for_bit_what_it_was(call: str, tmp_path: Path) -> None:
+    path = tmp_path / "as-ever.csv"
+    assert generate(path, *call.split()) == 0
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == BEFORE[call] == noted(path)["sha256"]
+
+
+def test_torque_loops_state_the_pressure_and_simulate(tmp_path: Path) -> None:
+    angles = {}
+    for pressure in ("200", "500"):
+        path, out = tmp_path / f"loops-{pressure}.csv", tmp_path / f"rec-{pressure}.csv"
+        assert generate(path, "--signal", "torque-loops", "--pressure", pressure) == 0
+        assert (
+            frame.run(
+                ["simulate", "--excitation", str(path), "--noise", "none", "--output", str(out)]
+            )
+            == 0
+        )
+        made = read_recording(out)
+        assert made.loop == "open" and made.known == {"initial_pressure_kpa": float(pressure)}
+        assert made.signal("pressure_1_kpa")[0] == pytest.approx(float(pressure), abs=1.0)
+        assert not made.signal("command").any()
+        angles[pressure] = np.ptp(made.signal("angle_deg"))
+    assert angles["200"] > 1.5 * angles["500"]  # a joint with less air is softer
+
+
+def test_same_seed_same_multisine() -> None:
+    made = [multisine(20.0, PERIOD, 1.0, (0.2, 5.0), seed=s) for s in (1, 1, 2)]
+    assert np.array_equal(made[0], made[1]) and not np.allclose(made[0], made[2])
+
+
+def test_steps_alternate_and_rest_before_and_after() -> None:
+    signal = steps(40.0, PERIOD, 5.0, (1.0, 2.0), seed=3, offset=1.0)
+    assert signal.shape == (13333,) and signal[0] == signal[-1] == 1.0
+    edges = np.flatnonzero(np.diff(signal))
+    held = signal[edges[:-1] + 1]
+    np.testing.assert_array_equal(held, np.resize([6.0, -4.0], held.size))
+    lengths = np.diff(edges)[:-1] * PERIOD
+    assert lengths.min() >= 1.0 - PERIOD and lengths.max() <= 2.0 + PERIOD and np.ptp(lengths) > 0.5
+
+
+def test_a_staircase_grows_by_one_factor_there_and_back() -> None:
+    signal = staircase(PERIOD, 0.3, levels=5, hold_s=(0.5, 0.5))
+    held = signal[np.append(0, np.flatnonzero(np.diff(signal)) + 1)]
+    assert held[0] == held[-1] == 0.0
+    np.testing.assert_allclose(held[1:-1:2], -held[2:-1:2])
+    np.testing.assert_allclose(held[1:-1:2], np.geomspace(0.02, 0.3, 5))

@@ -6,16 +6,35 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pamid.base.errors import FileError
 from pamid.base.units import (
+    from_si,
     is_unit,
+    quantity_of,
+    quotient,
     split_column,
     suffix_of,
     to_si,
     unit,
     with_unit,
 )
+
+QUANTITIES = {
+    "N": "force",
+    "N m": "torque",
+    "kPa": "pressure",
+    "deg": "angle",
+    "mm": "position",
+    "1": "dimensionless",
+    "V": "voltage",
+    "rad/s": "angular velocity",
+    "m/s": "velocity",
+    "Hz": "frequency",
+    "m2 s": "m2 s",
+}
 
 COLUMNS = {
     "time_s": ("time", "s"),
@@ -186,3 +205,27 @@ def test_unknown_symbols_are_refused(symbol: str) -> None:
     assert not is_unit(symbol)
     with pytest.raises(FileError, match="is not a unit"):
         unit(symbol)
+
+
+@given(st.sampled_from(SYMBOLS), st.floats(-1e6, 1e6))
+def test_there_and_back(symbol: str, value: float) -> None:
+    assert from_si(to_si(value, symbol), symbol) == pytest.approx(value, rel=1e-12, abs=1e-9)
+
+
+def test_temperature_has_an_offset_except_in_a_product() -> None:
+    assert to_si(20.0, "degC") == 293.15
+    assert from_si(293.15, "degC") == pytest.approx(20.0)
+    assert to_si(1.0, "N/degC") == 1.0
+
+
+@pytest.mark.parametrize(("symbol", "quantity"), QUANTITIES.items())
+def test_quantity(symbol: str, quantity: str) -> None:
+    assert quantity_of(symbol) == quantity
+
+
+def test_a_rate_of_temperature_keeps_the_size_of_its_degree() -> None:
+    assert quotient("degC", "s") == "K/s" and quotient("degF", "s") == "degF/s"
+    assert to_si(1.8, "degF/s") == pytest.approx(1.0)
+    assert to_si(212.0, "degF") == pytest.approx(373.15)
+    assert split_column("tc_degF") == ("tc", "degF")
+    assert split_column("heater_pct") == ("heater", "percent")
