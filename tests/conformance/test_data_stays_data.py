@@ -57,6 +57,9 @@ MEANT = {
     ("pamid/model/registry.py", "exec"),
     ("pamid/parallel/dask_backend.py", "cloudpickle"),
     ("pamid/parallel/result_store.py", "marshal"),
+    ("pamid/simulators/forward_dynamics.py", "system"),  # of equations
+    ("pamid/simulators/free_joints.py", "compile"),
+    ("pamid/simulators/mujoco_file.py", "compile"),
     ("pamid/simulators/mujoco_sources.py", "compile"),
 }
 HARMLESS = {"re.compile", "platform.system"}

@@ -241,7 +241,7 @@ class Incomparable(SimpleNamespace):
 
 def test_remarks_on_variables_compare_none_of_them() -> None:
     variables = [Incomparable(name=f"p{k}", causality="parameter") for k in range(100)]
-    said = _remarks(variables, variables[:10], False, False, True, False)
+    said = _remarks(variables, variables[:10], False, False, True)
     assert "left out, as no real numbers: p10, p11" in said[-1] and "and 70 more" in said[-1]
 
 
