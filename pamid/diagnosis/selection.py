@@ -113,9 +113,10 @@ def select_effects(
 
 
 def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -> Round:
-    """The round, with the plainer effects of every family that would be named refitted, too.
+    """The round, with the effects refitted, too, that are as plain as the leader of their family.
 
-    Of one family the plainest that ties is named, and screening prefers those with more parameters.
+    Of one family the plainest that ties is named, and the best of as many parameters. Screening
+    prefers those with more, and its few steps do not rank the others.
     """
     base = search.budget.baseline
     refitted = {c.label for c in first.models}
@@ -127,7 +128,7 @@ def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -
         for s in first.screened
         if s.added.label not in refitted
         and s.gain > 0.0
-        and _size(s.ended[0]) < fewest.get(search.family(s.added), 0)
+        and _size(s.ended[0]) <= fewest.get(search.family(s.added), 0)
     ]
     if not plainer:
         return first

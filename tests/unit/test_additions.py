@@ -171,6 +171,7 @@ def test_plainer_effects_of_a_family_that_would_be_named_are_refitted(
     tried = [
         screened("coulomb-friction@joint_1", "friction", 3, 9.0),  # refitted already
         screened("plain", "friction", 2, 1.0),
+        screened("as plain", "friction", 5, 2.0),
         screened("richer", "friction", 7, 50.0),
         screened("idle", "friction", 2, -1.0),
         screened("leak", "leak", 2, 9.0),
@@ -182,6 +183,6 @@ def test_plainer_effects_of_a_family_that_would_be_named_are_refitted(
         budget=SimpleNamespace(baseline=found.budget.baseline), family=lambda a: a.family
     )
     assert with_plainer_effects(search, found, first).models == [named, "plain"]
-    assert seen == ["plain"]
+    assert seen == ["plain", "as plain"]
     nothing = Round([leaving(1.0, RUBS[0])], [], None, tried)  # type: ignore[arg-type]
     assert with_plainer_effects(search, found, nothing) is nothing
