@@ -97,6 +97,8 @@ def answer(
     single = selection.instead.get(best.attached[0].label, ()) if len(best.additions) == 1 else ()
     others = [c for c in single if not _same_effect(c, best)]
     if others:
+        # Families in a tie are alternatives that a measurement could separate. A long list of them
+        # is no guidance, unless all predict the same: then it is one finding under several names.
         tied = [best, *others]
         if len(tied) > settings.tied_most and not comparison.predict_the_same(tied):
             verdict, causes = "cannot-tell", ()
@@ -109,8 +111,12 @@ def answer(
             )
     elif causes:
         verdict = "partly-explained" if rest else "explained"
+    # A share off zero that misses the required certainty is neither a cause nor proof of a
+    # complete model.
     elif leader is not None and _is_open(comparison, leader):
         verdict = "cannot-tell"
+    # A curve at a port takes up what no equation of the catalogue does: a cause exists, without a
+    # name.
     elif forms:
         verdict = "unknown-effect"
     elif comparison.floors(comparison.budget.baseline) > settings.unexplained_floors:
@@ -119,6 +125,8 @@ def answer(
     else:
         verdict = "no-structural-gap"
     if not causes:
+        # The figures of the answer belong to the model it names, not to a selection that was
+        # withdrawn.
         best, rest = comparison.budget.baseline, bool(forms)
     floors = comparison.floors(best)
     return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
@@ -159,6 +167,8 @@ def _cause(
     rivals = list(selection.instead.get(a.label, ()))
     if len(model.additions) == 1:
         others = (c for c in ranking if c is not model and c.label not in set_aside)
+        # A single effect was compared with every candidate of the round, not only with the
+        # confidence set.
         rivals = [c for c in others if comparison.is_tied(c, model)]
     placed = [
         k.group(rig)
@@ -203,13 +213,18 @@ def features(
     removed = comparison.removed(model, below)
     families = families_of(model)
     others = (c for c in ranking if not families_of(c) & families)
+    # A second law of the same family is no competitor: the family would be named in either case.
     rival = next(others, comparison.budget.baseline)
     lead = comparison.removed(model, rival).z
+    # The ratio is one to what the reference leaves above the floor. That of the worse model is the
+    # larger one and cannot vanish.
     if comparison.loss(rival).sum() < comparison.loss(model).sum():
         lead = -comparison.removed(rival, model).z
     rest = comparison.removed(model).rest.share
     windows = len(comparison.loss(model))
     return {
+        # Clipped and on logarithms: a logistic function is linear in its figures, and one extreme
+        # recording would otherwise decide its weights.
         "removed": float(np.clip(removed.share, -0.2, 1.0)),
         "rest": float(np.clip(rest, 0.0, 1.0)),
         "floors": float(np.log10(np.clip(comparison.floors(model), 1.0, 1000.0))),
@@ -251,7 +266,11 @@ def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, fl
     added in squares on the logarithm of the error ratio, the spread from recording to recording,
     as measured on the calibration cases in proportion to the root of the share.
     """
+    # Windows of one recording share its operating point, so that their bootstrap is too narrow for
+    # a fresh recording.
     low, high = shrinkage_interval(before, after, seed=seed)
+    # On logarithms the error ratio cannot become negative, and two independent spreads add in
+    # squares.
     middle = np.log(max(float(after.sum() / before.sum()), 1e-9))
     edges = np.log(np.maximum([1.0 - high, 1.0 - low], 1e-9))
     other = float(_learnt()["spread"]) * np.sqrt(max(1.0 - np.exp(middle), 0.0))

@@ -63,6 +63,8 @@ class Budget:
 
     def shrinkage(self, absolutes: Array) -> float:
         """1 - error/baseline error, channels weighed by their floors."""
+        # Channels have different units. In units of their floors, a volt and a newton count by
+        # what the sensor can resolve.
         floor = seen_mean(self.floor)
         before = np.nansum(seen_mean(self.baseline.absolutes) / floor)
         return float(1.0 - np.nansum(seen_mean(absolutes) / floor) / before)
@@ -87,7 +89,10 @@ def gap_budget(
     evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress, settings: Settings
 ) -> Budget:
     """The baseline, fitted (parameters and background) and replayed, with the noise floor."""
+    # Parameters are fitted before the gap is measured. An error of a data sheet is not a missing
+    # effect.
     model = pool.one(_Baseline(evidence, progress), seed)
+    # Every share of the gap is relative to the baseline, so that nothing can be compared without.
     if not model.fit.residuals:
         raise ConvergenceError(
             f"The model could not be fitted: {model.fit.why}.",
@@ -125,6 +130,7 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
     state, or preserves it, runs over whole recordings. Where the longer horizon shows no more of
     the gap (`horizon_gain`), single windows are kept: they are more independent.
     """
+    # Windows of the fit are the fallback: every model that could be fitted is finite over them.
     short = _budget_of(model, 1, seed, settings)
     if short is None:
         raise AssertionError("replays of single windows are those of the fit")
@@ -138,6 +144,7 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
                 "State a shorter horizon, or none: pamid then chooses one.",
             )
         return stated
+    # The longest horizon first: an error of the equations shows more the longer a run is.
     for per_run in (WHOLE, *HORIZONS):
         longer = _budget_of(model, per_run, seed, settings)
         if longer is None:
@@ -145,6 +152,8 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
         floor, floor_short = seen_mean(longer.floor), seen_mean(short.floor)
         if np.nanmax(floor / floor_short) > settings.horizon_floor or errors_add_up(longer, short):
             continue
+        # Both errors are divided by their own floors, because the floor grows with the horizon as
+        # well.
         visible = np.nanmean(seen_mean(longer.baseline.absolutes) / floor)
         visible_short = np.nanmean(seen_mean(short.baseline.absolutes) / floor_short)
         return longer if visible > settings.horizon_gain * visible_short else short

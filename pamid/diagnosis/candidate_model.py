@@ -228,6 +228,8 @@ def refit(
     p = assembly.values() if p is None else p.copy()
     typical = p.copy()
     set_within_bounds(assembly, p, first or {})
+    # Most effects are small corrections, so that the states of the base fit are a better start
+    # than new estimates.
     begun = begun_from(base, assembly)
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
         fits = [fit_robustly(problem, p=q) for q in (p, typical)]

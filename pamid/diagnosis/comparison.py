@@ -81,8 +81,11 @@ class Comparison:
         before = self.loss(reference or self.budget.baseline)
         own = before - self.budget.channel_losses(self.budget.floor)
         after = self.loss(model) if losses is None else losses
+        # A share of no gap is undefined, and a single window has no spread to judge it by.
         if self.gap.sum() <= 0.0 or own.sum() <= 0.0 or len(before) < 2:
             return NOTHING
+        # The bootstrap runs on the ratio to what the reference leaves: numerator and denominator
+        # then vary together from window to window, and a proportional gain has nearly no error.
         scale = float(own.sum() / self.gap.sum())
         share, error = (scale * x for x in paired_ratio(before - after, own, self.seed))
         reach = NORMAL_95 * error
@@ -132,6 +135,8 @@ class Comparison:
         a and b are the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb what they
         can of the difference, as in the T-criterion: Atkinson and Fedorov (1975), Biometrika 62:57.
         """
+        # Predictions are compared, not losses: two models may have equal losses and still err in
+        # different places.
         noise, base = self.budget.model.evidence.noise, self.budget.baseline
 
         def distance(i: CandidateModel, j: CandidateModel) -> float:
@@ -155,6 +160,8 @@ class Comparison:
         Within a family the simplest member that is not worse stands for it. Empty where no model
         removes a material share.
         """
+        # Ties are counted against the best material model only. Ties among the others would chain
+        # models that are far apart.
         material = [c for c in self.ordered(models) if self.is_material(c, reference)]
         tied = [c for c in material if c is material[0] or self.is_tied(c, material[0])]
         leaders: dict[frozenset[str], CandidateModel] = {}
@@ -165,6 +172,8 @@ class Comparison:
     def simplest(self, best: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
         """The model with the fewest parameters among those of the same families that tie with
         the best of them."""
+        # The family is the finding. Its law with an extra parameter wins on noise alone, so that
+        # parsimony decides within it.
         family = [c for c in models if families_of(c) == families_of(best)]
         tied = [c for c in family if c is best or self.is_tied(c, best)]
         return min(tied, key=lambda c: c.free_count, default=best)

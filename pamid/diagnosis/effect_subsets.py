@@ -67,11 +67,15 @@ class Responding(ObjectWork[Screened, Response]):
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
         point = problem, p, item.starts, base.weights, base.continuity, item.stepping, SUBSET_ROWS
+        # Derivatives of a rig that is stepped cost calls of its own code, so that those of the
+        # baseline are reused.
         if isinstance(assembly.rig, StepRig):
             rows = linear_rows(*point, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
             shared = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
             away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, own)]
+        # Equations are differentiated in lanes at little cost, so that only the effect's own
+        # columns are formed.
         else:
             away, by_own = moved_rows(*point, np.flatnonzero(own))
             sheet = s[~own]
@@ -113,6 +117,8 @@ class ScreenedResponses:
         low, high = self.room[at].T
         x, free = np.zeros(len(at)), np.ones(len(at), bool)
         while free.any():
+            # Bounds matter here: without them a subset could gain by a negative amount of dry
+            # friction.
             held = A[np.ix_(free, ~free)] @ x[~free]
             # of least squares: where two columns are one to rounding, A is singular
             x[free] = -np.linalg.lstsq(A[np.ix_(free, free)], g[free] + held, rcond=None)[0]
@@ -186,6 +192,7 @@ def best_subsets(
     Every pair is looked at; of larger sets those that add a candidate to one of the best that are
     smaller by one.
     """
+    # One law per family and place: two laws of friction at one joint are one cause.
     families = [family(s.added) for s in responses.screened]
     everyone = range(len(families))
 
@@ -193,6 +200,8 @@ def best_subsets(
         one, rest = responses.screened[i].added, responses.screened[j].added
         return families[i] != families[j] or apart(one, rest)
 
+    # All single candidates stay, whatever they gain: two effects that cancel each other show no
+    # gain alone.
     leading: list[tuple[float, tuple[int, ...]]] = [(responses.gain((i,)), (i,)) for i in everyone]
     fewer = 0.0
     for _ in range(size - 1):
@@ -209,6 +218,8 @@ def best_subsets(
             gain = responses.gain(members)
             if names not in best or gain > best[names][0]:
                 best[names] = gain, members
+        # Indices break ties of equal gains, so that the result does not depend on the order of a
+        # set.
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
     # a share, no size in nats: the weights are those of the baseline's residuals, and where the
     # first effect removes nearly all of these, one that halves the rest gains a fraction of one

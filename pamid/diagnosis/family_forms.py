@@ -101,6 +101,7 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
     starts = [
         _start(search, best, a, span)
         for a in determined_forms
+        # A curve is drawn over the signal of one port.
         if len(a.ports) == 1 and a.ports[0] in ports
         if (span := _span(a, rig, reached)) is not None
     ]
@@ -113,6 +114,8 @@ def _start(search: Search, best: CandidateModel, a: Attachment, span: Span) -> R
     """At the model without the form, whose shapes are placed where the recordings went."""
     attached = (*best.attached, a)
     assembly = model_with(search.evidence, attached, search.budget.sizes)
+    # The form is to take up what the model leaves, so that the fit starts at this model and not at
+    # the data sheet.
     p = transferred(assembly, (best.assembly, best.fit.p))
     for name, value in _form(a).placed(*span).items():
         p[assembly.keys[f"{a.label}:{name}"]] = value
@@ -146,6 +149,7 @@ def curve_of(c: CandidateModel) -> FormCurve:
     coefficients = np.array([fit.p[own[name]] for name in form.coefficients()])
     y = shapes.base + shapes.columns @ coefficients
     known = _covariance(fit, [own[name] for name in form.coefficients()])
+    # The curve is linear in its coefficients, so that their covariance gives its variance exactly.
     variance = np.einsum("ij,jk,ik->i", shapes.columns, known, shapes.columns)
     half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
     shared = form.along == "time"  # a response is a share of the step
@@ -173,6 +177,8 @@ def _covariance(fit: Fit, places: list[int]) -> Array:
     """Of fitted parameters at these places of the parameter vector (SI)."""
     free = list(fit.problem.free)
     rows = [free.index(i) for i in places]
+    # A fit works in prior spreads, on a logarithm for factors. The chain rule converts its
+    # covariance to SI units.
     slope = fit.problem.scale.slope(fit.p[free])[rows]
     return np.asarray(fit.covariance[np.ix_(rows, rows)] * np.outer(slope, slope))
 
@@ -195,6 +201,8 @@ def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:
             for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
         ]
     )
+    # A single overshoot would stretch the curve over a range without data, where its coefficients
+    # are free.
     inside = [FORM_TAIL, 100.0 - FORM_TAIL]
     ends = np.percentile(rows[:, len(program.outputs) - len(wanted) :], inside, 0)
     reached: Reached = {}

@@ -73,6 +73,8 @@ class Guards:
         search, reason = self.search, "it predicts no better with the recorded inputs than without"
         if reason in self.objections(model):
             return True
+        # Free runs cost far more than the objections above, so that this test runs only for models
+        # that would be named.
         ignores = not explained_channels(search.budget, model, search.response, search.seed).any()
         if ignores:
             self._objections[model] = (*self.objections(model), reason)
@@ -128,8 +130,11 @@ def duplicated_terms(
     own = [i for i, s in zip(own, size, strict=True) if s > 0.0]
     terms, size = terms[:, size > 0.0], size[size > 0.0]
     all_of_it = float(np.sqrt((added**2).mean()))
+    # An effect that adds nothing duplicates every term; `vanished` reports it.
     if not own or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
         return ()
+    # Terms differ by orders of magnitude in SI units. Unit columns keep the cutoff of small
+    # singular values from dropping a term that only has a small unit.
     weight = np.linalg.lstsq(terms / size, added, rcond=None)[0]
     left = float(np.sqrt(((added - terms / size @ weight) ** 2).mean()))
     least = settings.own_terms * all_of_it
@@ -143,6 +148,8 @@ def _own_parameters(
 ) -> list[int]:
     """Places of the rig's fitted parameters that act at the port of these passages alone, and ended
     at no bound without the effect."""
+    # An effect at two ports moves something from one to the other. No term of a single port does
+    # that.
     if len({q.port for q in passed}) != 1:
         return []
     bounds = model.assembly.parameters
@@ -150,6 +157,8 @@ def _own_parameters(
     own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
     if not own:
         return []
+    # Without the effect such a parameter wanted to go further and was not allowed to. The effect
+    # does then what the term could not.
     ended = {b.key for b, e in estimates(base.fit).items() if e.at_bound}
     other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
     return [i for i in own if bounds[i].key not in other]
@@ -162,6 +171,8 @@ def _along_fit(
     that enter them by these parameters (samples; samples x own)."""
     bounds, p = model.assembly.parameters, model.fit.p
     # relative: by which a parameter is moved to see its term
+    # Longer than the usual square root: a term that is linear in its parameter has no truncation
+    # error, and rounding of a large value would hide a small term.
     least = float(np.finfo(float).eps) ** 0.25
     steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
     moves = [
@@ -186,6 +197,7 @@ def _leaves_its_prior(model: CandidateModel, own: list[int], by: Array, settings
     before = scale.inside(p[free])
     p[own] += by
     after = scale.inside(p[free])
+    # A parameter that is far off already would be blamed for its distance, not for the effect's.
     most = np.maximum(settings.far_off, np.abs(before))
     return bool((np.abs(after) > most).any())
 

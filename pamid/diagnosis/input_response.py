@@ -39,6 +39,8 @@ def explained_channels(
     `_beats_extrapolation`.
     """
     if response is not None:
+        # Held-out data first: the fitted data have seen the model's parameters, and serve only
+        # where the inputs rest in the held-out part.
         if inputs_move([r.full_track for r in model.replays]):
             return _responding(budget, model, model.replays, seed)
         tracks = model.fit.problem.tracks
@@ -91,6 +93,8 @@ def _responding(
     responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
     if responding.all():  # the windows cost ten times as much as the free runs
         return responding
+    # A free response alone may beat the median, and a rectifier alone may beat the mean of its
+    # input. Only a model that beats all of these uses its inputs.
     middle = np.concatenate([_guesses(r)[0] for r in true])
     held, *shifted = (
         losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
@@ -163,6 +167,7 @@ def _free_run_errors(
             _free_run(model, t, start)
             for t in (track, *(_without_inputs(track, shift) for shift in shifts))
         ]
+        # The median minimises the absolute error, so that it is the hardest constant to beat.
         runs.insert(1, np.broadcast_to(np.median(track.y, axis=0), track.y.shape))
         total += [np.nansum(np.abs(track.y - run), axis=0) for run in runs]
     return total
@@ -199,6 +204,8 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     in any channel, in the held-out or in the fitted data."""
     held_out = [(r.track, r.entered[0]) for r in model.replays]
     fitted = [(t, x[0]) for t, x in zip(model.fit.problem.tracks, model.fit.starts, strict=True)]
+    # A slow machine may hardly move in the held-out part. Its fitted data still show whether the
+    # model follows.
     for begun in (held_out, fitted):
         free, flat = _free_run_errors(model, begun, ())
         if (free < settings.naive_plain * flat).any():
@@ -212,8 +219,11 @@ def _is_better(own: Array, guess: Array, seed: int, settings: Settings) -> bool:
     most = 1.0 - settings.naive_margin
     if guess.sum() <= 0.0 or own.sum() >= most * guess.sum():
         return False
+    # An interval of three or four windows is always wide. Half the error is a difference that
+    # needs no interval.
     if own.sum() < settings.naive_plain * guess.sum():
         return True
+    # A ratio of losses needs a positive denominator in every resample.
     guess_error = guess + 1e-9 * guess.mean()
     # of few windows it is not shown that it explains nothing either
     return bool(moving_block_interval(own, guess_error, seed=seed, widened=False)[1] < most)

@@ -59,6 +59,8 @@ def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
     if part.problem.assembly.program.keeps_slopes:  # a run is dear there
         return []
     grid = scan_grid(part.problem.assembly.parameters[place])
+    # Narrow minima need a fine grid, and a run of all windows per value would cost as much as a
+    # refit. The part rejects nearly all values.
     best = _least(part, place, grid, SCAN_CHECKED)
     return _least(whole, place, best, SCAN_STARTS).tolist()
 
@@ -80,10 +82,13 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
     residual, slopes = _linearised(where, common, at)
     if not np.isfinite(residual).all() or not len(values):
         return values[:0]
+    # To first order one projection serves all values of the grid. Only the slopes by the amounts
+    # are formed at each value.
     free = _Orthogonal.to(slopes, len(common.free))
     least = float((free.part_of(residual[:, None]) ** 2).sum())
     parts = [values[k : k + LANES] for k in range(0, len(values), LANES)]
     misfits = np.concatenate([_misfits(where, at, place, v, amounts, free) for v in parts])
+    # Equal misfits keep the grid's order, which begins at the upper end of the range.
     order = np.argsort(misfits, kind="stable")[:count]
     return values[[i for i in order if misfits[i] < least]]
 
@@ -119,6 +124,8 @@ class _Orthogonal(NamedTuple):
     @classmethod
     def to(cls, slopes: list[Array], shared: int) -> _Orthogonal:
         """slopes: of each window (its rows, shared parameters and then its start)."""
+        # A window's start acts on that window alone. The projection by blocks avoids a dense
+        # matrix of all starts.
         windows = [np.linalg.qr(part[:, shared:])[0] for part in slopes]
         alone = cls(windows, np.zeros((sum(map(len, slopes)), 0)))
         joined = alone.part_of(np.concatenate([part[:, :shared] for part in slopes]))
@@ -149,10 +156,12 @@ def _side_by_side(
     for k, i in enumerate(amounts):
         b = bounds[i]
         size = DIFFERENCE * max(abs(at[i]), b.spread * (abs(at[i]) if b.log else 1.0))
+        # A step beyond the range might leave the region where the equation is defined.
         steps[k] = -size if at[i] + size > b.high else size
         p[i, k + 1 :: width] += steps[k]
     rows = []
     for track, x in zip(problem.tracks, where.starts, strict=True):
+        # Values that belong to a track replace those of the parameter vector in every lane.
         known = list(track.known)
         p[known] = track.p[known, None]
         windows = _asked(where, track)

@@ -83,6 +83,7 @@ def _is_limit(bound: Bound, end: str) -> bool:
 def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[Bound, str, float]]:
     """Parameters at the end of a range that is a guess, that end, and the slope there (nats per
     prior spread)."""
+    # A fit that has blown up has no meaningful end.
     if not fitted.residuals or not assembly.attachments:
         return []
     own = label or assembly.attachments[-1].label
@@ -115,6 +116,8 @@ def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
     ]
     # a fit puts what is pressed against its bound exactly there
     gone = [bound for bound, value in amounts if value == bound.null]
+    # One amount at nothing is usual, for instance a force in one direction only, unless the effect
+    # is defined by it.
     if len(gone) < len(amounts):
         gone = [bound for bound in gone if bound.key in defining]
     return tuple(bound.name for bound in gone)

@@ -163,6 +163,8 @@ class ScreeningBaseline:
         )
         spans, starts = [], []
         for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
+            # Where the baseline fits worst the missing effect acts most, and a part is much
+            # cheaper than the whole.
             windows = problem.windows(track)
             losses = np.array(
                 [np.nansum((r[w.start : w.stop] * base.weights.root) ** 2) for w in windows]
@@ -176,6 +178,8 @@ class ScreeningBaseline:
             )
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
+        # Background terms are many. Held at their fit they cost nothing, at the price that a
+        # candidate cannot trade with them.
         held = candidates > settings.held_background_from
         short = _short(problem, tuple(spans), held)
         sheet, stepping = problem.assembly.values(), _screened_by(base)
@@ -285,7 +289,11 @@ def screen(
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(added, None, {}, -np.inf, str(error))
+    # The baseline's states fit its own error. They are the best guess where the candidate reads
+    # states the same way.
     starts = begun_from(baseline.fit, assembly).starts and reference.starts
+    # A chord step with the baseline's Jacobian needs no derivatives. It is good enough to rank
+    # starting points near the baseline.
     by_chords = _Probing(reference, problem, reference.frozen)
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
@@ -324,6 +332,7 @@ def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screene
         further = _screened(reference, added, start.first, *exact_fit)
         best = further if further.gain > best.gain else best
         fits.append(exact_fit.fit)
+    # A scan starts at the best end only: each scan costs as many runs as its grid has values.
     fitted = min(fits, key=lambda f: f.cost)
     scanned = _scanned_beside(reference, added, fitted, exact)
     if scanned is fitted:

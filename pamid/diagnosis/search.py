@@ -178,7 +178,11 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
 
     def result(self, item: RefitStart) -> CandidateModel:
         assembly, known = self._assembly(item), self.known
+        # All parameters are fitted jointly. With the rig's parameters held, an effect would also
+        # explain their errors.
         done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first, known=known)
+        # Bounded, because an effect without an upper limit would be widened for ever as a
+        # parameter runs away.
         for _ in range(WIDENINGS):
             wider = widened(assembly, done)
             if wider is None:
@@ -238,6 +242,8 @@ def screened_candidates(
         a.label: Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     }
+    # Families, not labels: a family with many laws would otherwise take all places of the next
+    # steps.
     families = {a.label: search.family(a) for a in candidates}
     leading = advancing(families, list(screened.values()), reference)
     further = run(_Advancing(evidence, reference), leading, progress)
@@ -272,6 +278,7 @@ def opposite_signs(
     """Models whose effect ended at nothing and that remove much of the error with the opposite
     sign, the best first, with the share they remove: the sign of their port is in doubt."""
     tried = [(c, ranges) for c in models if (ranges := mirrored(c))]
+    # Each one costs a refit.
     tried = tried[:MIRRORED_MOST]
     starts = [
         RefitStart(
@@ -316,6 +323,7 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
         for _ in range(STEP_HALVINGS):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             noise = self.evidence.noise
+            # Refinement costs refits, so that only the model to be named is refined.
             change = rechecked(best.assembly, best.fit, tracks, noise)[1]
             if change <= COARSE or not settles(best.assembly, best.fit, tracks, noise, change):
                 break

@@ -88,6 +88,8 @@ def select_effects(
     while True:
         if steps[-1].tied:
             extended = with_finer_steps(search, steps[-1].tied[0])
+            # Greedy selection may have begun with an effect that two later ones replace. Backward
+            # elimination corrects this.
             shorter = _needed_effects(search, comparison, extended)
             # of as many effects as before it may still be better: one was replaced, or its gain
             # led out of a local minimum
@@ -95,12 +97,15 @@ def select_effects(
                 break
             best = shorter
         rest = 1.0 - comparison.removed(best).share
+        # Further effects could only fit noise, or an error that nobody would act on.
         if rest < settings.material_rest or comparison.at_floor(best):
             break
         if best.attached:
             after = _located_after(search, best, located)
         if len(best.additions) >= settings.effects_most:
             break
+        # The linearisation costs runs of every candidate and holds for all later steps, which
+        # choose from the same columns.
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
         search.progress(f"looking for a further effect next to {best.label}")
@@ -158,6 +163,8 @@ def compared(
         if comparison.is_material(c, reference) and not guards.objections(c)
     ]
     while True:
+        # A model without inputs may hide a tied model behind it. The set is formed again without
+        # its family.
         tied = comparison.confidence_set(candidates, reference)
         # costs a few runs, so that only those are tried that would be named
         idle = {families_of(c) for c in tied if guards.ignores_inputs(c)}
@@ -189,6 +196,8 @@ def _larger(
     finds something, and the best subsets of as many effects."""
     size = len(best.additions) + 1
     models: list[CandidateModel] = []
+    # A second effect on top of the first is sought only where evidence remains. Without a first
+    # effect the round on the baseline has been that search.
     if best.attached:
         least = search.settings.port_reach * after.most
         open_ports = {p for k in located.classes for p in k if after.gains[k[0]] >= least}
@@ -245,6 +254,7 @@ def _joint_start(
     )
     try:
         assembly = model_with(search.evidence, attached, search.budget.sizes)
+    # Two effects may each replace the same law. Such a pair is no model, and not an error either.
     except PamidError:
         return None
     sources = [alone.get(s.added.label, s.ended) for s in strongest[::-1]]

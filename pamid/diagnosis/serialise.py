@@ -39,6 +39,7 @@ def candidate_plain(c: CandidateModel) -> Plain:
 def candidate_restored(evidence: DataSplit, assembly: Assembly, plain: Plain) -> CandidateModel:
     ranges = {key: (low, high) for key, low, high in plain["ranges"]}
     assembly = replace(assembly, ranges=ranges) if ranges else assembly
+    # Tracks are rebuilt from the evidence: they are large and hold nothing that a job computed.
     held = evidence.tracks(assembly, held_out=True)
     return candidate_from(
         assembly,

@@ -108,6 +108,7 @@ def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
         return None
     zero, one, two = (value.value for value in at)
     slope = one - zero
+    # Three points distinguish a straight line from a curve of one bend.
     straight = math.isclose(zero + two, 2.0 * one)
     return (zero, slope) if straight and slope != 0.0 else None
 
@@ -149,6 +150,7 @@ def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
 
 def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
     """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
+    # Resolution is inverse to the duration, so that the longest recording locates a line best.
     b = max(before, key=lambda r: len(r.track))
     r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
     n = 1 << (4 * len(b.track) - 1).bit_length()  # padded: at least four points per 1/duration
@@ -162,6 +164,7 @@ def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
     peaks = []
     for _ in range(SPECTRUM_LINES):
+        # Contrast alone picks narrow lines in an empty band, power alone picks broad humps.
         k = int(np.argmax(contrast * np.sqrt(power)))
         peaks.append(float(axis[1] * (k + _off_centre(power[max(0, k - 1) : k + 2]))))
         contrast[max(0, k - SKIRTS) : k + SKIRTS] = 0.0  # the line with the window's skirts
@@ -200,6 +203,7 @@ def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float
             if channel is not None:
                 x[:, k] = np.where(np.isfinite(t.y[:, channel]), t.y[:, channel], x[:, k])
         for w in windows:
+            # A missing sample counts as no gap, which weakens a line but does not shift it.
             r = np.nan_to_num(left[w.start : w.stop] / evidence.noise)
             parts.append((x[w.start : w.stop], r))
     return {
@@ -272,6 +276,8 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
 def _contrast(at: NDArray[np.int64], values: Array) -> Array:
     """Power over spatial frequency, in quarters of 1/range, against its own surroundings."""
     bins = SPATIAL_BINS
+    # The mean count in the denominator shrinks bins with few samples, which would dominate the
+    # spectrum by their noise.
     count = np.bincount(at, minlength=bins)
     mean = np.bincount(at, values, bins) / (count + max(1.0, count.mean()))
     power = np.abs(np.fft.rfft(mean * np.hanning(bins), 4 * bins)) ** 2

@@ -146,6 +146,7 @@ def diagnose(
     going on, in words; pool: who does the jobs (default: `jobs` processes of this machine);
     settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
     pool = pool or WorkerPool(jobs)
+    # Cost grows with the length, certainty only with its root.
     evidence = evidence.excerpt(settings.fitted_most, settings.held_out_most)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     evidence = budget.evidence  # with the horizon of the comparison
@@ -177,6 +178,7 @@ def diagnose(
         response,
     )
     progress("looking where something is missing")
+    # Before any effect is tried, so that the location does not depend on the catalogue.
     located = locate(evidence, base, pool, alike=settings.port_alike)
     screened = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
     first = with_plainer_effects(search, comparison, run_round(search, base, screened))
@@ -184,6 +186,8 @@ def diagnose(
     selection = select_effects(search, comparison, guards, located, first)
     reduced = selection.steps[0].reduced
     ranking = comparison.ordered([reduced.get(c, c) for c in first.models])
+    # A wrong sign of a port is a fault of the set-up. It is considered only where no effect
+    # explains the gap.
     opposite = [] if selection.best.attached else opposite_signs(search, ranking)
     progress("looking for the family of what remains")
     rest = comparison.removed(selection.best).rest.share
