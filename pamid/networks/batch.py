@@ -99,6 +99,8 @@ class BatchedElman:
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Outputs (S, N) for inputs (N, m), each from a zero state."""
+        # One state needs the one before, so that a device could not share out a single start. The
+        # compiled kernel is faster.
         return np.stack(
             run_jobs(
                 lambda w: self.network.simulate(w, inputs), self._checked(weights), jobs=_cores()
@@ -142,6 +144,8 @@ class BatchedElman:
             end = first + jacobian.shape[1]
             jtj.baddbmm_(rows.mT, rows)
             jte.baddbmm_(rows.mT, self._sent(error[:, end - rows.shape[1] : end, None]))
+        # A batched product may round its two triangles differently, and a Cholesky factor reads
+        # one of them.
         symmetric = torch.tril(jtj) + torch.tril(jtj, -1).mT
         return sse, symmetric.cpu().numpy(), jte[:, :, 0].cpu().numpy()
 
@@ -152,10 +156,12 @@ class BatchedElman:
         import torch
 
         (starts, n), (samples, m), h = flat.shape, inputs.shape, self.network.hidden
+        # Nearly equal parts leave little padding in the last block.
         length = _equal_part(samples, self.block)
         held = length * _equal_part(
             math.ceil(samples / length), self.memory // (8 * starts * n * length)
         )
+        # Small arrays, sent once per pass: a transfer per block would cost more than its products.
         layers = [self.network.layers(w) for w in flat]
         context = self._sent(np.stack([layer.context for layer in layers]))
         output = self._sent(np.stack([layer.output for layer in layers]))[:, None]
@@ -220,6 +226,7 @@ def _advance(
     moved = torch.empty_like(carried)
     source, moved_flat = carried.flatten(2), moved.flatten(2)
     # weight (i, .) enters unit i only
+    # A view of the diagonal saves a product with a matrix that is nearly all zero.
     direct = moved[..., :p].unflatten(3, (h, per_unit)).diagonal(dim1=1, dim2=3)
     slopes = slope.permute(2, 0, 3, 1).unsqueeze(4).contiguous()
     for k in range(length):
@@ -241,6 +248,8 @@ def _complete(
 
     (starts, h, p), blocks = sensitivity.shape, rows.shape[1]
     begins = sensitivity.new_empty(starts, blocks, h, p)
+    # Serial, but over blocks and not over samples: this is the step that the transition matrices
+    # make short.
     for block in range(blocks):
         begins[:, block] = sensitivity
         sensitivity = torch.baddbmm(ends[:, :, block, :p], ends[:, :, block, p:], sensitivity)

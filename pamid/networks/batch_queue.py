@@ -51,12 +51,15 @@ class BatchQueue:
     def leave(self) -> None:
         """One of the parties asks no more."""
         with self.changed:
+            # The others may all be waiting for this one, so that its leaving can complete a batch.
             self.parties -= 1
             self._serve()
 
     def _serve(self) -> None:
         if not self.asked or len(self.asked) < self.parties:
             return
+        # In the order of the recordings, so that the same requests give the same batches in every
+        # run.
         for record in sorted({r for r, _ in self.asked.values()}):
             those = [who for who, (r, _) in self.asked.items() if r == record]
             try:

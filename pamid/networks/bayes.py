@@ -85,6 +85,7 @@ def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
     paper's size.
     """
     matrix[np.diag_indices(len(matrix))] += alpha
+    # A unit diagonal is within a factor n of the best scaling that a diagonal can give.
     size = np.sqrt(np.maximum(np.diag(matrix), _TINY))
     scaled = matrix / size / size[:, None]
     norm = float(np.abs(scaled).sum(axis=0).max())
@@ -96,6 +97,7 @@ def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
 
 def _counted(values: Array, alpha: float) -> float:
     """gamma = sum of l / (l + alpha) over the eigenvalues l of beta J'J (MacKay 1992)."""
+    # Without weight decay every weight counts, also one of which the data show nothing.
     return float(np.sum(values / (values + alpha))) if alpha else float(len(values))
 
 
@@ -105,6 +107,8 @@ def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
     Hessian, over those that it decides."""
     if _scaled_factor(half_hessian.copy(), 0.0)[0] is not None:
         return float(half_descent @ solve_damped(half_hessian, 0.0, half_descent))
+    # Slower than a Cholesky factor by a multiple, but it separates the directions that rounding
+    # has left undecided.
     values, vectors = eigh(half_hessian)
     keep = values > _rounding(half_hessian)
     along = vectors[:, keep].T @ half_descent
@@ -152,10 +156,13 @@ def effective_samples(residual: ArrayLike) -> float:
     """
     e = np.asarray(residual, dtype=np.float64)
     n = len(e)
+    # A constant offset would look like a correlation that never ends.
     e = e - e.mean()
     power = float(e @ e)
     if n < 4 or power <= n * _TINY:
         return float(n)
+    # Padded to twice the length, because the transform is periodic and would correlate the end
+    # with the beginning.
     spectrum = np.fft.rfft(e, 1 << int(2 * n - 1).bit_length())
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n] / power
     # rho_2k + rho_2k+1; with the first pair, which holds rho_0 = 1, counted in full, the sum of the
@@ -163,4 +170,6 @@ def effective_samples(residual: ArrayLike) -> float:
     pairs = correlation[0 : n - 1 : 2] + correlation[1:n:2]
     ends = np.flatnonzero(pairs <= 0.0)
     total = 2.0 * float(np.sum(pairs[: ends[0] if len(ends) else len(pairs)])) - 1.0
+    # A residual that alternates in sign is worth more than n samples by this formula. It never
+    # counts as more.
     return float(np.clip(n / max(total, 1.0), 1.0, n))

@@ -79,6 +79,8 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             len(a.steps), len(TrainingStep._fields)
         )
         arrays[f"why_{k}"] = np.array(a.why)
+    # In memory first: the file is replaced in one step, so that an interruption leaves the
+    # checkpoint before.
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     write_atomically(Path(path), buffer.getvalue())
@@ -87,6 +89,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
     """Read a checkpoint of this very problem; FileError when it is another's, or no checkpoint at
     all."""
+    # The fingerprint comes first: weights of another network could have the right shape by chance.
     arrays = load_arrays(Path(path))
     if "problem" not in arrays or str(arrays["problem"]) != problem:
         raise FileError(
@@ -107,6 +110,8 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             or steps.shape[1:] != (len(TrainingStep._fields),)
         ):
             raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
+        # Whole numbers are stored as floats. A NaN among them would only fail later, in a
+        # comparison.
         counts = (numbers[:1], steps[:, 0], steps[:, -1])
         if not all(c.dtype.kind in "fiu" and np.isfinite(c).all() for c in counts):
             raise FileError(f"{path}: attempt {k} counts in what is no number.", "Train afresh.")

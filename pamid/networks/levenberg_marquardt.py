@@ -124,6 +124,8 @@ def fresh(problem: TrainingProblem, seed: int, start: int) -> Attempt:
         return Attempt(
             start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ()
         )
+    # The first alpha and beta need errors, and errors of arbitrary output weights say nothing. One
+    # projection settles both.
     weights, errors = problem.projected(weights, _first(problem, weights, problem.errors(weights)))
     return Attempt(start, weights, problem.damping.start, _first(problem, weights, errors), ())
 
@@ -167,6 +169,7 @@ def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Poi
     point = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
     if point is None:
         return None
+    # The root costs a second pass, and most points do not need it.
     if resolved(attempt.evidence, point[1]):
         return Point(attempt, errors, point[1], point[2])
     spectrum = problem.spectrum(attempt.weights, attempt.evidence)
@@ -182,6 +185,7 @@ def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tup
         return f"gradient below {goals.gradient:g}", True
     if last.iteration > 0:
         pairs = ((steps[-2].alpha, last.alpha), (steps[-2].beta, last.beta))
+        # F alone is no criterion: it moves with alpha and beta even where the weights do not.
         still = all(abs(new - old) <= goals.drift * abs(new) for old, new in pairs)
         if still and point.promise < goals.promise:
             return "settled: objective, alpha and beta have stopped changing", True
@@ -209,6 +213,7 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
             if not _bounded(problem, point, trial):
                 unbounded = True
                 continue
+            # A floor keeps mu from underflowing to zero, from where no factor could raise it.
             following = max(trial.mu * damping.factor(trial.gain), damping.smallest)
             moved = _evaluate(
                 problem, replace(old, weights=trial.weights, mu=following), trial.errors
@@ -219,6 +224,8 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
                 return _with_row(problem, moved, trials), "", False
     why = f"mu reached {damping.largest:g}: no step lowers the objective"
     why += " with a bounded context" if unbounded else ""
+    # Steps also fail at a minimum, by rounding. The promised decrease tells that case from a
+    # failure.
     converged = point.promise < problem.goals.stuck
     if not converged:
         why += f", though a full step promises {100.0 * point.promise:.2g} % of it"
@@ -246,6 +253,7 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
 def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
     """Trials with rising mu; with more than one thread some are computed ahead, whether they are
     wanted or not."""
+    # All trials of one point share its normal equations; only the damping differs.
     right = point.descent
     mu = [point.attempt.mu]
     while mu[-1] * problem.damping.increase <= problem.damping.largest:
@@ -272,6 +280,7 @@ def _accelerated(problem: TrainingProblem, point: Point, mu: float, step: Array)
     if problem.plain:
         return step
     pulled = problem.curvature(point.attempt.weights, step)
+    # Where the second derivative overflows the plain step is still a descent direction.
     if pulled is None:
         return step
     bend = 0.5 * point.solved(mu, -point.attempt.evidence.beta * pulled)
@@ -283,6 +292,8 @@ def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
     trace."""
     old = point.attempt
     evidence = old.evidence
+    # The start's weights are a draw, so that alpha and beta of these would regularise against the
+    # draw.
     if problem.regularise and old.steps:
         counted = problem.counted_samples(point.errors)
         evidence = reestimate(

@@ -52,6 +52,7 @@ def find_modes(
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
     draws other poles."""
     poles = _random_poles(np.random.default_rng(seed))
+    # Responses run over all samples, and only then are rows left out: a pole needs its whole past.
     every = max(1, sum(len(t) - washout for _, t in records) // MOST_SCAN_ROWS)
     rows = slice(washout, None, every)
     target = np.concatenate([t[rows] for _, t in records])
@@ -82,7 +83,10 @@ def find_modes(
 
 def _random_poles(random: np.random.Generator) -> Complex:
     turn, quality = (
-        low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY)
+        # Uniform on logarithms: time constants of a machine span decades, and each decade gets as
+        # many poles.
+        low * (high / low) ** random.uniform(size=POOL)
+        for low, high in (TURN, QUALITY)
     )
     return np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
 
@@ -117,5 +121,6 @@ def _least_squares(features: Array, target: Array) -> Array:
 
 def _ridge_gram(features: Array) -> Array:
     gram = features.T @ features
+    # Relative to the features, so that the choice of modes does not depend on a unit.
     gram[np.diag_indices(len(gram))] += RESIDUE_RIDGE * max(np.trace(gram) / len(gram), 1e-300)
     return gram

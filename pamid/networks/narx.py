@@ -118,6 +118,7 @@ class Narx(Network):
         flat = self.flat(weights)
         h, q = self.hidden, self._taps
         units = flat[: -h - 1].reshape(h, q + self.output_lags + 1)
+        # The kernel reads these weights at every sample; a strided view would miss the cache.
         feedback = np.ascontiguousarray(units[:, q:-1])
         return NarxLayers(
             units[:, :q], feedback, units[:, -1], flat[-h - 1 : -1].copy(), float(flat[-1])
@@ -182,6 +183,8 @@ class Narx(Network):
         ]
         driven = weighted(layers.feedback, back, weighted(layers.taps, taps, layers.bias))
         (output,) = weighted(layers.output[None], [tanh(d) for d in driven], [layers.output_bias])
+        # Every sample between the taps has a cell, because a shift register moves by one sample at
+        # a time.
         cells = _chain(f"{name}_output", output, before=ZERO, length=self._reach)
         for n, u in zip(seen, inputs, strict=True):
             cells += _chain(n, u, before=u, length=self.input_lags * self.stride)
@@ -229,6 +232,8 @@ class Narx(Network):
                 buffers[number % 2],
                 buffers[number % 2 - 1],
             )
+            # The recursion of a chunk starts from the outputs that the chunk before has ended
+            # with, derivatives included.
             y[:reach], jacobian[:reach] = y_before[-reach:], jacobian_before[-reach:]
             taps = self._tapped(u, start, min(start + CHUNK, len(u)))
             end = reach + len(taps)

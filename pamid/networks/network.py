@@ -148,6 +148,8 @@ class Network(ABC):
     def flat(self, weights: ArrayLike) -> Array:
         """The weights (n_weights,) as they are computed with; DataError when there are not that
         many."""
+        # Compiled kernels are specialised for contiguous float64; another layout would compile
+        # them anew.
         flat = np.ascontiguousarray(weights, dtype=np.float64)
         if flat.shape != (self.n_weights,):
             raise DataError(
@@ -202,6 +204,8 @@ class Network(ABC):
     ) -> Array:
         """J' times the second derivative of the output along a change of the weights, over samples
         `washout` .. N-1; here the latter by a central difference."""
+        # Probed at a tenth of the step: nearer, rounding enters the second difference; farther,
+        # higher derivatives do.
         w, v = np.asarray(weights, dtype=np.float64), ASIDE * np.asarray(step, dtype=np.float64)
         with np.errstate(all="ignore"):
             forward, here, backward = (self.simulate(at, inputs) for at in (w + v, w, w - v))

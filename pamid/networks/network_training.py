@@ -165,6 +165,8 @@ def train(
     check_problem(problem, iterations, starts, seed)
     if resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
+    # Computed before the first step, so that a checkpoint of other data is refused before any of
+    # it is overwritten.
     key = fingerprint(problem, seed, starts)
     attempts: dict[int, Attempt] = {}
     if resume and checkpoint is not None and checkpoint.exists():
@@ -200,6 +202,7 @@ class _Race:
     def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
         """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
         step."""
+        # One thread alone writes attempts and reports progress, so that neither needs a lock.
         messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
         stop = Event()
         open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
@@ -250,6 +253,7 @@ class _Race:
 
 def _ended(attempt: Attempt, gate: int) -> bool:
     """Has it nothing to do up to this gate? Iterations that were used up once may be more now."""
+    # A start that has converged or diverged takes no step at any later gate.
     return bool(attempt.why and attempt.why != USED_UP) or (len(attempt.steps) > gate)
 
 
@@ -261,6 +265,8 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
         steps = attempts[start].steps
         return steps[min(gate, len(steps) - 1)].mse if steps else math.inf
 
+    # The error at the gate, not the last one: a start that ran ahead after a resume must not win
+    # by that.
     order = sorted(running, key=lambda s: (standing(s), s))
     staying = order[: (len(order) + 1) // 2]
     for s in order[len(staying) :]:
@@ -274,6 +280,8 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
 def _training_of(
     problem: TrainingProblem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
 ) -> Training:
+    # Only among those still in the race. The result must not depend on how far a stopped start had
+    # come.
     best = min((a for a in attempts if a.start in running), key=lambda a: a.mse)
     columns = (
         np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(TrainingStep._fields)).T
@@ -322,6 +330,8 @@ class _Clock:
 
     def keep(self, attempts: dict[int, Attempt], always: bool = False) -> None:
         now = time.perf_counter()
+        # By the clock, as steps take from milliseconds to minutes. The clock decides when to write
+        # and nothing else.
         if self.path is not None and (always or now - self.last > _CHECKPOINT_SECONDS):
             save_checkpoint(
                 self.path, Checkpoint(self.problem, tuple(attempts[k] for k in sorted(attempts)))

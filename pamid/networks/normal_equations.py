@@ -22,6 +22,7 @@ _CACHE_LINE = 64
 
 def aligned(*shape: int) -> Array:
     """Zeros (C order) that begin at a cache line."""
+    # numpy may align to 16 bytes only.
     raw = np.zeros(int(np.prod(shape)) + _CACHE_LINE // 8)
     skip = (-raw.ctypes.data % _CACHE_LINE) // 8
     return raw[skip : skip + int(np.prod(shape))].reshape(shape)
@@ -53,6 +54,7 @@ def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
 
 def _made_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
     """The same chunks, each made while the one before is in use."""
+    # One chunk ahead is enough to keep both threads busy, and two buffers hold it.
     with ThreadPoolExecutor(1) as maker:
         coming = maker.submit(next, chunks, None)
         while (chunk := coming.result()) is not None:

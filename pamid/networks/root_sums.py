@@ -108,6 +108,7 @@ class RootSums:
         if self.root is None or not np.isfinite(self.sse):
             return None
         self._take_up()
+        # Of the root, not of J'J: squaring would lose the digits that the root was kept for.
         left, values, right = np.linalg.svd(self.root)
         return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
 
@@ -151,6 +152,8 @@ class RootSums:
         above = np.column_stack([self.root, self.along])
         stacked = np.vstack([above, np.column_stack([rows, error])])
         triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
+        # A QR decomposition leaves signs of its rows open. A positive diagonal makes the root
+        # unique, as a Cholesky factor is.
         signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
         triangle = signs[:, None] * triangle
         self.along = np.ascontiguousarray(triangle[:, -1])

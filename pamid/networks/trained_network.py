@@ -123,6 +123,8 @@ def train_on_signals(
         raise DataError("There is no recording to train on.")
     names = tuple(recordings[0])
     tables = [_columns(recording, names) for recording in recordings]
+    # One scaling for all recordings: with one each, the same input would mean something else in
+    # every file.
     input_scaling = scaling_of(np.concatenate(tables), names)
     output_scaling = scaling_of(np.concatenate(outputs), (output_name,))
     scaled = (
@@ -249,6 +251,8 @@ def _weights(path: Path, sha256: str, n_weights: int) -> Array:
         content = read_data(path, WEIGHTS)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", _REMEDY) from None
+    # Weights and description are two files. A pair that does not belong together predicts without
+    # complaint.
     if hashlib.sha256(content).hexdigest() != sha256:
         raise FileError(
             f"{path} was changed since {NETWORK_FILE} was written (its SHA-256 differs).", _REMEDY
