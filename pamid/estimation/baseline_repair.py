@@ -86,6 +86,8 @@ def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
     seed
         Of the starts drawn from the priors.
     """
+    # The data sheet is the reference, because a fit that predicts worse than no fit at all has a
+    # wrong cause for its cost.
     if not refit.fit.residuals or relative_error(refit.held_out, sheet) <= WORSE:
         return refit
     best = refit
@@ -108,6 +110,8 @@ def _from_draws(refit: Refit, seed: int) -> Refit | None:
 
 
 def _with_held(refit: Refit, _: int) -> Refit | None:
+    # A parameter that the recordings leave open costs nothing to move, so that it absorbs first
+    # what the model lacks.
     loose = undetermined_parameters(refit.fit)
     names = ", ".join(refit.assembly.parameters[i].full_name for i in loose)
     remark = f"The recordings do not determine {names}: held at the data sheet."
@@ -136,6 +140,7 @@ def fit_held(fitted: Fit, places: Iterable[int]) -> Fit:
     found = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
     if not found.residuals:
         return found
+    # No steps, but all parameters free: the covariance then covers those that were held as well.
     whole = fit(
         problem,
         p=found.p,
@@ -160,6 +165,8 @@ def without_harmful_background(refit: Refit) -> Refit:
         if not abs(pull) > LEAST_PULL or f"background.{name}" not in best.assembly.background_terms:
             continue
         term = best.assembly.background_terms[f"background.{name}"]
+        # A few steps show the sign of the change. Only a term that has to go is refitted to the
+        # end.
         tried = _without(best, term, TRIAL_STEPS)
         if relative_error(best.held_out, tried.held_out) > WORSE:
             best = _without(best, term, ITERATIONS)
@@ -205,6 +212,7 @@ def rig_without(rig: Rig, term: Effect) -> Rig:
         left = tuple(t for t in several if t is not term)
         if left:
             background[port] = left
+    # A copy, since one rig object serves all assemblies of a run.
     changed = copy.copy(rig)
     vars(changed)["background"] = background
     return changed

@@ -50,6 +50,8 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     program = a.program_with({q.command: symbol("cell", q.command) for q in rig.loops})
     memory = program.memory(a.start(values), stepping=step, period_s=r.sampling_period_s)
     Y, _, bad = program.run(memory, u, values, period_s=r.sampling_period_s, stepping=step)
+    # In its own loop an unstable model has no error to report: every figure would depend on when
+    # the run was cut.
     if bad >= 0:
         return None
     return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
@@ -71,6 +73,8 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
         for k in g.fit.problem.free:
             if g.assembly.parameters[k].log:
                 nearby = g.fit.p.copy()
+                # A loop hides errors of the plant. The band shows by how much a small one would
+                # have to show.
                 nearby[k] *= 1.0 + PERTURBED
                 _collect(errors, "moved", loop_run(g, span.recording, nearby), span)
     if not errors:

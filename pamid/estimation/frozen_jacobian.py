@@ -72,6 +72,8 @@ class FrozenTrack:
     def of(cls, windows: list[Window], by_parameters: Array, ends: Array) -> FrozenTrack:
         """by_parameters: (samples, channels, parameters), weighted."""
         rows = PaddedWindows(windows).rows(by_parameters)
+        # Every chord step multiplies by this matrix, and a transposed view would be copied each
+        # time.
         turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
         return cls(turned, turned @ rows, ends)
 
@@ -112,6 +114,7 @@ class FrozenJacobian:
         """The columns of the parameters that a problem shares, in its order."""
         keys = tuple(problem.assembly.parameters[i].key for i in problem.free)
         shared = tuple(key for key in keys if key in self.keys)
+        # The usual case; a selection by index would copy all columns.
         if shared == self.keys:
             return self
         at = np.array([self.keys.index(key) for key in shared], np.intp)
@@ -236,6 +239,7 @@ def begin_chords(
 
 def _state_moves(entered: Array) -> Array:
     """Differences (states,) for states at window starts (windows, states)."""
+    # The spread over the windows is the only scale of a state that needs no knowledge of its unit.
     size = entered.std(axis=0)
     # a state that starts every window at the same value moves by its own size, at zero by 1 (SI)
     size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))

@@ -88,6 +88,8 @@ def fit_model(
     """
     if earlier is not None:
         earlier.require_new(evidence)
+    # Effects state their ranges in multiples of what passes a port, so that sizes come before any
+    # assembly with effects.
     sizes = observed_sizes(evidence)
     assembly = model_with(evidence, attached, sizes)
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
@@ -127,6 +129,8 @@ def fit_model(
     )
     refit = Refit(evidence, assembly, fitted, replays)
     if earlier is None:
+        # Not with an earlier posterior: the data sheet is then no longer the prior that the fit
+        # has to beat.
         refit = mended(without_harmful_background(refit), sheet, seed)
     if refit.fit is not fitted:
         evidence, assembly, fitted = refit.evidence, refit.assembly, refit.fit
@@ -171,6 +175,7 @@ def require_predictable(
     tracks
         Recordings by which the channels' ranges are measured.
     """
+    # A floor above the whole range means that no comparison of models could be decided.
     ranges = np.max([np.nan_to_num(np.ptp(t.y, axis=0)) for t in tracks], axis=0)
     errors = channel_mae(list(floor))
     beyond = [k for k in range(len(errors)) if errors[k] > ranges[k] > 0.0]

@@ -117,6 +117,8 @@ def _groups(space: Space) -> Iterator[list[int]]:
     if not loose:
         return
     among = space.covariance[np.ix_(loose, loose)]
+    # The diagonal of the inverse holds conditional variances, that of the covariance marginal
+    # ones. A tie is a large ratio of the two.
     given = 1.0 / np.sqrt(np.linalg.inv(among).diagonal())
     enough = np.minimum(SETTLED, GIVEN * np.sqrt(among.diagonal()))
     tied = [k for k, deviation, most in zip(loose, given, enough, strict=True) if deviation < most]
@@ -221,6 +223,8 @@ def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool)
     share = space.share(q.slope, q.slope_prior)
     if draws is not None:
         drawn = np.array([q.of(space.at(s)) for s in draws])
+        # Each draw is mapped before the percentiles are taken: a nonlinear combination has no
+        # symmetric interval.
         low, high = (float(x) for x in np.percentile(drawn, [2.5, 97.5]))
         share = float(drawn.std() / np.linalg.norm(q.slope_prior))
     members = tuple(space.names[k] for k in np.flatnonzero(q.slope))

@@ -39,12 +39,15 @@ def estimates(fitted: Fit, draws: Array | None = None) -> dict[Bound, Estimate]:
     if draws is not None:
         deviation = draws.std(axis=0)
         low_s, high_s = np.percentile(draws, [2.5, 97.5], axis=0)
+    # A normal interval may leave the range, where the equation is not defined.
     low = scale.outside(np.clip(low_s, scale.low, scale.high))
     high = scale.outside(np.clip(high_s, scale.low, scale.high))
     out = {}
     for k, i in enumerate(free):
         b = assembly.parameters[i]
         width = abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0
+        # Relative to the range: a fit clips to the bound exactly, but a restored file has rounded
+        # once.
         edge = 1e-6 * max(1.0, width)
         at_low, at_high = s[k] <= scale.low[k] + edge, s[k] >= scale.high[k] - edge
         out[b] = Estimate(
@@ -111,6 +114,8 @@ class _Drawing(Work[int, Array]):
         done = fit(
             again,
             p=f.p,
+            # A draw is a small change of the data, so that it starts from the fit and needs few
+            # steps.
             starts=f.starts,
             weights=f.weights,
             stepping=f.stepping,

@@ -80,6 +80,8 @@ def linear_rows(
         runs = runner.run_windows(runner.memory(own), windows, x, own, derivatives, root)
         for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
             r = np.nan_to_num((run.Y - track.y[window.start : window.stop]) * root)
+            # The factor keeps the sum of squares, so that thinned residuals weigh as much against
+            # the priors as all of them.
             r = np.sqrt(every) * r[::every].ravel()
             by = np.zeros((len(r), k + n))
             if derivatives:
@@ -172,6 +174,7 @@ def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Arra
 
 def orthonormal_span(columns: Array) -> Array:
     """Orthonormal columns with the same span, to working precision."""
+    # Unit columns first: the rank decision must not depend on the scale of a parameter.
     sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     u, values, _ = np.linalg.svd(sized, full_matrices=False)
     return np.asarray(u[:, values > np.sqrt(np.finfo(float).eps) * values.max(initial=0.0)])

@@ -44,6 +44,7 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
     if not probes:
         return time
     stepping = careful_stepping(problem, p)
+    # Sensor noise only: residuals of a fit do not exist yet.
     weights = Weights(evidence.noise, np.ones_like(evidence.noise))
     starts = initial_states(problem, p, weights, stepping)
     program = plain.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})
@@ -98,10 +99,13 @@ def _push_that_moves(
             if not run.fine:
                 return 0.0
             y = track.y[window.start : window.stop]
+            # Relative to the window's first sample, because the window's start is estimated and
+            # explains the level.
             moved += np.nansum((y - y[:1]) ** 2, axis=0)
             slope += (run.JY[:, :, 0] ** 2).sum(axis=0)
     needed = np.sqrt(moved[slope > 0.0] / slope[slope > 0.0])
     needed = needed[np.isfinite(needed) & (needed > 0.0)]
+    # The smallest push: an output that the port hardly reaches would ask for an absurd one.
     return float(needed.min(initial=np.inf)) if needed.size else 0.0
 
 

@@ -121,14 +121,19 @@ def locate(
     own = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
     found_at = _found_at(work, own, pool, known)
+    # Ports with the same equations have the same evidence, and each smoothing costs several fits.
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
+        # Ports are sorted by evidence, so that the first class within reach is led by the
+        # strongest such port.
         leader = next((k for k in classes if gains[name] >= alike * gains[k]), name)
         classes.setdefault(leader, []).append(name)
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:
         return PortEvidence(gains, found, {}, smoothers)
+    # Shapley values of more players need the evidence of every subset, whose number doubles with
+    # each.
     leaders = [leader for leader in classes if gains[leader] > 0.0][:2]
     worth = {leader: gains[leader] for leader in leaders}
     if len(leaders) == 2:

@@ -191,6 +191,8 @@ def read_posterior(folder: Path) -> EarlierPosterior:
     Run.open(folder)
     path = folder / FIT_FILE
     fit = need_result(path, result.FitFile, also=("posterior", "from"))
+    # The Laplace approximation holds at an optimum. Away from it neither the mean nor the
+    # covariance is one of a posterior.
     if not fit.converged:
         raise ConvergenceError(
             f"{path}: that fit did not converge ({fit.why or 'no reason given'}), so "
@@ -208,6 +210,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
         _refuse(path, "its covariance is no lower triangle")
     lower[np.tril_indices(len(keys))] = [number for row in rows for number in row]
     fitted = {r.sha256 for r in fit.recordings if r.role != "held-out"}
+    # A chain of fits rests on the recordings of all its stages.
     fitted |= set(fit.from_.recordings if fit.from_ else ())
     own = [set(c.members) for c in fit.combinations.values() if c.declared]
     ridges = tuple(
@@ -217,6 +220,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
     )
     lists = (centre, spread, value, held)
     sizes = {len(keys), len(set(keys)), len(log), *(x.size for x in lists)}
+    # Half of it is stored, which cannot become unsymmetric by an edit.
     covariance = lower + np.tril(lower, -1).T
     if len(sizes) > 1:
         _refuse(path, "its lists differ in length")

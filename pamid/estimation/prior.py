@@ -46,6 +46,8 @@ class Prior:
         scaled parameters `at`."""
         turn = np.linalg.inv(coordinates(at)[1])
         values, vectors = np.linalg.eigh(turn.T @ information @ turn)
+        # Small and negative eigenvalues are rounding of a difference of two inverses. Their
+        # gradient, divided by a root, would be arbitrary.
         informed = values > 1e-9 * max(float(values[-1]), 1e-9)
         # information V E V' in x: with root = E^1/2 V' and away = E^-1/2 V' gradient the square
         # has information root'root and half gradient root'away, where anything is known at all

@@ -48,6 +48,8 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     )
     if not begun.point.normal.fine:
         return fitted
+    # New states cost a little at first, because they were not fitted. A fall by half within three
+    # steps is no accident.
     probe = iterate(shooting, begun, PROBE_STEPS)
     if not probe.point.cost < TRAPPED * fitted.cost:
         return fitted
@@ -82,6 +84,8 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     begun = fit_robustly(short)
     if not begun.residuals:
         return fitted
+    # The short windows give parameters only. Their many free starts would hide what the model
+    # lacks.
     grown = fit_robustly(problem, p=begun.p)
     return grown if _closeness(grown) > _closeness(fitted) - np.log(TRAPPED) else fitted
 
@@ -118,6 +122,7 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
     for k in range(RESTARTS + 1):
         p = problem.start()
         if k:
+            # From the prior itself, so that no range of starting values has to be invented.
             s = random.standard_normal(len(problem.free))
             p[list(problem.free)] = scale.outside(np.clip(s, scale.low, scale.high))
         tried = fit(problem, p=p, weights=weights, iterations=DRAW_STEPS, stepping=None)

@@ -53,6 +53,8 @@ def fit_robustly(
     for last in range(2 - rounds, 1):
         if not fitted.residuals:
             break
+        # Weights change between fits and not within one: a cost that moves with every step has no
+        # minimum to converge to.
         weights = residual_weights(fitted.residuals, noise, problem.window)
         fitted = fit(
             problem,

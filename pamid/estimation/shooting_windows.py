@@ -92,6 +92,8 @@ def run_tracks(
             runner.memory(own), windows, starts[i], own, derivatives, own_root
         )
         for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
+            # One window that runs away makes the cost infinite, so that the damping rule rejects
+            # the step as a whole.
             if not run.fine:
                 return None
             important = 1.0 if problem.importance is None else float(problem.importance[at + w])
@@ -106,6 +108,8 @@ def run_tracks(
                 N[w] = important * (A.T @ A)[:unknowns, :unknowns]
                 v[w] = important * (A.T @ r)[:unknowns]
                 ends[w] = run.S[:, :unknowns]
+        # Scaling after the products costs one multiplication per entry of the sums, not one per
+        # sample.
         if derivatives:  # by scaled parameters, not by those in SI
             N[:, :k] *= slope[:, None]
             N[:, :, :k] *= slope

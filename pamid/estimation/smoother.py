@@ -176,6 +176,7 @@ class SlicedTrack:
         self, x: Array, missing: NDArray[np.intp], size: float, time_s: float
     ) -> TrajectoryPrior:
         """missing: places of the latent values among the states; size, time_s: theirs."""
+        # A state that rests has no spread, and the prior needs a positive one.
         spread = np.maximum(x.std(axis=0), 1e-9 * np.abs(x).max(axis=0) + 1e-100)
         joint = np.tile(1.0 / (STIFFNESS * spread) ** 2, (len(self.slices) - 1, 1))
         jump, free = self.runner.track.jump, WINDOW_JUMP * spread
