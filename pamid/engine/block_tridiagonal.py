@@ -27,6 +27,7 @@ def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, 
     (w,n,m). damping: share of the diagonal added to it.
     """
     w, n, _ = D.shape
+    # Copies, because a rejected step is solved again from the same blocks with another damping.
     M, z = np.ascontiguousarray(D).copy(), np.ascontiguousarray(rhs).copy()
     # 1e-12 of the diagonal keeps the pivots of directions that no data see above round-off, 1e-300
     # those of a row that is zero throughout above zero
@@ -64,6 +65,8 @@ def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
                     for c in range(m):
                         z[i + 1, r, c] -= a * carried[k, n + c]
     solve(M[w - 1], pivots[w - 1], z[w - 1])
+    # The backward pass reads the factors that the forward pass has left in M, so that no block is
+    # factored twice.
     for i in range(w - 2, -1, -1):
         for k in range(n):
             for r in range(n):

@@ -84,6 +84,8 @@ class CarriedCourse:
         if self.memory.begin or saved is None:
             found = self.carrier.begin(p)
         else:
+            # A column without a copy begins with its window: the plain state is then its state as
+            # well.
             plain, copies = saved
             found = self.carrier.resume(
                 [plain, *(copies.get(c, plain) for c in self.places.tolist())], p
@@ -95,6 +97,8 @@ class CarriedCourse:
         sensitivities are `by` (forces, columns)."""
         forces = np.tile(f, (1 + len(self.by), 1))
         if len(self.by):
+            # A moved copy needs the force that its own parameter would cause, so that the chain
+            # rule is part of the run.
             forces[1:] += (by[:, self.places] * self.by).T
         self._take(self.carrier.step(forces, h))
 

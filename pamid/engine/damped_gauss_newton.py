@@ -101,6 +101,8 @@ def iterate(
     if begun.settled:
         return begun
     for count in range(begun.steps + 1, steps + 1):
+        # A rejected step is solved again from the same point. Only an accepted one pays for new
+        # derivatives.
         step = problem.step(point, damping)
         if step is None:
             return Iteration(point, damping, count - 1, calm)

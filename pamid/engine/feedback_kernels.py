@@ -74,10 +74,14 @@ def run_output_sensitivities(
             total += output[i] * hidden[i]
         y[now] = total
         for j in range(lags):
+            # The derivative by each fed-back output is summed over the units first: p columns are
+            # then touched once per lag, not once per unit and lag.
             gain = 0.0
             for i in range(h):
                 gain += output[i] * (1.0 - hidden[i] * hidden[i]) * feedback[i, j]
             earlier = jacobian[now - (j + 1) * stride]
+            # The first lag overwrites the row, which still holds numbers of an earlier chunk. A
+            # pass of zeros is saved.
             if j == 0:
                 for c in range(p):
                     row[c] = gain * earlier[c]

@@ -253,6 +253,7 @@ def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-de
     x0, acc = work.x0, work.slope
     s, d, s0, total = S.ravel(), work.D.ravel(), work.S0.ravel(), work.slope_S.ravel()
     nx = x.shape[0]
+    # Flat views: numba then compiles one loop over all entries, which LLVM turns into vectors.
     size = nx * S.shape[1]
     begun, share = t[6], h / t[2]
     for i in range(nx):
@@ -334,6 +335,8 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
             left = 0.0
             for i in range(nx):
                 left = max(left, abs(following[i, 0]) / (1e-6 + abs(before[i])))
+            # With the same matrix the test costs one evaluation and one solve, and no
+            # factorisation.
             if left <= (1.0 - 0.25 * reach) * worst:
                 break
             reach *= 0.5

@@ -129,6 +129,7 @@ def _write(path: Path, code: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(code).digest() + code)
+            # In one step, so that another process reads either the old file or the whole new one.
             os.replace(name, path)
         except OSError:
             with suppress(OSError):
@@ -138,7 +139,10 @@ def _write(path: Path, code: bytes) -> None:
 def addresses(ir_text: str, names: list[str]) -> list[int]:
     """Addresses of the named functions of a module given as text; compiled, or taken from the
     cache."""
+    # The processor is part of the key: a cache in a shared home serves machines with other
+    # instructions.
     key = _key(ir_text)
+    # Two threads that want the same model compile it once.
     with _lock:
         engine = _loaded.get(key)
         if engine is None:
@@ -159,5 +163,6 @@ def addresses(ir_text: str, names: list[str]) -> list[int]:
             engine = llvm.create_mcjit_compiler(empty, machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
+            # The engine owns the machine code, which must stay as long as an address may be called.
             _loaded[key] = engine
         return [int(engine.get_function_address(name)) for name in names]

@@ -105,6 +105,7 @@ class KnownSlopes:
         """Nothing known yet; sizes: readings, states, forces, own parameters. None of what would
         be too much to keep."""
         readings, nx, nf, _ = sizes
+        # Without a table a fit is slower but the same. Memory that runs out would end it.
         numbers = samples * substeps * (readings + nx) * (nx + nf + len(chosen))
         return cls._empty(samples, substeps, sizes, chosen) if numbers <= MOST_NUMBERS else None
 
@@ -207,6 +208,7 @@ class KnownSlopes:
         """Slopes of a row, those by parameters as these are now."""
         by, at = self.slopes[row].copy(), self.x.shape[1] + self.f.shape[1]
         before, now = self.p[row, self.chosen], p[self.chosen]
+        # The addition only avoids a division by zero in the branch that is not used.
         by[:, at:] *= np.where((before == now) | (now == 0.0), 1.0, before / (now + (now == 0.0)))
         return by
 
@@ -225,6 +227,7 @@ class KnownSlopes:
             return False, False
         dx, dp = x - self.x[row], (p - self.p[row])[self.chosen]
         dz = np.concatenate([dx, f - self.f[row], dp])
+        # Something at rest changes by rounding alone, which no slope predicts.
         tiny, first = SLOPE_ROUNDING * (np.abs(after) + level), len(after) - len(x)
         change = after - self.after[row]
         off = np.abs(change - self.slopes[row] @ dz)
@@ -241,6 +244,8 @@ class KnownSlopes:
             return None
         dz, (base, reach, bend) = self._moved(row, x, f, p), self.trust[row]
         way = self._way(row, dz, level)
+        # The error of a linear prediction grows with the square of the distance, here from the
+        # point of the slopes.
         near = way == 0.0 or bend * (2.0 * base + way) * way <= self.foretold
         if not (near and way <= reach):
             return None

@@ -249,6 +249,8 @@ class LaneProgram(EquationSteps):
             self._scratch(code),
         )
         memory.begin = memory.join = False
+        # Filling lanes run as copies of lane 0, so that they can neither blow up alone nor be
+        # read.
         Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)
         return Y, ends, np.where(bad < 0, bad, bad + first)
 
@@ -322,6 +324,7 @@ def _compiled(program: LaneProgram, implicit: bool, shared: bool) -> _LaneCode:
             [*equations.rates], layout.column, frozenset(), spaces=("state",)
         )
         groups.append(values)
+    # Expressions of parameters alone are computed once per run, not at every stage of every step.
     groups, derived = extract_derived(groups)
     layout = layout.with_derived(len(derived))
     functions = {f"v{i}": group for i, group in enumerate(groups)} | {"prepare": derived}

@@ -226,6 +226,8 @@ def _sweep(equations, memory, inputs, times, begin, end, Y, bad, work):  # type:
                 _rk4(equations, memory, u, row, p, h, work)
         lost = 0
         for i in range(x.shape[0]):
+            # A sum in place of an early exit lets the loop run in vectors. The comparison is also
+            # false for NaN.
             lost += 0 if abs(x[i]) < BLOWN_UP else 1
         if lost > 0 and _note_lost(memory.x, k, bad):
             return

@@ -277,6 +277,7 @@ class Program(EquationSteps):
         weights = np.ones(seen) if weights is None else weights
         time_s = (windows.first + edges[:, 0]) * period_s
         rows, starts = edges - begun, np.ascontiguousarray(windows.states, float)
+        # Blocks bound the memory of the Jacobian, and each is read while it is still in the cache.
         most, at = BLOCK_NUMBERS // max(1, seen * wide), 0
         while at < len(rows):
             to = max(at + 1, int(np.searchsorted(rows[:, 1], rows[at, 0] + most, side="right")))
@@ -385,6 +386,8 @@ def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: i
     plain = np.ascontiguousarray(u, float)
     if not linear or plain.shape[1] > inputs:
         return plain
+    # The last sample has no successor in the recording, so that its input is held unless the
+    # caller knows the next one.
     moving = plain[:, linear]
     end = moving[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
     return np.ascontiguousarray(
@@ -457,6 +460,7 @@ class ProgramCode:
         plain = self.text.plain
         *values, prepare = addresses("\n".join(plain.parts), plain.names)
         _, phase_n, phase_first, phase_delay, _ = self.text.phases
+        # Empty tables of the right shape let one compiled driver serve both kinds of code.
         none = [0] * (len(values) + 1)
         return CompiledEquations(
             _int_array([*(n for f in values for n in (f, 0, 0)), prepare]),

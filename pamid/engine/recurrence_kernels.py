@@ -171,6 +171,8 @@ def run_growth(columns, states):
             size += along[i] * along[i]
         if size == 0.0:
             return -np.inf
+        # Normalised at every sample: over a long recording the product itself would overflow or
+        # vanish.
         size = np.sqrt(size)
         total += np.log(size)
         for i in range(h):

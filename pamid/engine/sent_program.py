@@ -107,6 +107,7 @@ class Parcel:
 def packed(about: dict[str, Any], arrays: list[Array | None]) -> Parcel:
     """The arrays as a parcel; None stays None."""
     shapes = [None if a is None else a.shape for a in arrays]
+    # One row of float64 is written and read in one piece. Integers up to 2^53 survive it exactly.
     flat = [np.ravel(a).astype(float) for a in arrays if a is not None]
     return Parcel({**about, "shapes": shapes}, np.concatenate(flat))
 
@@ -147,6 +148,7 @@ def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
 def take_answer(memory: Memory, parcel: Parcel) -> tuple[Array, Array, int]:
     """Unpack `run_answer` into the memory."""
     Y, JY, *kept = parcel.arrays()
+    # In place: the caller and its drivers hold views of these arrays.
     for array, new in zip(memory.arrays(), kept, strict=True):
         array[...] = new
     memory.begin = memory.join = False

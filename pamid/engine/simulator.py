@@ -117,6 +117,8 @@ class Differences:
     @cached_property
     def widths(self) -> Array:
         """By how much each value is moved."""
+        # A value of zero has no size of its own: states and forces then move by a share of a
+        # typical one, a parameter by a share of one.
         sizes = np.concatenate([*self.simulator.sizes, self.p == 0.0])
         return DIFFERENCE * np.maximum(np.abs(self.plain), sizes)
 
@@ -143,6 +145,8 @@ class Differences:
         """
         slopes = self._one_side(at, self.widths[at])
         if not self.agree(at, slopes):
+            # As near as possible, because the jump that was crossed lies within one width of the
+            # point.
             other = self._one_side(at, -THIN * self.widths[at])
             still = self._still(at)
             slopes = np.where(np.abs(other - still) < np.abs(slopes - still), other, slopes)

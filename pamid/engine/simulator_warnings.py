@@ -61,4 +61,5 @@ def add_warnings(
         counted.steps += steps
         counted.cures |= cures
         for words, number in warned.items():
+            # A simulator may warn several times in one step; the report counts steps.
             counted.counts[words] = counted.counts.get(words, 0) + min(number, steps)

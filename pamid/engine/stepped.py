@@ -125,6 +125,7 @@ class SteppedProgram:
         self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
     ) -> Memory:
         """See `Program.memory`."""
+        # Readings follow from the states, so that they are no part of what a caller may set.
         inside = np.concatenate([np.zeros(self.readings), x])
         made = self.around.memory(inside, columns, stepping=stepping, period_s=period_s)
         made.x, made.S = made.x[self.readings :].copy(), made.S[self.readings :].copy()
@@ -177,6 +178,7 @@ class SteppedProgram:
                     JY[k + 1 :] = np.nan
                 break
         course.keep(memory)
+        # Slopes near a state that has blown up hold nowhere else.
         if bad >= 0 and columns is not None and self.known is not None:
             self.known.forget()
         memory.x[:] = course.x[self.readings :]
@@ -266,6 +268,8 @@ class SteppedProgram:
         inside = replace(memory.copy(), x=shown.x)
         rates = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s) @ shown.S
         self.run(trial, u[None, :], p, period_s=period_s, time_s=time_s, columns=none)
+        # An equivalent rate: the simulator has no derivative in time, only the map of one
+        # exchange.
         found = (trial.S[:nx, :nx] - np.eye(nx)) / period_s
         found[self.simulated :] = rates[first + self.simulated :]
         return found
@@ -434,6 +438,8 @@ class _Course:
         time_s, period_s, stepping = times
         n, tiny = len(self.chosen), np.abs(self.own[self.chosen])
         by = DIFFERENCE * (tiny + (tiny == 0.0))
+        # Models of the library are costly to make, so that all that a run may need are made before
+        # it begins.
         p = np.tile(self.own, (3 + 2 * n if n else 1, 1))
         if n:
             p[1 + np.arange(n), self.chosen] += by

@@ -93,6 +93,8 @@ class KnownInC(NamedTuple):
 def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
     """Readings and states after an exchange from moved values x, f, with the model at an
     address."""
+    # Numbers left of the exchange before, such as a warm start, would make copies depend on the
+    # order in which they run.
     for i in range(c.cleared_at.shape[0]):
         put_number(c.cleared_at[i], 0.0)
     for i in range(x.shape[0]):
@@ -432,10 +434,12 @@ def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-
         steps[nx : nx + nf] *= pushed
         _step(c, x, f, plain)
         _slopes(c, x, f, steps, plain, found)
+    # A new array, because every row of S is needed until the last product has been taken.
     rows = np.zeros((seen, wide))
     for i in range(nx + nf):
         for j in range(seen):
             slope = found[j, i]
+            # Most readings depend on few states, and a row of S may have hundreds of columns.
             if slope == 0.0:
                 continue
             for m in range(wide):
