@@ -163,7 +163,7 @@ def _cause(
     whole = selection.without.get(added.label, base)
     # an alternative counts as a whole, a cause next to the others
     below = whole if alternative else selection.without.get(a.label, base)
-    rig, own = model.assembly.rig, a.group(model.assembly.rig)
+    rig, group = model.assembly.rig, a.group(model.assembly.rig)
     rivals = list(selection.instead.get(a.label, ()))
     if len(model.additions) == 1:
         others = (c for c in ranking if c is not model and c.label not in set_aside)
@@ -191,7 +191,7 @@ def _cause(
         comparison.removed(model, below),
         # the same effect at several ports is one finding
         features(comparison, model, whole, ranking),
-        tuple(g for g in dict.fromkeys(placed) if g != own),
+        tuple(g for g in dict.fromkeys(placed) if g != group),
         tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
     )
 

@@ -76,7 +76,7 @@ class Budget:
     def error_text(self) -> str:
         """Of every channel, in its unit: the error with the data sheet, refitted, the floor."""
         before, after, floor = (
-            seen_mean(one) for one in (self.data_sheet, self.baseline.absolutes, self.floor)
+            seen_mean(errors) for errors in (self.data_sheet, self.baseline.absolutes, self.floor)
         )
         return "; ".join(
             f"{name} {column_size(name, before[k]):.3g} -> {column_size(name, after[k]):.3g} "

@@ -108,15 +108,15 @@ def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | Non
     """Slopes along a replay of what steps by itself, by its states alone and by the parameters,
     too, for smoothings along it to begin with; none of equations."""
     slopes = []
-    for own in (replace(runner, free=()).keeping(), runner.keeping()):
-        if own.known is not None:
-            values = own.parameters(p)
-            memory = own.memory(values)
+    for keeping in (replace(runner, free=()).keeping(), runner.keeping()):
+        if keeping.known is not None:
+            values = keeping.parameters(p)
+            memory = keeping.memory(values)
             for window, x in zip(r.windows, r.entered, strict=True):
-                own.enter(memory, x)
-                if not own.run(memory, window, values, True)[2]:
-                    memory = own.memory(values)
-        slopes.append(own.known)
+                keeping.enter(memory, x)
+                if not keeping.run(memory, window, values, True)[2]:
+                    memory = keeping.memory(values)
+        slopes.append(keeping.known)
     return tuple(slopes)
 
 
@@ -250,14 +250,14 @@ def refit(
     for _ in range(REWEIGHT_ROUNDS):
         if not done.residuals:
             break
-        own = residual_weights(done.residuals, evidence.noise, problem.window)
-        if (own.root < REWEIGHT_FACTOR * done.weights.root).all():
+        weights = residual_weights(done.residuals, evidence.noise, problem.window)
+        if (weights.root < REWEIGHT_FACTOR * done.weights.root).all():
             break
         done = fit(
             problem,
             p=done.p,
             starts=done.starts,
-            weights=own,
+            weights=weights,
             stepping=done.stepping,
             known=done.known,
             exact=False,

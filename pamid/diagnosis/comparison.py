@@ -79,15 +79,15 @@ class Comparison:
         losses: of the model, where they are reported by windows that had no part in its choice.
         """
         before = self.loss(reference or self.budget.baseline)
-        own = before - self.budget.channel_losses(self.budget.floor)
+        gap = before - self.budget.channel_losses(self.budget.floor)
         after = self.loss(model) if losses is None else losses
         # A share of no gap is undefined, and a single window has no spread to judge it by.
-        if self.gap.sum() <= 0.0 or own.sum() <= 0.0 or len(before) < 2:
+        if self.gap.sum() <= 0.0 or gap.sum() <= 0.0 or len(before) < 2:
             return NOTHING
         # The bootstrap runs on the ratio to what the reference leaves: numerator and denominator
         # then vary together from window to window, and a proportional gain has nearly no error.
-        scale = float(own.sum() / self.gap.sum())
-        share, error = (scale * x for x in paired_ratio(before - after, own, self.seed))
+        scale = float(gap.sum() / self.gap.sum())
+        share, error = (scale * x for x in paired_ratio(before - after, gap, self.seed))
         reach = NORMAL_95 * error
         return Share(
             min(share, 1.0), min(share - reach, 1.0), min(share + reach, 1.0), share / error

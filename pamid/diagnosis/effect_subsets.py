@@ -63,7 +63,7 @@ class Responding(ObjectWork[Screened, Response]):
         problem = self.reference.problem(self.evidence, assembly)
         base = self.reference.baseline.fit
         labels, bounds = item.added.labels, assembly.parameters
-        own = np.array([bounds[i].owner in labels for i in problem.free], bool)
+        of_effect = np.array([bounds[i].owner in labels for i in problem.free], bool)
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
         point = problem, p, item.starts, base.weights, base.continuity, item.stepping, SUBSET_ROWS
@@ -72,17 +72,17 @@ class Responding(ObjectWork[Screened, Response]):
         if isinstance(assembly.rig, StepRig):
             rows = linear_rows(*point, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
-            shared = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
-            away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, own)]
+            shared = np.concatenate([np.ones(len(rows.away) - len(of_effect), bool), ~of_effect])
+            away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, of_effect)]
         # Equations are differentiated in lanes at little cost, so that only the effect's own
         # columns are formed.
         else:
-            away, by_own = moved_rows(*point, np.flatnonzero(own))
-            sheet = s[~own]
+            away, by_own = moved_rows(*point, np.flatnonzero(of_effect))
+            sheet = s[~of_effect]
             away = np.concatenate([away, sheet])
             by_own = np.concatenate([by_own, np.zeros((len(sheet), by_own.shape[1]))])
         columns = np.column_stack([away - self.ground, by_own])
-        room = np.column_stack([scale.low - s, scale.high - s])[own]
+        room = np.column_stack([scale.low - s, scale.high - s])[of_effect]
         return Response(
             columns - self.spanned @ (self.spanned.T @ columns),
             np.concatenate([[[0.0, np.inf]], room]),
@@ -197,8 +197,8 @@ def best_subsets(
     everyone = range(len(families))
 
     def at_once(i: int, j: int) -> bool:
-        one, rest = responses.screened[i].added, responses.screened[j].added
-        return families[i] != families[j] or apart(one, rest)
+        first, rest = responses.screened[i].added, responses.screened[j].added
+        return families[i] != families[j] or apart(first, rest)
 
     # All single candidates stay, whatever they gain: two effects that cancel each other show no
     # gain alone.

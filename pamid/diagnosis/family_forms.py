@@ -143,12 +143,12 @@ def curve_of(c: CandidateModel) -> FormCurve:
     along = _along(a, port)
     span = _span(a, c.assembly.rig, reached_at(c, a.ports))
     bounds = c.assembly.parameters
-    own = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
-    p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in own.items()})
+    places = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
+    p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in places.items()})
     shapes = form.curve(p, *(span or (0.0, 0.0)))
-    coefficients = np.array([fit.p[own[name]] for name in form.coefficients()])
+    coefficients = np.array([fit.p[places[name]] for name in form.coefficients()])
     y = shapes.base + shapes.columns @ coefficients
-    known = _covariance(fit, [own[name] for name in form.coefficients()])
+    known = _covariance(fit, [places[name] for name in form.coefficients()])
     # The curve is linear in its coefficients, so that their covariance gives its variance exactly.
     variance = np.einsum("ij,jk,ik->i", shapes.columns, known, shapes.columns)
     half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))

@@ -110,14 +110,14 @@ def duplicated_terms(
     """
     (attached,) = (a for a in model.attached if a.label == label)
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
-    own = _own_parameters(model, passed, base)
+    places = _own_parameters(model, passed, base)
     bounds = model.assembly.parameters
     null = {
         symbol("parameter", b.key): expression(b.null)
         for b in bounds
         if b.owner == label and b.null is not None
     }
-    if not own or not null:
+    if not places or not null:
         return ()
     # what the effect remembers is the effect's, too: gone with it
     null |= {
@@ -125,22 +125,22 @@ def duplicated_terms(
         for space, name in symbols([q.result for q in passed])
         if space == "state" and name.startswith(f"{label}.")
     }
-    added, terms = _along_fit(model, passed, null, own)
+    added, terms = _along_fit(model, passed, null, places)
     size = np.sqrt((terms**2).mean(axis=0))
-    own = [i for i, s in zip(own, size, strict=True) if s > 0.0]
+    places = [i for i, s in zip(places, size, strict=True) if s > 0.0]
     terms, size = terms[:, size > 0.0], size[size > 0.0]
     all_of_it = float(np.sqrt((added**2).mean()))
     # An effect that adds nothing duplicates every term; `vanished` reports it.
-    if not own or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
+    if not places or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
         return ()
     # Terms differ by orders of magnitude in SI units. Unit columns keep the cutoff of small
     # singular values from dropping a term that only has a small unit.
     weight = np.linalg.lstsq(terms / size, added, rcond=None)[0]
     left = float(np.sqrt(((added - terms / size @ weight) ** 2).mean()))
     least = settings.own_terms * all_of_it
-    if left > least or _leaves_its_prior(model, own, weight / size, settings):
+    if left > least or _leaves_its_prior(model, places, weight / size, settings):
         return ()
-    return tuple(bounds[i].name for i, w in zip(own, weight, strict=True) if abs(w) > least)
+    return tuple(bounds[i].name for i, w in zip(places, weight, strict=True) if abs(w) > least)
 
 
 def _own_parameters(
@@ -154,18 +154,20 @@ def _own_parameters(
         return []
     bounds = model.assembly.parameters
     entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
-    own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
-    if not own:
+    places = [
+        i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering
+    ]
+    if not places:
         return []
     # Without the effect such a parameter wanted to go further and was not allowed to. The effect
     # does then what the term could not.
     ended = {b.key for b, e in estimates(base.fit).items() if e.at_bound}
     other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
-    return [i for i in own if bounds[i].key not in other]
+    return [i for i in places if bounds[i].key not in other]
 
 
 def _along_fit(
-    model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], own: list[int]
+    model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], places: list[int]
 ) -> tuple[Array, Array]:
     """Contribution of the effect to these passages along the fit, and the derivatives of the values
     that enter them by these parameters (samples; samples x own)."""
@@ -174,10 +176,12 @@ def _along_fit(
     # Longer than the usual square root: a term that is linear in its parameter has no truncation
     # error, and rounding of a large value would hide a small term.
     least = float(np.finfo(float).eps) ** 0.25
-    steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
+    steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in places]
     moves = [
         {at: at + step}
-        for at, step in zip((symbol("parameter", bounds[i].key) for i in own), steps, strict=True)
+        for at, step in zip(
+            (symbol("parameter", bounds[i].key) for i in places), steps, strict=True
+        )
     ]
     wanted: list[Expr] = []
     for q in passed:
@@ -186,16 +190,18 @@ def _along_fit(
         for move, step in zip(moves, steps, strict=True):
             (moved,) = substitute([q.value], move)
             wanted.append((moved - q.value) * (1.0 / step))
-    rows = model.along_fit(wanted).reshape(-1, 1 + len(own))
+    rows = model.along_fit(wanted).reshape(-1, 1 + len(places))
     return rows[:, 0], rows[:, 1:]
 
 
-def _leaves_its_prior(model: CandidateModel, own: list[int], by: Array, settings: Settings) -> bool:
+def _leaves_its_prior(
+    model: CandidateModel, places: list[int], by: Array, settings: Settings
+) -> bool:
     """Would one of these parameters, moved by so much (SI) from where the model has it, be farther
     off its data sheet than what is called far off, and farther than it is?"""
     scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
     before = scale.inside(p[free])
-    p[own] += by
+    p[places] += by
     after = scale.inside(p[free])
     # A parameter that is far off already would be blamed for its distance, not for the effect's.
     most = np.maximum(settings.far_off, np.abs(before))

@@ -189,11 +189,11 @@ def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bo
     absolutes = np.concatenate([r.losses() for r in model.replays])
     for c, floor in enumerate(seen_mean(budget.floor)):
         seen = ~np.isnan(absolutes[:, c])  # a recording may lack the channel
-        own, flat = absolutes[seen, c], middle[seen, c]
+        error, flat = absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
-        near = own.mean() < budget.settings.naive_near_floor * floor
-        if _is_better(own, flat, seed, budget.settings) and (
-            not started or near or _is_better(own, guess, seed, budget.settings)
+        near = error.mean() < budget.settings.naive_near_floor * floor
+        if _is_better(error, flat, seed, budget.settings) and (
+            not started or near or _is_better(error, guess, seed, budget.settings)
         ):
             return True
     return _follows(model, budget.settings)
@@ -213,20 +213,20 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     return False
 
 
-def _is_better(own: Array, guess: Array, seed: int, settings: Settings) -> bool:
+def _is_better(error: Array, guess: Array, seed: int, settings: Settings) -> bool:
     """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
     guess is exact say nothing of a model."""
     most = 1.0 - settings.naive_margin
-    if guess.sum() <= 0.0 or own.sum() >= most * guess.sum():
+    if guess.sum() <= 0.0 or error.sum() >= most * guess.sum():
         return False
     # An interval of three or four windows is always wide. Half the error is a difference that
     # needs no interval.
-    if own.sum() < settings.naive_plain * guess.sum():
+    if error.sum() < settings.naive_plain * guess.sum():
         return True
     # A ratio of losses needs a positive denominator in every resample.
     guess_error = guess + 1e-9 * guess.mean()
     # of few windows it is not shown that it explains nothing either
-    return bool(moving_block_interval(own, guess_error, seed=seed, widened=False)[1] < most)
+    return bool(moving_block_interval(error, guess_error, seed=seed, widened=False)[1] < most)
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:

@@ -86,12 +86,12 @@ def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[
     # A fit that has blown up has no meaningful end.
     if not fitted.residuals or not assembly.attachments:
         return []
-    own = label or assembly.attachments[-1].label
+    owner = label or assembly.attachments[-1].label
     held = fitted.held if fitted.held.size else [0.0] * len(fitted.problem.free)
     return [
         (b, e.at_bound, abs(float(g)))
         for (b, e), g in zip(estimates(fitted).items(), held, strict=True)
-        if b.owner == own and e.at_bound and _guessed(b, e.at_bound)
+        if b.owner == owner and e.at_bound and _guessed(b, e.at_bound)
     ]
 
 
@@ -130,24 +130,24 @@ def amount_z(model: CandidateModel, label: str) -> float:
     free = list(f.problem.free)
     scale, deviation = f.problem.scale, np.sqrt(np.maximum(f.covariance.diagonal(), 1e-30))
     nothing = f.p.copy()
-    own = []
+    amounts = []
     for k, i in enumerate(free):
         b = model.assembly.parameters[i]
         if b.owner == label and b.null is not None:
             nothing[i] = b.null
-            own.append(k)
+            amounts.append(k)
     away = np.abs(scale.inside(f.p[free]) - scale.inside(nothing[free])) / deviation
-    return float(away[own].max()) if own else math.inf
+    return float(away[amounts].max()) if amounts else math.inf
 
 
 def mirrored(model: CandidateModel) -> dict[str, Range]:
     """Ranges in which the amounts of the model's last effect have the opposite sign; empty where
     they may have either, or where the fit has not ended at nothing."""
-    own = model.additions[-1].labels
+    labels = model.additions[-1].labels
     amounts = [
         (b, e)
         for b, e in estimates(model.fit).items()
-        if b.owner in own and b.sized and b.null == b.low == 0.0
+        if b.owner in labels and b.sized and b.null == b.low == 0.0
     ]
     if not amounts or any(e.at_bound != "low" for _, e in amounts):
         return {}

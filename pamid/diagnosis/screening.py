@@ -101,13 +101,13 @@ def starting_points(
     A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
     wherever the effect helps.
     """
-    own = {b.key: b for b in assembly.parameters if b.owner in added.labels}
+    bounds = {b.key: b for b in assembly.parameters if b.owner in added.labels}
     slight = {
-        key: b.null + TRACE * (b.value - b.null) for key, b in own.items() if b.null is not None
+        key: b.null + TRACE * (b.value - b.null) for key, b in bounds.items() if b.null is not None
     }
     points = [{}, slight]
     varied: dict[tuple[str, int], dict[str, float]] = {}
-    for key, b in own.items():
+    for key, b in bounds.items():
         for k, value in enumerate(b.tries):
             varied.setdefault((key.removeprefix(f"{b.owner}:"), k), {})[key] = value
     points += varied.values()

@@ -233,8 +233,8 @@ def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: Port
 
 def _alike(a: Addition | Attachment, located: PortEvidence) -> set[str]:
     """The ports where it acts, and those that the recordings cannot tell from these."""
-    here = [k for k in located.classes if set(a.ports) & set(k)]
-    return {*a.ports, *(port for k in here for port in k)}
+    classes = [k for k in located.classes if set(a.ports) & set(k)]
+    return {*a.ports, *(port for k in classes for port in k)}
 
 
 def _joint_start(
@@ -346,10 +346,10 @@ def _with_rivals(
     families = set(map(search.family, best.attached))
     for added in best.additions:
         others = _less(best, added)
-        for one in (added, *(Addition((a,)) for a in added.members)):
-            if one.label not in without:
-                below = refitted_with(search, _less(best, one), best)
-                without[one.label] = below if below.finite else search.budget.baseline
+        for part in (added, *(Addition((a,)) for a in added.members)):
+            if part.label not in without:
+                below = refitted_with(search, _less(best, part), best)
+                without[part.label] = below if below.finite else search.budget.baseline
         rivals = {
             k.label: (k, c)
             for step in steps

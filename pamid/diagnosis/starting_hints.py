@@ -106,10 +106,10 @@ def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
         return None
     if any(value.op != "const" for value in at):
         return None
-    zero, one, two = (value.value for value in at)
-    slope = one - zero
+    zero, at_one, two = (value.value for value in at)
+    slope = at_one - zero
     # Three points distinguish a straight line from a curve of one bend.
-    straight = math.isclose(zero + two, 2.0 * one)
+    straight = math.isclose(zero + two, 2.0 * at_one)
     return (zero, slope) if straight and slope != 0.0 else None
 
 
@@ -266,9 +266,9 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
     where, turn, gap = [np.empty(0)], [np.empty(0)], [np.empty((0, parts[0][1].shape[1]))]
     for x, r in parts:
         d = np.diff(r, order, axis=0)
-        here = slice((order + 1) // 2, (order + 1) // 2 + len(d))
-        where.append(x[here])
-        turn.append(np.sign(np.gradient(x))[here])
+        rows = slice((order + 1) // 2, (order + 1) // 2 + len(d))
+        where.append(x[rows])
+        turn.append(np.sign(np.gradient(x))[rows])
         gap.append(d - d.mean(axis=0))
     return np.concatenate(where), np.concatenate(turn), np.concatenate(gap)
 

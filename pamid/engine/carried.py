@@ -60,11 +60,11 @@ class CarriedCourse:
         S: Array,
         p: Array,
         columns: NDArray[np.int64] | None,
-        own: int,
+        parameters: int,
     ) -> None:
         self.carrier, self.memory, self.x, self.S = carrier, memory, x, S
         self.readings = len(x) - len(memory.x)
-        self.own, self.p = own, np.asarray(p, float)
+        self.own, self.p = parameters, np.asarray(p, float)
         moved: dict[int, tuple[float, int]] = {}  # column -> by how much, and of which parameter
         if columns is not None:
             moved = {int(c): (_step(self.p[i]), i) for i, c in enumerate(columns) if c >= 0}
@@ -82,15 +82,15 @@ class CarriedCourse:
                 p[1 + k, i] += by
         saved = self.memory.saved
         if self.memory.begin or saved is None:
-            found = self.carrier.begin(p)
+            readings = self.carrier.begin(p)
         else:
             # A column without a copy begins with its window: the plain state is then its state as
             # well.
             plain, copies = saved
-            found = self.carrier.resume(
+            readings = self.carrier.resume(
                 [plain, *(copies.get(c, plain) for c in self.places.tolist())], p
             )
-        self._take(found)
+        self._take(readings)
 
     def step(self, row: int, f: Array, by: Array, h: float) -> None:
         """One exchange of h seconds, whichever of the run it is, under f (forces), whose
@@ -106,11 +106,11 @@ class CarriedCourse:
         """It is stepped one exchange after the other."""
         return
 
-    def _take(self, found: Array) -> None:
-        self.x[: self.readings] = found[0]
+    def _take(self, readings: Array) -> None:
+        self.x[: self.readings] = readings[0]
         if len(self.by):
             self.S[: self.readings] = 0.0
-            self.S[: self.readings, self.places] = (found[1:] - found[0]).T / self.by
+            self.S[: self.readings, self.places] = (readings[1:] - readings[0]).T / self.by
 
     def keep(self, memory: Memory) -> None:
         plain, *copies = self.carrier.save()

@@ -90,11 +90,11 @@ def run_output_sensitivities(
                     row[c] += gain * earlier[c]
         for i in range(h):
             slope = output[i] * (1.0 - hidden[i] * hidden[i])
-            own = row[i * per_unit : (i + 1) * per_unit]
+            entries = row[i * per_unit : (i + 1) * per_unit]
             for j in range(q):
-                own[j] += slope * seen[j]
+                entries[j] += slope * seen[j]
             for j in range(lags):
-                own[q + j] += slope * y[now - (j + 1) * stride]
-            own[q + lags] += slope
+                entries[q + j] += slope * y[now - (j + 1) * stride]
+            entries[q + lags] += slope
             row[p - 1 - h + i] += hidden[i]
         row[p - 1] += 1.0

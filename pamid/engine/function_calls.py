@@ -108,7 +108,7 @@ def call_foreign(typingctx, address, *given):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def call_pair(typingctx, address, one, other):  # type: ignore[no-untyped-def]
+def call_pair(typingctx, address, first, other):  # type: ignore[no-untyped-def]
     """Call the C function at `address` with two addresses; what it returns is left."""
     signature = types.void(types.intp, types.intp, types.intp)
 

@@ -468,8 +468,8 @@ def _run_samples(equations, memory, inputs, times, results, work, rows):  # type
     t = work.ticks
     h = times.period_s / times.substeps
     t[1], t[2] = h, times.period_s
-    one = times.only >= 0
-    begun, ended = (times.only, times.only + 1) if one else (0, times.substeps)
+    single = times.only >= 0
+    begun, ended = (times.only, times.only + 1) if single else (0, times.substeps)
     for k in range(stop - first):
         row = (first + k) * nu
         for sub in range(begun, ended):

@@ -95,8 +95,8 @@ def _read(path: Path) -> bytes | None:
         # block
         flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
         with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:
-            found = os.fstat(file.fileno())
-            if is_shared(found) or not stat.S_ISREG(found.st_mode):
+            status = os.fstat(file.fileno())
+            if is_shared(status) or not stat.S_ISREG(status.st_mode):
                 return None
             data = file.read()
     except OSError:
@@ -106,8 +106,8 @@ def _read(path: Path) -> bytes | None:
 
 def _require_private(folder: Path) -> None:
     """PermissionError for a folder that others may write, or for a link in its place."""
-    found = folder.lstat()
-    if is_shared(found) or not stat.S_ISDIR(found.st_mode):
+    status = folder.lstat()
+    if is_shared(status) or not stat.S_ISDIR(status.st_mode):
         _say_once(folder)
         raise PermissionError(f"{folder} is not the user's alone")
 

@@ -122,18 +122,18 @@ class KnownSlopes:
         sizes: tuple[int, int, int, int],
         chosen: NDArray[np.intp],
     ) -> KnownSlopes:
-        readings, nx, nf, own = sizes
-        rows, told = samples * substeps, readings + nx
+        readings, nx, nf, parameters = sizes
+        rows, entries = samples * substeps, readings + nx
         return cls(
             np.zeros(rows, bool),
             np.zeros((rows, nx)),
             np.zeros((rows, nf)),
-            np.zeros((rows, own)),
-            np.zeros((rows, told)),
-            np.zeros((rows, told, nx + nf + len(chosen))),
+            np.zeros((rows, parameters)),
+            np.zeros((rows, entries)),
+            np.zeros((rows, entries, nx + nf + len(chosen))),
             np.zeros((rows, nf), bool),
-            np.zeros((rows, nx + nf + own)),
-            np.zeros((rows, told)),
+            np.zeros((rows, nx + nf + parameters)),
+            np.zeros((rows, entries)),
             np.zeros((rows, 3)),
             chosen,
             substeps,
@@ -261,10 +261,10 @@ class KnownSlopes:
         if 0.0 < way < np.inf:
             missed = _most(np.abs(after - self.led[row] - self.slopes[row] @ dz), level)
             self.trust[row, 1:] = way, missed / ((2.0 * base + way) * way)
-        here = np.concatenate([x, f, p])
-        self.last[row], self.led[row] = here, after
-        own = np.concatenate([x - self.x[row], f - self.f[row], (p - self.p[row])[self.chosen]])
-        self.trust[row, 0] = self._way(row, own, level)
+        point = np.concatenate([x, f, p])
+        self.last[row], self.led[row] = point, after
+        away = np.concatenate([x - self.x[row], f - self.f[row], (p - self.p[row])[self.chosen]])
+        self.trust[row, 0] = self._way(row, away, level)
 
     def _in_reach(self, row: int, f: Array, p: Array) -> bool:
         """Are there slopes by all that has moved in forces and parameters, and has no parameter

@@ -183,14 +183,14 @@ class LaneProgram(EquationSteps):
         from pamid.engine.lane_sweep import LaneInputs, LaneTimes, rate_matrices
 
         code = _compiled(self, True, u.ndim == 1)
-        found = rate_matrices(
+        matrices = rate_matrices(
             code.equations,
             memory.arrays(),
             LaneInputs(self._by_group(u[None], None, 0), self._prepared(code, p, memory)),
             LaneTimes(float(time_s), float(period_s), 1, True, False, False),
             self._scratch(code),
         )
-        return _joined_lanes(found, memory.lanes).transpose(2, 0, 1)
+        return _joined_lanes(matrices, memory.lanes).transpose(2, 0, 1)
 
     def _scratch(self, code: _LaneCode) -> LaneScratch:
         from pamid.engine.lane_sweep import lane_scratch

@@ -77,12 +77,12 @@ def part_of(groups: list[list[Expr]]) -> int | None:
 
 def declarations(part: int | None) -> str:
     """Declarations of the functions that a module may call."""
-    found = [] if part is None else [IN_PARTS]
-    found += ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
+    lines = [] if part is None else [IN_PARTS]
+    lines += ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
     for operator in OPERATORS.values():
         for name in re.findall(r"call double @([\w.]+)\(", " ".join(operator.llvm)):
-            found.append(f"declare double @{name}({', '.join(['double'] * operator.arity)})")
-    return "\n".join(found)
+            lines.append(f"declare double @{name}({', '.join(['double'] * operator.arity)})")
+    return "\n".join(lines)
 
 
 def function_text(
@@ -192,8 +192,8 @@ class _FunctionWriter:
         kind = self.kind
         if node.op == "where":
             truth = self._truth(node.args[0])
-            one, other = (f"{kind.name} {self.value(a)}" for a in node.args[1:])
-            self.names[node] = self.fresh(f"select {kind.truth} {truth}, {one}, {other}")
+            yes, no = (f"{kind.name} {self.value(a)}" for a in node.args[1:])
+            self.names[node] = self.fresh(f"select {kind.truth} {truth}, {yes}, {no}")
         else:
             a = [self.value(x) for x in node.args]
             operator, last = OPERATORS[node.op], ""
@@ -202,8 +202,8 @@ class _FunctionWriter:
             if operator.is_comparison:
                 # kept beside the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
                 self.truths[node] = last
-                one, zero = (f"{kind.name} {kind.constant(v)}" for v in (1.0, 0.0))
-                last = self.fresh(f"select {kind.truth} {last}, {one}, {zero}")
+                unit, zero = (f"{kind.name} {kind.constant(v)}" for v in (1.0, 0.0))
+                last = self.fresh(f"select {kind.truth} {last}, {unit}, {zero}")
             self.names[node] = last
         if node in self.wanted:
             self.kept[node] = len(self.kept)

@@ -315,8 +315,8 @@ class Program(EquationSteps):
         from pamid.engine.integrator import Results
 
         held = memory.arrays(sensitive=columns is not None)
-        own = len(memory.x)
-        x, S = np.zeros(first + own), np.zeros((first + len(memory.S), held.S.shape[1]))
+        states = len(memory.x)
+        x, S = np.zeros(first + states), np.zeros((first + len(memory.S), held.S.shape[1]))
         x[first:], S[first:] = memory.x, held.S
         shape = (1, len(self.outputs), S.shape[1])
         # whether steps are implicit is known when they are made

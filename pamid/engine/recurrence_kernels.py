@@ -258,9 +258,12 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
         _propagate(matrix, before, after, output, jacobian, first, h, wide)
         for i in range(h):
             slope = 1.0 - fresh[i] * fresh[i]
-            own, row = after[i, i * per_unit : (i + 1) * per_unit], jacobian[first + i * per_unit :]
+            entries, row = (
+                after[i, i * per_unit : (i + 1) * per_unit],
+                jacobian[first + i * per_unit :],
+            )
             for j in range(per_unit):
-                own[j] += slope * seen[j]
+                entries[j] += slope * seen[j]
             for j in range(per_unit):
                 row[j] += output[i] * slope * seen[j]
         for i in range(h):

@@ -140,16 +140,16 @@ def run_of(parcel: Parcel) -> tuple[Memory, Course]:
     return memory, Course(u, p, period_s, time_s, stepping, places, weights, after)
 
 
-def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
+def run_answer(memory: Memory, outcome: tuple[Array, Array, int]) -> Parcel:
     """Pack the result of a run, and its memory at the end."""
-    return packed({"bad": found[2]}, [*found[:2], *memory.arrays()])
+    return packed({"bad": outcome[2]}, [*outcome[:2], *memory.arrays()])
 
 
 def take_answer(memory: Memory, parcel: Parcel) -> tuple[Array, Array, int]:
     """Unpack `run_answer` into the memory."""
-    Y, JY, *kept = parcel.arrays()
+    Y, JY, *memory_arrays = parcel.arrays()
     # In place: the caller and its drivers hold views of these arrays.
-    for array, new in zip(memory.arrays(), kept, strict=True):
+    for array, new in zip(memory.arrays(), memory_arrays, strict=True):
         array[...] = new
     memory.begin = memory.join = False
     return Y, JY, int(parcel.about["bad"])

@@ -127,9 +127,9 @@ class SteppedProgram:
         """See `Program.memory`."""
         # Readings follow from the states, so that they are no part of what a caller may set.
         inside = np.concatenate([np.zeros(self.readings), x])
-        made = self.around.memory(inside, columns, stepping=stepping, period_s=period_s)
-        made.x, made.S = made.x[self.readings :].copy(), made.S[self.readings :].copy()
-        return made
+        memory = self.around.memory(inside, columns, stepping=stepping, period_s=period_s)
+        memory.x, memory.S = memory.x[self.readings :].copy(), memory.S[self.readings :].copy()
+        return memory
 
     def run(
         self,
@@ -159,10 +159,10 @@ class SteppedProgram:
         course.read()
         parts = 1 if self.whole else step.substeps
         bad, times = -1, (time_s, period_s, replace(step, substeps=parts))
-        found = course.in_c(around, memory, times, Y, JY)
-        if found is not None:
-            bad = found
-        for k in range(len(u)) if found is None else ():
+        first_bad = course.in_c(around, memory, times, Y, JY)
+        if first_bad is not None:
+            bad = first_bad
+        for k in range(len(u)) if first_bad is None else ():
             for sub in range(parts):
                 values, slopes = around.step(k, sub, times, memory.begin, memory.join)
                 memory.begin = memory.join = False
@@ -204,8 +204,8 @@ class SteppedProgram:
         n, known = windows.states.shape[1], self.known
         for (start, stop), x in zip(windows.edges.tolist(), windows.states, strict=True):
             memory.enter(x, windows.column)
-            here = self.knowing(known.part(start, stop)) if known else self
-            Y, JY, bad = here.run(
+            program = self.knowing(known.part(start, stop)) if known else self
+            Y, JY, bad = program.run(
                 memory,
                 u[start:stop],
                 p,
@@ -270,9 +270,9 @@ class SteppedProgram:
         self.run(trial, u[None, :], p, period_s=period_s, time_s=time_s, columns=none)
         # An equivalent rate: the simulator has no derivative in time, only the map of one
         # exchange.
-        found = (trial.S[:nx, :nx] - np.eye(nx)) / period_s
-        found[self.simulated :] = rates[first + self.simulated :]
-        return found
+        matrix = (trial.S[:nx, :nx] - np.eye(nx)) / period_s
+        matrix[self.simulated :] = rates[first + self.simulated :]
+        return matrix
 
     def exchange_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
@@ -280,9 +280,9 @@ class SteppedProgram:
         """Of `rate_matrix` what goes by way of the exchanges, by which their length is chosen: what
         the simulator does between two of them, an impact for instance, its own step takes care
         of."""
-        found = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
+        matrix = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
         if isinstance(self.simulator, Carrier):
-            return found
+            return matrix
         around = self.around.driver(memory.copy(), u[None, :], p, None, None, self.readings)
         inside = around.arrays.x
         course = _Course(self, self.simulator, inside, around.arrays.S, p, None)
@@ -293,8 +293,8 @@ class SteppedProgram:
         none = np.zeros(0, np.intp)
         alone = slopes_of(self.simulator, x, f, course.own, period_s, none, none).by_state
         n = self.simulated
-        found[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
-        return found
+        matrix[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
+        return matrix
 
 
 @dataclass(eq=False)
@@ -336,10 +336,10 @@ class _Course:
         if moved:
             xs[1 + np.arange(len(x)), np.arange(len(x))] += by[: len(x)]
             ps[1 + len(x) + np.arange(len(chosen)), chosen] += by[len(x) :]
-        found = self.simulator.reads(xs, ps)
-        self.x[: q.readings] = found[0]
+        readings = self.simulator.reads(xs, ps)
+        self.x[: q.readings] = readings[0]
         if moved:
-            slopes = (found[1:] - found[0]).T / by
+            slopes = (readings[1:] - readings[0]).T / by
             self.S[: q.readings] = slopes[:, : len(x)] @ self.S[self.part]
             self.S[: q.readings, self.places] += slopes[:, len(x) :]
 
@@ -397,20 +397,20 @@ class _Course:
         assert known is not None
         pushed = np.flatnonzero(known.pushed[row])
         places = np.concatenate([np.arange(nx), nx + pushed])
-        own = nx + nf + np.arange(len(self.chosen))  # columns of the table
+        by_parameter = nx + nf + np.arange(len(self.chosen))  # columns of the table
         slopes = known.scaled(row, self.own)
         chosen = nx + nf + self.chosen  # places of a step
         if not (moves or step.agree(places, slopes[:, places], PROBED)):
             both = step.slopes(np.concatenate([places, chosen]))
-            slopes[:, places], slopes[:, own] = np.split(both, [len(places)], axis=1)
+            slopes[:, places], slopes[:, by_parameter] = np.split(both, [len(places)], axis=1)
             known.counts[0] += 1
             return slopes
         far = known.far(row, self.own)[self.chosen]
         if far.any():
-            slopes[:, own[far]] = step.slopes(chosen[far])
-        fails = len(own) > 0 and not step.agree(chosen, slopes[:, own], PROBED)
+            slopes[:, by_parameter[far]] = step.slopes(chosen[far])
+        fails = len(by_parameter) > 0 and not step.agree(chosen, slopes[:, by_parameter], PROBED)
         if fails:
-            slopes[:, own] = step.slopes(chosen)
+            slopes[:, by_parameter] = step.slopes(chosen)
         known.counts[0 if fails or far.any() else 1] += 1
         return slopes
 
@@ -418,10 +418,10 @@ class _Course:
         """Readings and states behind a step, and whether it was foretold."""
         known, x, f = self.known, step.x, step.f
         if known is not None:
-            told = known.foretells(row, x, f, self.own, self.level)
-            if told is not None:
+            predicted = known.foretells(row, x, f, self.own, self.level)
+            if predicted is not None:
                 known.counts[2] += 1
-                return told, True
+                return predicted, True
             known.check(row, x, f, self.own, step.after, self.level)
         return step.after, False
 

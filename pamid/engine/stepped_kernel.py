@@ -158,12 +158,12 @@ def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
 def _told(t, row, j, dz):  # type: ignore[no-untyped-def]
     """By how much the slopes of a row move the j-th reading or state, and how differently it then
     acts."""
-    told, differently, own = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
+    shift, differently, diagonal = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
     for i in range(dz.shape[0]):
         slope = t.slopes[row, j, i]
-        told += slope * dz[i]
-        differently += abs((slope - 1.0 if i == own else slope) * dz[i])
-    return told, differently
+        shift += slope * dz[i]
+        differently += abs((slope - 1.0 if i == diagonal else slope) * dz[i])
+    return shift, differently
 
 
 @njit(cache=True)
@@ -177,10 +177,10 @@ def _more(most, size, level):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _way(t, row, dz):  # type: ignore[no-untyped-def]
     """How differently it acts there at most, in levels."""
-    found = 0.0
+    largest = 0.0
     for j in range(t.level.shape[0]):
-        found = _more(found, _told(t, row, j, dz)[1], t.level[j])
-    return found
+        largest = _more(largest, _told(t, row, j, dz)[1], t.level[j])
+    return largest
 
 
 @njit(cache=True)
@@ -190,8 +190,8 @@ def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
     if t.foretold == 0.0 or not _in_reach(t, row, f):
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
-    here = t.last[row]
-    _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
+    last = t.last[row]
+    _moved(t, x, f, last[:nx], last[nx:at], last[at:], dz)
     way = _way(t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
     # neither is so of what is no number
@@ -209,8 +209,8 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     if t.foretold == 0.0 or not _in_reach(t, row, f):
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
-    here = t.last[row]
-    _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
+    last = t.last[row]
+    _moved(t, x, f, last[:nx], last[nx:at], last[at:], dz)
     way, base = _way(t, row, dz), t.trust[row, 0]
     if 0.0 < way < np.inf:
         missed = 0.0
@@ -219,9 +219,9 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
             missed = _more(missed, off, t.level[j])
         t.trust[row, 1] = way
         t.trust[row, 2] = missed / ((2.0 * base + way) * way)
-    here[:nx] = x
-    here[nx:at] = f
-    here[at:] = t.own
+    last[:nx] = x
+    last[nx:at] = f
+    last[at:] = t.own
     t.led[row] = plain
     _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
     t.trust[row, 0] = _way(t, row, dz)
@@ -239,9 +239,9 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     for j in range(plain.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
         change = plain[j] - t.after[row, j]
-        told, differently = _told(t, row, j, dz)
+        shift, differently = _told(t, row, j, dz)
         # neither is so of what is no number
-        if not abs(change - told) <= t.same * differently + tiny:
+        if not abs(change - shift) <= t.same * differently + tiny:
             return False, False
         moved = dz[j - readings] if j >= readings else 0.0
         if not abs(change - moved) <= t.same * t.level[j] + tiny:
@@ -269,7 +269,7 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-def]
+def _one_side(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
     """Fill columns of `found` (told, states + forces + moved parameters) by differences over these
     steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
@@ -285,48 +285,48 @@ def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-
             at[k] = value
         else:
             _advance(c, models[i - nx - nf], x, f, moved)
-        found[:, i] = (moved - plain) / steps[i]
+        slopes[:, i] = (moved - plain) / steps[i]
 
 
 @njit(cache=True)
-def _agree(c, model, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
+def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     """Do slopes foretell the step with everything moved to the other side? model: with the
     parameters that are."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     moved, readings = np.empty(plain.shape[0]), plain.shape[0] - nx
     _advance(c, model, x - steps[:nx], f - steps[nx:at], moved)
     for j in range(plain.shape[0]):
-        told, differently = plain[j], 0.0
+        predicted, differently = plain[j], 0.0
         for i in range(steps.shape[0]):
-            told -= found[j, i] * steps[i]
-            own = i == j - readings
-            differently += abs((found[j, i] - 1.0 if own else found[j, i]) * steps[i])
+            predicted -= slopes[j, i] * steps[i]
+            diagonal = i == j - readings
+            differently += abs((slopes[j, i] - 1.0 if diagonal else slopes[j, i]) * steps[i])
         # neither is so of what is no number
-        if not abs(moved[j] - told) <= c.same * differently + c.rounded * abs(plain[j]):
+        if not abs(moved[j] - predicted) <= c.same * differently + c.rounded * abs(plain[j]):
             return False
     return True
 
 
 @njit(cache=True)
-def _slopes(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
+def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     """Fill columns of `found` as `pamid.engine.simulator.Differences` does, where these steps of a
     difference are not zero."""
     at, n = x.shape[0] + f.shape[0], c.place.shape[0]
-    _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, found)
+    _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
     moved = 0
     for k in range(n):
         moved += steps[at + k] != 0.0
     # a model with all parameters moved down tells about all of them only
     some = 0 < moved < n
-    if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, found):
+    if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, slopes):
         return
-    other = found.copy()
+    other = slopes.copy()
     _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
     for j in range(plain.shape[0]):
-        for i in range(found.shape[1]):
+        for i in range(slopes.shape[1]):
             still = 1.0 if i == j - plain.shape[0] + x.shape[0] else 0.0
-            if abs(other[j, i] - still) < abs(found[j, i] - still):
-                found[j, i] = other[j, i]
+            if abs(other[j, i] - still) < abs(slopes[j, i] - still):
+                slopes[j, i] = other[j, i]
 
 
 @njit(cache=True)
@@ -346,19 +346,21 @@ def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
 def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
     """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
     those by parameters are in doubt."""
-    at, found, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
+    at, slopes, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
     _rescaled(t, row, far)
-    motion, own = steps.copy(), steps.copy()
+    motion, parameters = steps.copy(), steps.copy()
     motion[at:] = 0.0
-    own[:at] = 0.0
-    if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, found)):
-        _slopes(c, x, f, steps, plain, found)
+    parameters[:at] = 0.0
+    if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, slopes)):
+        _slopes(c, x, f, steps, plain, slopes)
         return True
     anew = bool(far.any())
     if anew:
-        _slopes(c, x, f, np.where(far, steps, 0.0), plain, found)
-    if own.shape[0] > at and not _agree(c, c.models[-1], x, f, c.probed * own, plain, found):
-        _slopes(c, x, f, own, plain, found)
+        _slopes(c, x, f, np.where(far, steps, 0.0), plain, slopes)
+    if parameters.shape[0] > at and not _agree(
+        c, c.models[-1], x, f, c.probed * parameters, plain, slopes
+    ):
+        _slopes(c, x, f, parameters, plain, slopes)
         anew = True
     return anew
 
@@ -367,16 +369,16 @@ def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-de
 def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
     """Have slopes of a row that hold for a step from x under f; fill `plain` with where it leads.
     pushed (forces,): by which slopes are needed; steps: of differences, by all."""
-    nx, nf, made = x.shape[0], f.shape[0], t.made[row]
+    nx, nf, known = x.shape[0], f.shape[0], t.made[row]
     lacking = np.zeros(steps.shape[0])
     for k in range(nf):
-        wanted = pushed[k] or t.pushed[row, k] or (made and f[k] != t.f[row, k])
+        wanted = pushed[k] or t.pushed[row, k] or (known and f[k] != t.f[row, k])
         if not wanted:
             steps[nx + k] = 0.0
-        elif made and not t.pushed[row, k]:
+        elif known and not t.pushed[row, k]:
             lacking[nx + k] = steps[nx + k]
         t.pushed[row, k] = wanted
-    if not made:
+    if not known:
         _step(c, x, f, plain)
         t.slopes[row] = 0.0
         _slopes(c, x, f, steps, plain, t.slopes[row])
@@ -403,11 +405,11 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
+def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
     """Move `told` (readings and states,) and, where asked for, their rows of S (all in place) over
     an exchange under f (forces,), whose sensitivities are `by` (forces, columns)."""
-    readings, seen = c.reading_at.shape[0], told.shape[0]
-    x = told[readings:]
+    readings, seen = c.reading_at.shape[0], values.shape[0]
+    x = values[readings:]
     nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], c.place.shape[0]
     plain, keep = np.empty(seen), t.made.shape[0] > 0
     if not sensitive:
@@ -417,7 +419,7 @@ def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-
             _step(c, x, f, plain)
             if keep:
                 _check(t, row, x, f, plain)
-        told[:] = plain
+        values[:] = plain
         return
     steps, pushed = np.empty(nx + nf + n), np.zeros(nf, np.bool_)
     for i in range(nx):
@@ -427,18 +429,18 @@ def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-
         pushed[k] = by[k].any()
     steps[nx + nf :] = c.moved_by
     if keep:
-        found = t.slopes[row]
+        slopes = t.slopes[row]
         _kept_slopes(c, t, row, x, f, pushed, steps, plain)
     else:
-        found = np.zeros((seen, nx + nf + n))
+        slopes = np.zeros((seen, nx + nf + n))
         steps[nx : nx + nf] *= pushed
         _step(c, x, f, plain)
-        _slopes(c, x, f, steps, plain, found)
+        _slopes(c, x, f, steps, plain, slopes)
     # A new array, because every row of S is needed until the last product has been taken.
     rows = np.zeros((seen, wide))
     for i in range(nx + nf):
         for j in range(seen):
-            slope = found[j, i]
+            slope = slopes[j, i]
             # Most readings depend on few states, and a row of S may have hundreds of columns.
             if slope == 0.0:
                 continue
@@ -450,9 +452,9 @@ def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-
         if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]] and t.own[t.chosen[k]] != 0.0:
             share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
         for j in range(seen):
-            rows[j, c.place[k]] += share * found[j, nx + nf + k]
+            rows[j, c.place[k]] += share * slopes[j, nx + nf + k]
     S[:seen] = rows
-    told[:] = plain
+    values[:] = plain
 
 
 @njit(cache=True)
@@ -467,7 +469,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # ty
     f = np.empty(c.force_at.shape[0])
     x, S = memory.x, memory.S
     for k in range(inputs.u.shape[0]):
-        here = Inputs(inputs.u[k : k + 1], inputs.p, inputs.column, inputs.sensitive)
+        sample_inputs = Inputs(inputs.u[k : k + 1], inputs.p, inputs.column, inputs.sensitive)
         for sub in range(times.substeps):
             now = Times(
                 times.time_s + k * times.period_s,
@@ -478,7 +480,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # ty
                 join,
                 sub,
             )
-            sweep(equations, memory, here, now, results)
+            sweep(equations, memory, sample_inputs, now, results)
             begin = False
             join = False
             if sub == 0:

@@ -67,11 +67,11 @@ def relative_error(replays: Sequence[Replay], reference: Sequence[Replay]) -> fl
         return np.inf
     if not all(r.finite for r in reference):
         return 0.0
-    own, other = (
+    error, other = (
         seen_mean(np.concatenate([r.losses(1) for r in several]))
         for several in (replays, reference)
     )
-    return float(np.nanmean(own / other))
+    return float(np.nanmean(error / other))
 
 
 def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
@@ -137,20 +137,20 @@ def fit_held(fitted: Fit, places: Iterable[int]) -> Fit:
     """The fit of the same problem with these free parameters held at the data sheet."""
     problem, held = fitted.problem, frozenset(places)
     few = replace(problem, free=tuple(i for i in problem.free if i not in held))
-    found = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
-    if not found.residuals:
-        return found
+    reduced = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
+    if not reduced.residuals:
+        return reduced
     # No steps, but all parameters free: the covariance then covers those that were held as well.
     whole = fit(
         problem,
-        p=found.p,
-        starts=found.starts,
-        weights=found.weights,
-        stepping=found.stepping,
-        continuity=found.continuity,
+        p=reduced.p,
+        starts=reduced.starts,
+        weights=reduced.weights,
+        stepping=reduced.stepping,
+        continuity=reduced.continuity,
         iterations=0,
     )
-    return replace(whole, converged=found.converged, why=found.why)
+    return replace(whole, converged=reduced.converged, why=reduced.why)
 
 
 # ---- background ----------------------------------------------------------------------------------

@@ -104,20 +104,22 @@ def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingErro
         r, part = span.recording, slice(span.start, span.stop)
         if not _has_loop(g.evidence.rig, r):
             continue
-        runs = {name: loop_run(one, r, p) for name, (one, p) in models.items()}
+        runs = {name: loop_run(model, r, p) for name, (model, p) in models.items()}
         for c in g.evidence.channels:
             if r.has(c):
-                own = {n: None if run is None else run[c][part] for n, run in runs.items()}
-                rows.append(recording_error(r.name, r.known, IN_LOOP, c, r.signal(c)[part], own))
+                outputs = {n: None if run is None else run[c][part] for n, run in runs.items()}
+                rows.append(
+                    recording_error(r.name, r.known, IN_LOOP, c, r.signal(c)[part], outputs)
+                )
     return tuple(rows)
 
 
 def _collect(
-    errors: dict[str, dict[str, list[float]]], name: str, found: dict[str, Array] | None, span: Span
+    errors: dict[str, dict[str, list[float]]], name: str, run: dict[str, Array] | None, span: Span
 ) -> None:
-    if found is None:
+    if run is None:
         return
-    for column, values in found.items():
+    for column, values in run.items():
         if span.recording.has(column):
             gap = np.abs(values - span.recording.signal(column))[span.start : span.stop]
             errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
@@ -128,16 +130,15 @@ def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
     span."""
     if not loops:
         return []
-    found = loop_run(g, span.recording, g.fit.p)
+    run = loop_run(g, span.recording, g.fit.p)
     n, period = span.stop - span.start, span.recording.sampling_period_s
     out: list[Array] = []
     for q in loops:
-        if found is None:
+        if run is None:
             out += [np.zeros(n)] * 4
             continue
         out += [
-            c[span.start : span.stop]
-            for c in loop_motion(found[q.reading], found[q.command], period)
+            c[span.start : span.stop] for c in loop_motion(run[q.reading], run[q.command], period)
         ]
     return out
 

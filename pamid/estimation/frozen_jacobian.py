@@ -167,16 +167,16 @@ class ChordShooting(MultipleShooting):
         problem, frozen = self.problem, self.frozen.tracks[i]
         track, free = problem.tracks[i], list(problem.free)
         windows, (count, n), k = problem.windows(track), entered.shape, len(s)
-        shared, own = self.places
+        shared, added = self.places
         # lane 0 is the point; then follows one lane per own parameter and per state of the starts
-        first, lanes = 1 + len(own), 1 + len(own) + n
+        first, lanes = 1 + len(added), 1 + len(added) + n
         values = self.p.copy()
         values[free] = self.scale.outside(s)
-        p, own_moves = moved_parameters(problem, values, own)
+        p, own_moves = moved_parameters(problem, values, added)
         p = np.concatenate([p, np.repeat(p[:, :1], n, 1)], 1)
         moves = np.concatenate([own_moves, self.moves[i]])
         x = np.repeat(entered[:, :, None], lanes, 2)
-        x[:, range(n), range(first, lanes)] += moves[len(own) :]
+        x[:, range(n), range(first, lanes)] += moves[len(added) :]
         Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)
         root = np.where(track.seen, self.weights.root, 0.0)
         left = Y[:, :, 0] - track.y
@@ -197,7 +197,7 @@ class ChordShooting(MultipleShooting):
         by[:, :, :m] = frozen.ends * slope
         by[:, :, m:] = (ends[:, :n, 1:] - ends[:, :n, :1]) / moves
         # from the order shared parameters, own parameters, start states
-        place = np.concatenate([shared, own, k + np.arange(n)])
+        place = np.concatenate([shared, added, k + np.arange(n)])
         back = np.argsort(place)
         return WindowSums(
             float(inner[:, -1, -1].sum()),

@@ -47,19 +47,19 @@ def combinations_of(
     """Declared combinations that hold a fitted parameter, and the groups of parameters known only
     in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
-    own = own_of(space, fitted.problem.assembly)
-    combinations = {q.name: _combination(space, q, draws, True) for q in own}
+    declared = own_of(space, fitted.problem.assembly)
+    combinations = {q.name: _combination(space, q, draws, True) for q in declared}
     ties = []
     for group in _groups(space):
         known = _known(space, group)
-        found = _named(space, group, known, own)
-        for q in found:
+        named = _named(space, group, known, declared)
+        for q in named:
             combinations.setdefault(q.name, _combination(space, q, draws, False))
         ties.append(
             Tie(
                 parameters=tuple(space.names[k] for k in group),
                 directions=known.shape[1],
-                known=tuple(q.name for q in found),
+                known=tuple(q.name for q in named),
             )
         )
     return combinations, tuple(ties)
@@ -97,14 +97,14 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
     return {b: e for b, e in reported.items() if b.full_name not in inner}
 
 
-def tied_text(found: dict[str, Any]) -> list[str]:
+def tied_text(fit: dict[str, Any]) -> list[str]:
     """A sentence per group of fit.json's `tied`."""
     lines = []
-    for tie in found["tied"]:
-        names, known = tie["parameters"], [(n, found["combinations"][n]) for n in tie["known"]]
+    for tie in fit["tied"]:
+        names, known = tie["parameters"], [(n, fit["combinations"][n]) for n in tie["known"]]
         figures = [f"{n} = {c['value']:.5g} ({c['low']:.5g} .. {c['high']:.5g})" for n, c in known]
         lines.append(f"{', '.join(names[:-1])} and {names[-1]} are known only in combination:")
-        lines += [f"    {one}" for one in figures]
+        lines += [f"    {figure}" for figure in figures]
     return lines
 
 
@@ -141,7 +141,9 @@ def _known(space: Space, group: list[int]) -> Array:
     return np.asarray(vectors[:, values < SETTLED**2])
 
 
-def _named(space: Space, group: list[int], known: Array, own: list[Quantity]) -> list[Quantity]:
+def _named(
+    space: Space, group: list[int], known: Array, declared: list[Quantity]
+) -> list[Quantity]:
     """Combinations that span what is known of a group: declared ones first, then quotients with
     those and the plainest of parameters, tightest first."""
     chosen: list[Quantity] = []
@@ -159,25 +161,27 @@ def _named(space: Space, group: list[int], known: Array, own: list[Quantity]) ->
 
     near = [
         q
-        for q in own
+        for q in declared
         if float(np.linalg.norm(q.slope[group])) > 0.5 * float(np.linalg.norm(q.slope))
     ]
     for q in sorted(near, key=lambda q: space.share(q.slope, q.slope_prior)):
         if space.share(q.slope, q.slope_prior) < SETTLED and adds(q.slope):
             chosen.append(q)
     singles = [space.single(k) for k in group]
-    found = [*_quotients(space, near, singles), *_plainest(space, group, known, singles)]
-    for _, _, slope, terms in sorted(found, key=lambda f: f[:2]):
+    candidates = [*_quotients(space, near, singles), *_plainest(space, group, known, singles)]
+    for _, _, slope, terms in sorted(candidates, key=lambda f: f[:2]):
         if adds(slope):
             chosen.append(space.together(terms))
     return chosen
 
 
-def _quotients(space: Space, own: list[Quantity], singles: list[Quantity]) -> Iterator[_Candidate]:
+def _quotients(
+    space: Space, declared: list[Quantity], singles: list[Quantity]
+) -> Iterator[_Candidate]:
     """Settled quotients and products of a declared combination and another one or a parameter."""
-    own, singles = [q for q in own if q.log], [q for q in singles if q.log]
-    for i, a in enumerate(own):
-        for rank, b in [(1, b) for b in own[i + 1 :]] + [(2, b) for b in singles]:
+    declared, singles = [q for q in declared if q.log], [q for q in singles if q.log]
+    for i, a in enumerate(declared):
+        for rank, b in [(1, b) for b in declared[i + 1 :]] + [(2, b) for b in singles]:
             for n in (-1.0, 1.0):
                 slope, share = space.share_together([(a, 1.0), (b, n)])
                 if share < SETTLED:

@@ -82,8 +82,8 @@ def bootstrap(
 
     Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
     Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
-    found = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count), progress)
-    return np.array([draw for draw in found if not isinstance(draw, Failed)])
+    draws = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count), progress)
+    return np.array([draw for draw in draws if not isinstance(draw, Failed)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +105,14 @@ class _Drawing(Work[int, Array]):
         importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(
             float
         )
-        again: Problem = replace(
+        drawn: Problem = replace(
             problem,
             importance=importance,
             sheet=random.standard_normal(len(problem.free)),
             prior=problem.prior and problem.prior.drawn(random),
         )
         done = fit(
-            again,
+            drawn,
             p=f.p,
             # A draw is a small change of the data, so that it starts from the fit and needs few
             # steps.
@@ -124,8 +124,8 @@ class _Drawing(Work[int, Array]):
         )
         return {"scaled": problem.scale.inside(done.p[list(problem.free)])}
 
-    def restored(self, item: int, found: Plain) -> Array:
-        scaled: Array = found["scaled"]
+    def restored(self, item: int, plain: Plain) -> Array:
+        scaled: Array = plain["scaled"]
         return scaled
 
 
@@ -137,6 +137,6 @@ def background_pull(fitted: Fit) -> dict[str, float]:
         if b.nuisance and b.fitted:
             strains[b.owner].append(float((fitted.p[i] - b.value) / b.spread))
     return {
-        owner.removeprefix("background."): pull_of(terms[owner], found)
-        for owner, found in strains.items()
+        owner.removeprefix("background."): pull_of(terms[owner], pulls)
+        for owner, pulls in strains.items()
     }

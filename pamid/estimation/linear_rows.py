@@ -75,9 +75,9 @@ def linear_rows(
     for i, (track, x, joint) in enumerate(zip(problem.tracks, starts, continuity, strict=True)):
         runner = Runner(problem.assembly, track, stepping, problem.free)
         runner = runner.keeping(known[i]) if known else runner
-        own, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
+        values, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
         root = np.where(track.seen, weights.root, 0.0)
-        runs = runner.run_windows(runner.memory(own), windows, x, own, derivatives, root)
+        runs = runner.run_windows(runner.memory(values), windows, x, values, derivatives, root)
         for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
             r = np.nan_to_num((run.Y - track.y[window.start : window.stop]) * root)
             # The factor keeps the sum of squares, so that thinned residuals weigh as much against

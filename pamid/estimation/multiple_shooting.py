@@ -207,14 +207,14 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         if not ended.settled:
             if not any(known and known.counts[2] for known in self.known):
                 return ended
-            made = self._keeping([k and k.without_foretelling() for k in self.known])
-            return replace(ended, point=made.at(ended.point.s, ended.point.starts))
+            simulated = self._keeping([k and k.without_foretelling() for k in self.known])
+            return replace(ended, point=simulated.at(ended.point.s, ended.point.starts))
         exact = self._keeping([k and k.forgotten() for k in self.known])
         point = exact.at(ended.point.s, ended.point.starts)
-        again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
+        restarted = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
         if not point.normal.fine:  # what was foretold was wrong
-            return again
-        return iterate(exact, again, max(iterations, ended.steps + LAST_STEPS))
+            return restarted
+        return iterate(exact, restarted, max(iterations, ended.steps + LAST_STEPS))
 
     def _keeping(self, known: list[KnownSlopes | None]) -> MultipleShooting:
         """The same with these slopes, per track."""
@@ -232,7 +232,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         s, starts, now, _ = ended.point
         p, free = self.p.copy(), list(self.problem.free)
         p[free] = self.scale.outside(s)
-        found = Fit(
+        result = Fit(
             self.problem,
             p,
             starts,
@@ -246,13 +246,13 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
             self.continuity,
         )
         if self.probe:
-            return found
+            return result
         # Laplace's approximation: the inverse of the half Hessian of -2 log posterior, with the
         # starts marginalised (the Schur complement does that)
         H, g, held, _ = reduced(now, s, self.scale, 0.0)
         covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
         return replace(
-            found,
+            result,
             covariance=covariance,
             residuals=tuple(now.residuals),
             held=np.where(held, g, 0.0),

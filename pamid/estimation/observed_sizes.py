@@ -52,16 +52,16 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
         run_windows(program, plain, p, track, problem.windows(track), x, stepping)
         for track, x in zip(problem.tracks, starts, strict=True)
     ]
-    found = sizes_of(list(probes), [t[:, t.shape[1] - len(probes) :] for t in tables])
-    if all((port, name) in found for port, _, name in probes):
-        return found | time
+    sizes = sizes_of(list(probes), [t[:, t.shape[1] - len(probes) :] for t in tables])
+    if all((port, name) in sizes for port, _, name in probes):
+        return sizes | time
     runs = [(t.u, Runner(plain, t, Stepping()).parameters(p), t.period_s) for t in problem.tracks]
-    found = port_sizes(plain, runs) | found | time
+    sizes = port_sizes(plain, runs) | sizes | time
     pushed = {
         (name, "value"): _push_that_moves(evidence, name, starts, stepping)
-        for name in unsized(evidence, found)
+        for name in unsized(evidence, sizes)
     }
-    return found | {key: size for key, size in pushed.items() if size}
+    return sizes | {key: size for key, size in pushed.items() if size}
 
 
 class Push(Effect):
@@ -92,9 +92,9 @@ def _push_that_moves(
     moved, slope = (np.zeros(len(evidence.channels)) for _ in range(2))
     for track, x in zip(problem.tracks, starts, strict=True):
         runner = Runner(pushed, track, stepping, free=(place,))
-        own = runner.parameters(p)
+        values = runner.parameters(p)
         windows = problem.windows(track)
-        runs = runner.run_windows(runner.memory(own), windows, x, own, True)
+        runs = runner.run_windows(runner.memory(values), windows, x, values, True)
         for window, run in zip(windows, runs, strict=True):
             if not run.fine:
                 return 0.0

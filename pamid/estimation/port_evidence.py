@@ -88,8 +88,8 @@ class _Smoothing(Work[Ports, Found]):
         smoother = self.smoother(item)
         return {"found": (smoother.best if self.moving else smoother.rough).found}
 
-    def restored(self, item: Ports, found: Plain) -> Found:
-        evidence, size, time_s = found["found"]
+    def restored(self, item: Ports, plain: Plain) -> Found:
+        evidence, size, time_s = plain["found"]
         return evidence, size, time_s
 
     def name(self, item: Ports) -> str:
@@ -118,9 +118,9 @@ def locate(
         )
         for name in names
     }  # a value enters the equations there as it does here
-    own = [name for name in names if twins[name] == name]
+    distinct = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
-    found_at = _found_at(work, own, pool, known)
+    found_at = _found_at(work, distinct, pool, known)
     # Ports with the same equations have the same evidence, and each smoothing costs several fits.
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
@@ -129,23 +129,25 @@ def locate(
         # strongest such port.
         leader = next((k for k in classes if gains[name] >= alike * gains[k]), name)
         classes.setdefault(leader, []).append(name)
-    found = tuple(tuple(k) for k in classes.values())
+    port_classes = tuple(tuple(k) for k in classes.values())
     if ports is not None:
-        return PortEvidence(gains, found, {}, smoothers)
+        return PortEvidence(gains, port_classes, {}, smoothers)
     # Shapley values of more players need the evidence of every subset, whose number doubles with
     # each.
     leaders = [leader for leader in classes if gains[leader] > 0.0][:2]
     worth = {leader: gains[leader] for leader in leaders}
     if len(leaders) == 2:
-        one, other = leaders
+        leader_port, other = leaders
         # a latent value of size zero is free to take: more ports are never worth less, though the
         # coarse grid of sizes may say so
-        joint = max(*_gains(work, [(one, other)], pool, known), gains[one], gains[other])
+        joint = max(
+            *_gains(work, [(leader_port, other)], pool, known), gains[leader_port], gains[other]
+        )
         worth = {
-            one: shapley_value(gains[one], gains[other], joint),
-            other: shapley_value(gains[other], gains[one], joint),
+            leader_port: shapley_value(gains[leader_port], gains[other], joint),
+            other: shapley_value(gains[other], gains[leader_port], joint),
         }
-    return PortEvidence(gains, found, worth, smoothers)
+    return PortEvidence(gains, port_classes, worth, smoothers)
 
 
 def _found_at(
@@ -175,8 +177,8 @@ def _gains(
     """
     wanted = items if () in known else [(), *items]
     results = pool.run(work, wanted)
-    found = dict(zip(wanted, results, strict=True))
-    nothing = known[()] if () in known else found[()]
+    by_ports = dict(zip(wanted, results, strict=True))
+    nothing = known[()] if () in known else by_ports[()]
     if isinstance(nothing, Failed):
         raise PamidError(f"{nothing.job} failed: {nothing.why}", code="jobs")
     known[()] = nothing
@@ -184,7 +186,7 @@ def _gains(
         max(f[0] - nothing[0], 0.0)
         if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all()
         else 0.0
-        for f in (found[ports] for ports in items)
+        for f in (by_ports[ports] for ports in items)
     ]
 
 

@@ -63,8 +63,8 @@ class EarlierPosterior:
         """The same as a prior of this problem; what the earlier fit did not have keeps its data
         sheet alone."""
         scale, places = problem.scale, self._places(problem)
-        here, there = [k for k, _ in places], [i for _, i in places]
-        stretch = self.spread[there] / scale.spread[here]
+        places_now, there = [k for k, _ in places], [i for _, i in places]
+        stretch = self.spread[there] / scale.spread[places_now]
         size = len(problem.free)
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
         precision = np.linalg.inv(self.covariance[np.ix_(there, there)])
@@ -73,13 +73,13 @@ class EarlierPosterior:
         # information is C^-1 - I. Parameters that are not carried over are marginalised: C loses
         # their rows, and the gradient becomes C_carried^-1 (C held)_carried.
         slope = precision @ (self.covariance @ self.held)[there]
-        at[here] = (self.centre[there] - scale.centre[here]) / scale.spread[here] + self.value[
-            there
-        ] * stretch
-        gradient[here] = (slope - self.value[there]) / stretch
-        information[np.ix_(here, here)] = (precision - np.eye(len(here))) / np.outer(
-            stretch, stretch
-        )
+        at[places_now] = (self.centre[there] - scale.centre[places_now]) / scale.spread[
+            places_now
+        ] + self.value[there] * stretch
+        gradient[places_now] = (slope - self.value[there]) / stretch
+        information[np.ix_(places_now, places_now)] = (
+            precision - np.eye(len(places_now))
+        ) / np.outer(stretch, stretch)
         covariance: Array = np.linalg.inv(np.eye(size) + information).astype(np.float64, copy=False)
         return Prior.about(
             at, information, gradient, straight(problem, self._values(problem, at), covariance)
@@ -199,11 +199,12 @@ def read_posterior(folder: Path) -> EarlierPosterior:
             "nothing can be built on it.",
             "Fit it with other recordings first.",
         )
-    if (found := fit.posterior) is None:
+    if (posterior := fit.posterior) is None:
         raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {FIT_ANEW}")
-    keys, log, rows = found.keys, found.log, found.covariance
+    keys, log, rows = posterior.keys, posterior.log, posterior.covariance
     centre, spread, value, held = (
-        np.array(one, np.float64) for one in (found.centre, found.spread, found.value, found.held)
+        np.array(values, np.float64)
+        for values in (posterior.centre, posterior.spread, posterior.value, posterior.held)
     )
     lower = np.zeros((len(keys), len(keys)))
     if [len(row) for row in rows] != list(range(1, len(keys) + 1)):
@@ -212,11 +213,11 @@ def read_posterior(folder: Path) -> EarlierPosterior:
     fitted = {r.sha256 for r in fit.recordings if r.role != "held-out"}
     # A chain of fits rests on the recordings of all its stages.
     fitted |= set(fit.from_.recordings if fit.from_ else ())
-    own = [set(c.members) for c in fit.combinations.values() if c.declared]
+    declared = [set(c.members) for c in fit.combinations.values() if c.declared]
     ridges = tuple(
         tie.parameters
         for tie in fit.tied
-        if not any(members & set(tie.parameters) for members in own)
+        if not any(members & set(tie.parameters) for members in declared)
     )
     lists = (centre, spread, value, held)
     sizes = {len(keys), len(set(keys)), len(log), *(x.size for x in lists)}
@@ -237,7 +238,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
         value,
         held,
         covariance,
-        found.others,
+        posterior.others,
         frozenset(fitted),
         ridges,
     )

@@ -68,11 +68,11 @@ class Prior:
         """s + ds, but straight in the prior's coordinates: a stiff ridge is not left by a long step
         along it."""
         x, turned = self.coordinates(s)
-        goal, found = x + turned @ ds, s + ds  # Newton's method for x(found) = goal
+        goal, solution = x + turned @ ds, s + ds  # Newton's method for x(found) = goal
         for _ in range(NEWTON):
-            x, turned = self.coordinates(found)
-            found = found - np.linalg.lstsq(turned, x - goal, rcond=None)[0]
-        return found if np.isfinite(found).all() else s + ds
+            x, turned = self.coordinates(solution)
+            solution = solution - np.linalg.lstsq(turned, x - goal, rcond=None)[0]
+        return solution if np.isfinite(solution).all() else s + ds
 
     def drawn(self, random: np.random.Generator) -> Prior:
         """As if those recordings had been made again: for the bootstrap."""

@@ -129,10 +129,10 @@ class Scale:
     def held(self, s: Array, g: Array) -> NDArray[np.bool_]:
         """Which parameters are at a bound that a step against the gradient g would push them
         through: the active set of a projected step (Nocedal and Wright (2006), ch. 16.7)."""
-        found: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
+        at_bound: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
             (s >= self.high - 1e-12) & (g < 0)
         )
-        return found
+        return at_bound
 
     def slope(self, p: Array) -> Array:
         """Derivatives of the parameters (SI) by the scaled ones."""
@@ -152,8 +152,8 @@ def careful_stepping(problem: Problem, p: Array) -> Stepping:
     """The most careful of the steppings that the recordings ask for: implicit before explicit, then
     finer."""
     a = problem.assembly
-    found = []
+    steppings = []
     for track in problem.tracks:
         values = Runner(a, track, Stepping()).parameters(p)
-        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
-    return max(found, key=lambda s: (s.implicit, s.substeps))
+        steppings.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return max(steppings, key=lambda s: (s.implicit, s.substeps))

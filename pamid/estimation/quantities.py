@@ -120,11 +120,11 @@ class Space:
         """Derivatives of what `together` makes of these (of its logarithm if it is a product), and
         its share."""
         log = all(q.log for q, _ in terms)
-        here, there = np.zeros(len(self.s)), np.zeros(len(self.s))
+        slope, there = np.zeros(len(self.s)), np.zeros(len(self.s))
         for q, n in terms:
-            here += n * (q.slope / q.value if log else q.slope)
+            slope += n * (q.slope / q.value if log else q.slope)
             there += n * (q.slope_prior / q.prior if log else q.slope_prior)
-        return here, self.share(here, there)
+        return slope, self.share(slope, there)
 
     def share(self, slope: Array, slope_prior: Array) -> float:
         """Posterior over prior standard deviation of what has these derivatives."""
@@ -142,10 +142,12 @@ def _power(name: str, n: float) -> str:
 
 def declared(assembly: Assembly) -> dict[str, Measure]:
     """The rig's own combinations by name, in the unit of the name."""
-    own = [(b.key, i) for i, b in enumerate(assembly.parameters) if not b.owner]
+    places = [(b.key, i) for i, b in enumerate(assembly.parameters) if not b.owner]
 
     def read(p: Array) -> dict[str, Any]:
-        return assembly.rig.combinations(Names({key: float(p[i]) for key, i in own}, "parameter"))
+        return assembly.rig.combinations(
+            Names({key: float(p[i]) for key, i in places}, "parameter")
+        )
 
     def measure(name: str) -> Measure:
         shown = column_size(name, 1.0)
@@ -205,8 +207,10 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
 def own_of(space: Space, assembly: Assembly) -> list[Quantity]:
     """The rig's combinations that hold a free parameter."""
     measures = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
-    found = [space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in measures]
-    return [q for q in found if q.slope.any()]
+    quantities = [
+        space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in measures
+    ]
+    return [q for q in quantities if q.slope.any()]
 
 
 def agreed(fitted: Fit) -> Array:

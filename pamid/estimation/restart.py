@@ -56,12 +56,12 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     tried = shooting.resumed(probe)
     for _ in range(REWEIGHT_ROUNDS):
         weights = residual_weights(tried.residuals, noise, problem.window)
-        again = fit(
+        refit = fit(
             problem, p=tried.p, starts=tried.starts, weights=weights, stepping=tried.stepping
         )
-        if not again.residuals:
+        if not refit.residuals:
             break
-        tried = again
+        tried = refit
     return tried
 
 
@@ -131,14 +131,14 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
     if best is fitted:
         return fitted
     for _ in range(REWEIGHT_ROUNDS):
-        again = fit(
+        refit = fit(
             problem,
             p=best.p,
             starts=best.starts,
             weights=residual_weights(best.residuals, noise, problem.window),
             stepping=best.stepping,
         )
-        if not again.residuals:
+        if not refit.residuals:
             break
-        best = again
+        best = refit
     return best

@@ -81,7 +81,7 @@ def run_tracks(
     at = 0
     for i, track in enumerate(problem.tracks):
         runner = fitted.runners[i]
-        own = runner.parameters(values)
+        track_values = runner.parameters(values)
         windows, n = problem.windows(track), runner.start_states
         count, unknowns, cost = len(windows), (k + n) * derivatives, 0.0
         N, v = np.empty((count, unknowns, unknowns)), np.empty((count, unknowns))
@@ -89,7 +89,7 @@ def run_tracks(
         whole, left = bool(track.seen.all()), np.empty_like(track.y)
         own_root = np.where(track.seen, root, 0.0)
         simulated = runner.run_windows(
-            runner.memory(own), windows, starts[i], own, derivatives, own_root
+            runner.memory(track_values), windows, starts[i], track_values, derivatives, own_root
         )
         for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
             # One window that runs away makes the cost infinite, so that the damping rule rejects

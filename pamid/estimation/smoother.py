@@ -197,7 +197,7 @@ class SlicedTrack:
         )
 
     def eliminated(
-        self, x: Array, one: Linearisation, prior: TrajectoryPrior, damping: float
+        self, x: Array, data: Linearisation, prior: TrajectoryPrior, damping: float
     ) -> tuple[Array, Array, Array, Array, Array, float]:
         """Contribution of the track to the parameters' information and gradient once its states
         are eliminated, the states' gradient, the solutions for [B | gx], and the log determinant
@@ -205,11 +205,11 @@ class SlicedTrack:
 
         The system is scaled to a unit diagonal: states in pascals and radians stand side by side.
         """
-        joint, decay, n, k = prior.joint, prior.decay, x.shape[1], len(one.g)
-        D, gx, B = one.D.copy(), one.gx.copy(), one.B.copy()
+        joint, decay, n, k = prior.joint, prior.decay, x.shape[1], len(data.g)
+        D, gx, B = data.D.copy(), data.gx.copy(), data.B.copy()
         # |x_(i+1) - a f(x_i, s)|^2 in Q^-1: its derivatives are 1 by x_(i+1), -A by x_i, -P by s
-        jump = x[1:] - decay * one.end[:-1]
-        A, P = decay[:, None] * one.by_start[:-1], decay[:, None] * one.by_parameters[:-1]
+        jump = x[1:] - decay * data.end[:-1]
+        A, P = decay[:, None] * data.by_start[:-1], decay[:, None] * data.by_parameters[:-1]
         weighed_jump = joint * jump
         off, weighed = -joint[:, :, None] * A, joint[:, :, None] * P
         D[:-1] -= np.matmul(A.transpose(0, 2, 1), off)
@@ -221,8 +221,8 @@ class SlicedTrack:
         # rows by number: there may be no parameters, and then no columns
         joints, rows = weighed_jump.size, gx.size
         flat_P = P.reshape(joints, k)
-        H = one.H + flat_P.T @ weighed.reshape(joints, k)
-        g = one.g - flat_P.T @ weighed_jump.ravel()
+        H = data.H + flat_P.T @ weighed.reshape(joints, k)
+        g = data.g - flat_P.T @ weighed_jump.ravel()
         D[0] += np.diag(prior.first)
         gx[0] += prior.first * x[0]
         scale = 1.0 / np.sqrt(np.einsum("kii->ki", D) + 1e-300)
@@ -409,10 +409,10 @@ class Smoother:
     @cached_property
     def information(self) -> Array:
         """Information of the fit on the parameters; little where its residual is large."""
-        found: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
+        information: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
             np.float64, copy=False
         )
-        return found
+        return information
 
     def parameters(self, s: Array) -> Array:
         """All parameters (SI) at those that move, in prior spreads."""
@@ -501,14 +501,14 @@ class Smoother:
         point = solver.point(ended.s, ended.x, ended.data)
         step = solver.step(point, SMOOTHER_DAMPING)
         # the quadratic's own minimum stands in for another iteration, up to a share of the cost
-        found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
-        found = found if np.isfinite(found) else -np.inf
-        return Smoothed(found, size, time_s, point.s, point.x, point.data, moving)
+        log_evidence = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
+        log_evidence = log_evidence if np.isfinite(log_evidence) else -np.inf
+        return Smoothed(log_evidence, size, time_s, point.s, point.x, point.data, moving)
 
     def _priors(self, x: tuple[Array, ...], size: float, time_s: float) -> list[TrajectoryPrior]:
         return [
-            track.prior(one, self.missing, size, time_s)
-            for track, one in zip(self.tracks, x, strict=True)
+            track.prior(states, self.missing, size, time_s)
+            for track, states in zip(self.tracks, x, strict=True)
         ]
 
     def _linearised(
@@ -516,8 +516,8 @@ class Smoother:
     ) -> tuple[Linearisation, ...]:
         p, slope = self.parameters(s), self.scale.slope(self.scale.outside(s))
         return tuple(
-            track.linearise(one, p, slope, self.evidence.noise, moving)
-            for track, one in zip(self.tracks, x, strict=True)
+            track.linearise(states, p, slope, self.evidence.noise, moving)
+            for track, states in zip(self.tracks, x, strict=True)
         )
 
 
@@ -536,8 +536,8 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     ) -> float:
         away = s - self.of.fitted
         return float(away @ self.of.information @ away) + sum(
-            one.cost + prior_cost(states, one, prior)
-            for states, one, prior in zip(x, data, self.priors, strict=True)
+            run.cost + prior_cost(states, run, prior)
+            for states, run, prior in zip(x, data, self.priors, strict=True)
         )
 
     def point(
@@ -548,10 +548,10 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     def moved(
         self, at: _SmoothingPoint, step: _SmoothingStep, last: bool = False
     ) -> _SmoothingPoint:
-        s, x = at.s + step.s, tuple(one + d for one, d in zip(at.x, step.x, strict=True))
+        s, x = at.s + step.s, tuple(states + d for states, d in zip(at.x, step.x, strict=True))
         p, noise = self.of.parameters(s), self.of.evidence.noise
         tracks = zip(self.of.tracks, x, strict=True)
-        runs = [t.simulate(one, p, noise, self.moving) for t, one in tracks]
+        runs = [t.simulate(states, p, noise, self.moving) for t, states in tracks]
         return _SmoothingPoint(s, x, self.cost(s, x, runs))
 
     def linearised(self, at: _SmoothingPoint) -> _SmoothingPoint:
@@ -568,8 +568,8 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         s, k, scale = at.s, len(at.s), self.of.scale
         H, parts, log_det = self.of.information, [], 0.0
         g = H @ (s - self.of.fitted)
-        for track, x, one, prior in zip(self.of.tracks, at.x, at.data, self.priors, strict=True):
-            more, right, gx, X, dx, det = track.eliminated(x, one, prior, damping)
+        for track, x, data, prior in zip(self.of.tracks, at.x, at.data, self.priors, strict=True):
+            more, right, gx, X, dx, det = track.eliminated(x, data, prior, damping)
             H, g, log_det = H + more, g + right, log_det + det
             parts.append((gx, X, dx))
         free = self.moving & ~scale.held(s, g)

@@ -79,13 +79,13 @@ def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
     """Attachments as candidates add them: the same effect at joints of one unit is one addition.
     Ports that are kin are tried by themselves and, with one set of parameters, together.
     """
-    found: dict[tuple[str, ...], list[Attachment]] = {}
+    groups: dict[tuple[str, ...], list[Attachment]] = {}
     for a in attached:
         port = rig.ports[a.ports[0]]
         alone = len(a.ports) > 1 or port.kin or port.kind not in JOINT_KINDS
         key = (a.label,) if alone else (a.effect.name, port.kind, port.unit)
-        found.setdefault(key, []).append(a)
-    return [Addition(tuple(members)) for members in found.values()]
+        groups.setdefault(key, []).append(a)
+    return [Addition(tuple(members)) for members in groups.values()]
 
 
 def fits(effect: type[Effect], port: Port) -> bool:
@@ -102,7 +102,7 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
     set of parameters, at ports that are kin. A special case stays away where its general form fits.
     """
     known = list(effects)
-    found: list[Attachment] = []
+    result: list[Attachment] = []
     for effect in known:
         parents = [e for e in known if e is not effect and issubclass(effect, e)]
         ports = [
@@ -111,30 +111,30 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
             if fits(effect, port) and not any(fits(parent, port) for parent in parents)
         ]
         if effect.roles:
-            found += _together(effect, rig, ports)
+            result += _together(effect, rig, ports)
         elif effect.everywhere and ports:
-            found.append(Attachment(effect(), tuple(ports), effect.name))
+            result.append(Attachment(effect(), tuple(ports), effect.name))
         elif len(ports) == 1:
-            found.append(Attachment(effect(), (ports[0],), effect.name))
+            result.append(Attachment(effect(), (ports[0],), effect.name))
         else:
-            found += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
-            found += [
+            result += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
+            result += [
                 Attachment(effect(), kin, f"{effect.name}@{rig.ports[kin[0]].kin}")
                 for kin in _kin(rig, ports)
             ]
-    return found
+    return result
 
 
 def needed_port(effect: type[Effect]) -> str:
     """The port that an effect takes, in words: "a transmission port offering stretch"."""
     kinds = " or ".join(dict.fromkeys((*effect.kinds, *effect.general_kinds)))
-    asked = [
+    needed = [
         " and ".join(dict.fromkeys((*effect.signals, *role))) for role in effect.roles or ((),)
     ]
     article = "an" if kinds.startswith("a") else "a"
     passed = f" in {effect.unit}" if effect.unit else ""
     passed += f" not in {' or '.join(effect.excluded_units)}" if effect.excluded_units else ""
-    offered = f" offering {'; and one offering '.join(asked)}" if asked[0] else ""
+    offered = f" offering {'; and one offering '.join(needed)}" if needed[0] else ""
     return f"{article} {kinds} port{passed}{offered}"
 
 

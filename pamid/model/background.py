@@ -135,11 +135,11 @@ def _scaled(at: Any, over: tuple[str, float, float]) -> Expr:
 def _chebyshev(s: Expr, weights: list[Expr]) -> Number:
     """Weighted Chebyshev polynomials of degree 1, 2, ... in s."""
     before: Number = 1.0
-    here: Number = s
+    value: Number = s
     total: Number = 0.0
     for weight in weights:
-        total = total + weight * here
-        before, here = here, 2.0 * s * here - before
+        total = total + weight * value
+        before, value = value, 2.0 * s * value - before
     return total
 
 

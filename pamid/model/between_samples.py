@@ -99,8 +99,8 @@ def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
     by: dict[str, Recording] = {}
     for recording in recordings:
         for column in (*rig.inputs, *rig.outputs):
-            found = match_column(recording.columns, column) if recording.between else None
-            if (way := recording.between.get(found or "")) is None:
+            match = match_column(recording.columns, column) if recording.between else None
+            if (way := recording.between.get(match or "")) is None:
                 continue
             if (way == BEFORE) != (column in rig.outputs):
                 raise FileError(

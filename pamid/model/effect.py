@@ -175,8 +175,10 @@ class Effect:
         """The docstring of the effect's file, section by section: title, What it is, Equation,
         ..."""
         module = sys.modules.get(cls.__module__)
-        own = inspect.cleandoc(cls.__doc__) if cls.__doc__ and cls.__doc__ != Effect.__doc__ else ""
-        return sections((module.__doc__ if module and module.__doc__ else "") or own)
+        text = (
+            inspect.cleandoc(cls.__doc__) if cls.__doc__ and cls.__doc__ != Effect.__doc__ else ""
+        )
+        return sections((module.__doc__ if module and module.__doc__ else "") or text)
 
 
 @dataclass(frozen=True)
@@ -208,15 +210,15 @@ SECTIONS = ("What it is", "What it looks like", "Looks like it", "Equation", "Re
 def sections(doc: str, named: tuple[str, ...] = SECTIONS) -> dict[str, str]:
     """Split a docstring into its title and the sections of these names."""
     lines = inspect.cleandoc(doc).splitlines()
-    found: dict[str, list[str]] = {"title": lines[:1]}
-    here = ""
+    by_heading: dict[str, list[str]] = {"title": lines[:1]}
+    heading = ""
     for line in lines[1:]:
         if line.strip() in named:
-            here = line.strip()
-            found[here] = []
-        elif here:
-            found[here].append(line.strip())
-    return {k: "\n".join(v).strip() for k, v in found.items()}
+            heading = line.strip()
+            by_heading[heading] = []
+        elif heading:
+            by_heading[heading].append(line.strip())
+    return {k: "\n".join(v).strip() for k, v in by_heading.items()}
 
 
 def problems(effect: type[Effect]) -> list[str]:
@@ -243,8 +245,8 @@ def problems(effect: type[Effect]) -> list[str]:
     ]
     if effect.act is Effect.act:
         wrong.append("it has no act()")
-    told = effect.story()
-    wrong += [f"its docstring lacks the section {s!r}" for s in SECTIONS if not told.get(s)]
+    story = effect.story()
+    wrong += [f"its docstring lacks the section {s!r}" for s in SECTIONS if not story.get(s)]
     wrong += [f"parameter {p.name!r} names no source" for p in effect.parameters if not p.source]
     wrong += [
         f"general parameter {p.name!r} names no source"

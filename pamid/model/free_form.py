@@ -101,12 +101,12 @@ def ramps(x: Number, middle: Number, half: Number, knots: Sequence[float]) -> li
     above the middle, and fall from 0 to -1 between the same below it: an odd function has the same
     coefficients on both sides, an even one opposite ones."""
     share = (expression(x) - middle) / half
-    found = []
+    columns = []
     for side in (1.0, -1.0):
         for before, after in zip((0.0, *knots), knots, strict=False):
             rise = clip((side * share - before) * (1.0 / (after - before)), 0.0, 1.0)
-            found.append(side * rise)
-    return found
+            columns.append(side * rise)
+    return columns
 
 
 def rises(

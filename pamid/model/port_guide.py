@@ -157,9 +157,9 @@ def _of(rig: Rig, name: str) -> str:
 def _is_balance(passage: Passage) -> bool:
     """Does what passes follow both what is offered of its own motion or store and something else:
     what resists and what drives? A spring's force follows the former alone."""
-    own = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
+    zeros = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
     try:
-        (rest,) = substitute([passage.value], own)
+        (rest,) = substitute([passage.value], zeros)
     except EquationError:  # not defined there: nothing can be said
         return False
     driven = any(space in ("state", "input") for space, _ in symbols([rest]))
@@ -215,7 +215,7 @@ def reachable(
     """Effects that could act at the port, by the further signals that it would have to offer: ()
     those that act there now. any_unit: whatever the port's unit."""
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
-    found: dict[tuple[str, ...], list[str]] = {(): []}
+    by_signals: dict[tuple[str, ...], list[str]] = {(): []}
     for effect in effects:
         home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
         if home and (any_unit or effect.suits_unit(port.unit)):
@@ -227,9 +227,9 @@ def reachable(
                     lacking.discard("position")
                 every.add(tuple(sorted(lacking)))
             for signals in {()} if () in every else every:
-                found.setdefault(signals, []).append(effect.name)
-    order = sorted(found, key=lambda signals: (len(signals), signals))
-    return {signals: sorted(found[signals]) for signals in order}
+                by_signals.setdefault(signals, []).append(effect.name)
+    order = sorted(by_signals, key=lambda signals: (len(signals), signals))
+    return {signals: sorted(by_signals[signals]) for signals in order}
 
 
 def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
@@ -268,15 +268,15 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
 
 def _imposed(rig: Rig) -> set[str]:
     """Ports of motion and actuators whose position or velocity follows from inputs directly."""
-    found = set()
+    signals = set()
     for passage in Assembly(rig).traced.passages:
         if rig.ports[passage.port].kind not in ("motion", "actuator-force"):
             continue
         for name, value in passage.signals:
             moves = symbols([value]) if isinstance(value, Expr) else set()
             if name in ("position", "velocity") and any(space == "input" for space, _ in moves):
-                found.add(passage.port)
-    return found
+                signals.add(passage.port)
+    return signals
 
 
 def driven_by_speed(rig: Rig) -> dict[str, float]:
@@ -292,7 +292,7 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
     known = {symbol("parameter", b.key): const(p[i]) for i, b in enumerate(assembly.parameters)}
     known |= {symbol("state", name): const(x) for name, x in assembly.begin(p).items()}
     known |= {symbol("input", name): const(0.0) for name in assembly.traced.inputs}
-    found = {}
+    resistances = {}
     for passage in assembly.traced.passages:
         velocity = dict(passage.signals).get("velocity")
         if rig.ports[passage.port].kind != "motion" or not isinstance(velocity, Expr):
@@ -305,8 +305,8 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
         except EquationError:  # not defined there: nothing can be said
             continue
         if ahead.op == back.op == "const" and ahead.value > back.value:
-            found[passage.port] = 0.5 * (ahead.value - back.value)
-    return found
+            resistances[passage.port] = 0.5 * (ahead.value - back.value)
+    return resistances
 
 
 def driving_words(rig: Rig) -> list[str]:
@@ -417,5 +417,5 @@ def _worded(name: str, kind: str, effects: list[type[Effect]]) -> str:
     effect = next(e for e in effects if e.name == name)
     unit = f" (in {effect.unit})" if effect.unit else ""
     unit += f" (not in {', '.join(effect.excluded_units)})" if effect.excluded_units else ""
-    own = "" if kind in effect.kinds else "*"
-    return f"`{name}`{unit}{own}"
+    mark = "" if kind in effect.kinds else "*"
+    return f"`{name}`{unit}{mark}"

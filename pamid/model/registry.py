@@ -157,8 +157,8 @@ def name_of(rig: str | Rig) -> str:
     kind = type(rig)
     if rigs().get(rig.name) is kind:
         variants = {f"{rig.name}:{v}": kind(v) for v in getattr(kind, "variants", ())}  # type: ignore[call-arg]
-        for name, one in {rig.name: kind(), **variants}.items():
-            if vars(one) == vars(rig):
+        for name, variant in {rig.name: kind(), **variants}.items():
+            if vars(variant) == vars(rig):
                 return name
     return f"{_IN_PROGRAM}{kind.__qualname__}"
 
@@ -210,18 +210,18 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
     if kind := model_kinds().get(path.suffix):
         if sha256:
             _source_of(path, sha256)
-        made = kind.rig(path)
-        check_rig(made, str(path))
-        return made
-    found = classes_of(load_file(path, sha256), Rig)
-    if not found:
+        model = kind.rig(path)
+        check_rig(model, str(path))
+        return model
+    kinds = classes_of(load_file(path, sha256), Rig)
+    if not kinds:
         raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
-    if len(found) > 1:
+    if len(kinds) > 1:
         raise FileError(
-            f"{path} holds {len(found)} rigs: {', '.join(c.__name__ for c in found)}",
+            f"{path} holds {len(kinds)} rigs: {', '.join(c.__name__ for c in kinds)}",
             "keep one rig in one file",
         )
-    rig: Rig = found[0]()
+    rig: Rig = kinds[0]()
     check_rig(rig, str(path))
     return rig
 
@@ -313,15 +313,15 @@ def effects_with(
             continue
         path = _file_of(spec)
         if is_code(path):
-            found = classes_of(load_file(Path(path), sha256.get(spec, "")), Effect)
-            if not found:
+            kinds = classes_of(load_file(Path(path), sha256.get(spec, "")), Effect)
+            if not kinds:
                 raise FileError(
                     f"{path} holds no effect", "an effect is a class that derives from pamid.Effect"
                 )
-            for cls in found:
+            for cls in kinds:
                 require_sound(cls, path)  # type: ignore[arg-type]
                 known[cls.name] = cls  # type: ignore[attr-defined]
-            names.append(found[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
+            names.append(kinds[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
         else:
             free = free_form_effects()
             known |= {n: free[n] for n in free if n == re.split("[@:]", spec, maxsplit=1)[0]}

@@ -95,15 +95,15 @@ class StepRig(Rig):
     ) -> tuple[Array, Array]:
         """See `pamid.engine.simulator.Simulator`; one copy after the other. into: names of what
         goes in."""
-        states, own = self._named
-        after, pushed, known = list[list[float]](), _Given(into), _Given(own)
+        states, parameters = self._named
+        after, pushed, known = list[list[float]](), _Given(into), _Given(parameters)
         for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
             after.append(
                 self._called(self.step, states, given, pushed.of(forces), known.of(values), h)
             )
-        told = np.array(after)
-        return told, self.reads(told, p)
+        results = np.array(after)
+        return results, self.reads(results, p)
 
     def reads(self, x: Array, p: Array) -> Array:
         """See `pamid.engine.simulator.Simulator`; one copy after the other."""
@@ -129,10 +129,10 @@ class StepRig(Rig):
         """Result of `step` or `read`, in the wanted order. FileError for any fault in it."""
         what = "step" if method == self.step else "read"
         try:
-            found = method(*given)
-            if isinstance(found, dict):
-                found = [found[name] for name in wanted] if len(found) == len(wanted) else found
-            row = list(map(float, found))
+            values = method(*given)
+            if isinstance(values, dict):
+                values = [values[name] for name in wanted] if len(values) == len(wanted) else values
+            row = list(map(float, values))
         except Exception as error:
             raise self._failed(what, wanted, given, error) from error
         if len(row) != len(wanted):
@@ -161,7 +161,9 @@ class StepRig(Rig):
         states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
         hint = "it must return numbers for any states that a fit may try, NaN where there are none"
         if isinstance(error, AttributeError) and error.name:
-            known = [n for one in given if isinstance(one, SimpleNamespace) for n in vars(one)]
+            known = [
+                n for value in given if isinstance(value, SimpleNamespace) for n in vars(value)
+            ]
             hint = nearest(error.name, known) or f"there are {', '.join(known)}"
         return FileError(
             f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
@@ -217,12 +219,12 @@ class StepRig(Rig):
                 for name in self.readings
             }
         by_state, by_force = self._links(names)
-        found: dict[str, Number] = {}
-        for state, own, driven in zip(states, by_state, by_force, strict=True):
+        by_state_name: dict[str, Number] = {}
+        for state, states_read, driven in zip(states, by_state, by_force, strict=True):
             used = tuple(name for name, there in zip(names, driven, strict=True) if there)
-            args = (*_chosen(states, own), *(forces[name] for name in used))
-            found[state] = Expr(SIMULATED, args, ("rate", state, used, names))
-        return found
+            args = (*_chosen(states, states_read), *(forces[name] for name in used))
+            by_state_name[state] = Expr(SIMULATED, args, ("rate", state, used, names))
+        return by_state_name
 
     @cached_property
     def _shown(self) -> NDArray[np.bool_]:
@@ -274,8 +276,8 @@ class StepRig(Rig):
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process without what was made in this one."""
-        kept = (k for k in vars(self) if k != "_known_links" and not _is_made(type(self), k))
-        return {k: vars(self)[k] for k in kept}
+        names = (k for k in vars(self) if k != "_known_links" and not _is_made(type(self), k))
+        return {k: vars(self)[k] for k in names}
 
 
 class _Given:
@@ -344,9 +346,9 @@ def _there(slopes: Array) -> NDArray[np.bool_]:
 def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     """Refuse a simulation that gives no numbers where a recording starts, or that remembers more
     than its states."""
-    here, other = _draws(rig)[:2]
+    state, other = _draws(rig)[:2]
     h, f = min(rig.period_s, rig.exchange_s), np.outer([0.0, 1.0, 0.0], np.ones(len(into)))
-    first, _, again = rig.steps(np.stack([here, other, here]), f, _sheet(rig, 3), h, into)[0]
+    first, _, repeated = rig.steps(np.stack([state, other, state]), f, _sheet(rig, 3), h, into)[0]
     for name, value in zip(rig._named[0], first, strict=True):
         if not np.isfinite(value):
             raise FileError(
@@ -355,8 +357,8 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
                 "mend the start, a parameter, or a step that is too long for it: exchange_s",
                 code="simulation",
             )
-    if not np.array_equal(first, again):
-        name = rig._named[0][int(np.argmax(first != again))]
+    if not np.array_equal(first, repeated):
+        name = rig._named[0][int(np.argmax(first != repeated))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
             "another call: it remembers something that is none of its states",

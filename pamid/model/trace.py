@@ -137,7 +137,7 @@ class _Tracer:
     ) -> dict[str, Expr]:
         where_ = f"rig {self.rig.name!r}, {self.rig.written_as.get(method, method)}()"
         try:
-            found = getattr(self.rig, method)(x, u, p, self.port)
+            values = getattr(self.rig, method)(x, u, p, self.port)
         except PamidError as error:
             if error.code == "simulation":  # says itself where it was
                 raise
@@ -148,13 +148,13 @@ class _Tracer:
                 f"{where_}, line {line}: {type(error).__name__}: {error}",
                 FUNCTIONS_HINT,
             ) from error
-        if not isinstance(found, dict):
+        if not isinstance(values, dict):
             raise FileError(
-                f"{where_} returned {type(found).__name__}, not a dict of name: expression"
+                f"{where_} returned {type(values).__name__}, not a dict of name: expression"
             )
         missing, strange = (
-            [w for w in wanted if w not in found],
-            [k for k in found if k not in wanted],
+            [w for w in wanted if w not in values],
+            [k for k in values if k not in wanted],
         )
         if strange:
             raise FileError(
@@ -163,7 +163,7 @@ class _Tracer:
             )
         if missing:
             raise FileError(f"{where_} returned nothing for {', '.join(map(repr, missing))}")
-        return {w: expression(found[w]) for w in wanted}
+        return {w: expression(values[w]) for w in wanted}
 
     def port(self, name: str, value: Any, place: str = "", **signals: Any) -> Expr:
         """Pass a value through a port, once; the same value again is the same passage."""
@@ -318,37 +318,37 @@ def signals_of(traced: Traced) -> dict[str, Expr]:
     }
 
 
-def beside(own: Traced, other: Traced, prefix: str) -> Traced:
+def beside(model: Traced, other: Traced, prefix: str) -> Traced:
     """A model's equations, its states and parameters under names of their own, driven by what
     drives another one."""
-    driven, roots = signals_of(other), [*own.rates.values(), *own.outputs.values()]
+    driven, roots = signals_of(other), [*model.rates.values(), *model.outputs.values()]
     new = {
         symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
         for space, name in symbols(roots)
         if space != "tick"
     }
-    told = iter(substitute(roots, new))
-    rates = {prefix + name: next(told) for name in own.rates}
-    outputs = {name: next(told) for name in own.outputs}
-    made = tuple(c for c in other.cells if c.name in own.inputs)
-    return Traced(rates, outputs, made, other.inputs, (), other.linear)
+    expressions = iter(substitute(roots, new))
+    rates = {prefix + name: next(expressions) for name in model.rates}
+    outputs = {name: next(expressions) for name in model.outputs}
+    driven_cells = tuple(c for c in other.cells if c.name in model.inputs)
+    return Traced(rates, outputs, driven_cells, other.inputs, (), other.linear)
 
 
-def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
+def fed(driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
     """Both models as one that puts out what the first does, with this value in the place of one of
     its inputs."""
     put = {symbol("input", name): value}
-    rates = dict(zip(own.rates, substitute(own.rates.values(), put), strict=True))
-    outputs = dict(zip(own.outputs, substitute(own.outputs.values(), put), strict=True))
-    made = []
-    for c in own.cells:
+    rates = dict(zip(driven.rates, substitute(driven.rates.values(), put), strict=True))
+    outputs = dict(zip(driven.outputs, substitute(driven.outputs.values(), put), strict=True))
+    fed_cells = []
+    for c in driven.cells:
         update, start = substitute([c.update, c.start], put)
-        made.append(Cell(c.name, update, start, c.sampled))
+        fed_cells.append(Cell(c.name, update, start, c.sampled))
     return Traced(
         {**rates, **before.rates},
         outputs,
-        (*made, *cells),
-        tuple(i for i in own.inputs if i != name),
+        (*fed_cells, *cells),
+        tuple(i for i in driven.inputs if i != name),
         (),
-        tuple(i for i in own.linear if i != name),
+        tuple(i for i in driven.linear if i != name),
     )

@@ -68,8 +68,8 @@ class Network(ABC):
 
     def words(self) -> str:
         """Kind and sizes as people write them."""
-        own = ", ".join(f"{name} {value}" for name, value in vars(self).items())
-        return f"{self.kind} ({own})"
+        sizes = ", ".join(f"{name} {value}" for name, value in vars(self).items())
+        return f"{self.kind} ({sizes})"
 
     @property
     @abstractmethod
@@ -208,8 +208,8 @@ class Network(ABC):
         # higher derivatives do.
         w, v = np.asarray(weights, dtype=np.float64), ASIDE * np.asarray(step, dtype=np.float64)
         with np.errstate(all="ignore"):
-            forward, here, backward = (self.simulate(at, inputs) for at in (w + v, w, w - v))
-            second = (forward - 2.0 * here + backward) / ASIDE**2
+            forward, middle, backward = (self.simulate(at, inputs) for at in (w + v, w, w - v))
+            second = (forward - 2.0 * middle + backward) / ASIDE**2
             second[:washout] = 0.0
             return np.sum(
                 [second[k : k + len(j)] @ j for k, _, j in self.sweep(weights, inputs)], axis=0

@@ -323,8 +323,8 @@ def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
     held = SPREAD_TENTHS if _rests(table, edges[LAST_TENTHS[0]]) else LAST_TENTHS
     parts: dict[bool, list[Span]] = {False: [], True: []}
     for is_held, tenths in groupby(range(10), held.__contains__):
-        own = list(tenths)
-        parts[is_held].append(Span(recording, edges[own[0]], edges[own[-1] + 1]))
+        tenth_spans = list(tenths)
+        parts[is_held].append(Span(recording, edges[tenth_spans[0]], edges[tenth_spans[-1] + 1]))
     return parts[False], parts[True]
 
 
@@ -351,8 +351,8 @@ def _stretches(
 
 def _motion(spans: Sequence[Span], channel: str) -> float:
     """Standard deviation of a channel (SI), root mean square over the spans that have it."""
-    own = [s for s in spans if s.recording.has(channel)]
-    parts = [output_table((channel,), s.recording)[s.start : s.stop] for s in own]
+    recorded = [s for s in spans if s.recording.has(channel)]
+    parts = [output_table((channel,), s.recording)[s.start : s.stop] for s in recorded]
     count = sum(map(len, parts))
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
 
@@ -492,7 +492,7 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
 
 def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
     """How far the halves are from holding the same error, and the same share of their largest."""
-    one, other = losses[chosen], losses[~chosen]
+    first, other = losses[chosen], losses[~chosen]
     return float(
-        abs(np.log(one.mean() / other.mean())) + 0.5 * abs(np.log(one.max() / other.max()))
+        abs(np.log(first.mean() / other.mean())) + 0.5 * abs(np.log(first.max() / other.max()))
     )

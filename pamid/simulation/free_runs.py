@@ -90,8 +90,8 @@ def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: 
         return _chosen_stepping(assembly, u, p, period_s, x)
     t = assembly.traced
     equations = tuple(t.rates.items()), t.cells, t.inputs, t.linear, tuple(assembly.keys)
-    told = tuple(np.asarray(a, float).tobytes() for a in (u[: LOOKED_AT + 1], p, x))
-    key = (equations, hashlib.blake2b(b"|".join(told)).digest(), u.shape, period_s)
+    arrays = tuple(np.asarray(a, float).tobytes() for a in (u[: LOOKED_AT + 1], p, x))
+    key = (equations, hashlib.blake2b(b"|".join(arrays)).digest(), u.shape, period_s)
     if key not in _CHOSEN:
         while len(_CHOSEN) >= KEPT_CHOICES:
             _CHOSEN.pop(next(iter(_CHOSEN)), None)

@@ -38,9 +38,9 @@ def replay_windows(track: Track) -> list[Window]:
     """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
     least 6 of them, as long as they have 40 samples. Records too short for that give 6 together, or
     3 that have 20; an episode among many may be one window."""
-    own = len(track) / ENOUGH
+    longest = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
-    length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
+    length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, longest)))
     third, sixth = (
         len(track) // max(1, round(track.share * count))
         for count in (FEWEST_USUAL_WINDOWS, FEWEST_WINDOWS)

@@ -121,9 +121,9 @@ def noise_of(tracks: Sequence[Track], stated: Array) -> Array:
         return sensor_noise([t.y for t in tracks], stated, [t.u for t in tracks]).used
     noise = np.full(tracks[0].y.shape[1], np.nan)
     for c in range(noise.size):
-        own = [t for t in tracks if t.seen[c]]
-        if own:
-            parts, inputs = [t.y[:, [c]] for t in own], [t.u for t in own]
+        recorded = [t for t in tracks if t.seen[c]]
+        if recorded:
+            parts, inputs = [t.y[:, [c]] for t in recorded], [t.u for t in recorded]
             noise[c] = sensor_noise(parts, stated[[c]], inputs).used[0]
     return noise
 

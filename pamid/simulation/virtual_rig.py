@@ -130,15 +130,17 @@ def simulate_virtual_rig(
     p = assembly.values({**known, **hidden})
     labels = []
     for a, values in chosen:
-        own = {b.name: b for b in assembly.parameters if b.owner == a.label}
+        bounds = {b.name: b for b in assembly.parameters if b.owner == a.label}
         for name, value in values.items():
-            if name not in own:
+            if name not in bounds:
                 raise FileError(
                     f"effect {a.label!r} has no parameter {name!r}",
-                    nearest(name, list(own)) or f"parameters: {', '.join(own)}",
+                    nearest(name, list(bounds)) or f"parameters: {', '.join(bounds)}",
                 )
-            p[assembly.index_of(f"{a.label}:{name}")] = value * own[name].factor
-        given = ",".join(f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in own.values())
+            p[assembly.index_of(f"{a.label}:{name}")] = value * bounds[name].factor
+        given = ",".join(
+            f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in bounds.values()
+        )
         labels.append(f"{a.label}:{given}")
     tell("running")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)

@@ -205,19 +205,19 @@ class _MemoryExpansion:
 
     def play(self, x: Expr, r: Expr) -> Expr:
         name = self.name("play")
-        past, here = symbol("past", name), symbol("cell", name)
+        past, current = symbol("past", name), symbol("cell", name)
         before, origin = self.position_at_step_start(name, x)
 
         def deflected(s: Expr, travel: Expr) -> Expr:
             return maximum(-r, minimum(r, s + travel))
 
-        kept = self.kept_where_set_anew(x, past)
-        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=kept))
-        return x - deflected(here, x - origin)
+        unchanged = self.kept_where_set_anew(x, past)
+        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=unchanged))
+        return x - deflected(current, x - origin)
 
     def bristle(self, x: Expr, reach: Expr) -> Expr:
         name = self.name("bristle")
-        past, here = symbol("past", name), symbol("cell", name)
+        past, current = symbol("past", name), symbol("cell", name)
         before, origin = self.position_at_step_start(name, x)
 
         def moved(z: Expr, step: Expr) -> Expr:
@@ -225,9 +225,9 @@ class _MemoryExpansion:
             end = where(step > 0.0, reach, where(step < 0.0, -reach, z))
             return end + (z - end) * decay
 
-        kept = self.kept_where_set_anew(x, past)
-        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=kept))
-        return moved(here, x - origin)
+        unchanged = self.kept_where_set_anew(x, past)
+        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=unchanged))
+        return moved(current, x - origin)
 
     def lag(self, x: Expr, tau: Expr) -> Expr:
         tau = tau + 1e-15  # not a maximum: a fit that starts at the null must see the slope
@@ -318,14 +318,14 @@ class _MemoryExpansion:
 
     def rate(self, x: Expr) -> Expr:
         name = self.name("rate")
-        before, here = symbol("past", f"{name}_input"), symbol("cell", name)
+        before, current = symbol("past", f"{name}_input"), symbol("cell", name)
         change = (x - before) / tick("period")
-        kept = self.kept_where_set_anew(x, symbol("past", name))
+        unchanged = self.kept_where_set_anew(x, symbol("past", name))
         self.cells += [
             Cell(f"{name}_input", x, x, sampled=True),
-            Cell(name, change, 0.0 * x, sampled=True, joined=kept),
+            Cell(name, change, 0.0 * x, sampled=True, joined=unchanged),
         ]
-        return here
+        return current
 
     def run(self, roots: list[Expr]) -> None:
         for node in walk(roots):
