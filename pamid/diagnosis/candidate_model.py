@@ -170,7 +170,7 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
-class Beginning(NamedTuple):
+class WindowBeginning(NamedTuple):
     """Where the windows of a fit begin: states per track (None: to be estimated), and how firmly
     they are tied to the window before."""
 
@@ -178,15 +178,15 @@ class Beginning(NamedTuple):
     continuity: tuple[Array, ...]
 
 
-def begun_from(base: Fit, assembly: Assembly) -> Beginning:
+def window_starts_from(base: Fit, assembly: Assembly) -> WindowBeginning:
     """The windows' states that another model's fit has found, unless this model reads the size of a
     state of which the other reads the sign: a fit then never leaves the signs that the other's
     readings seemed to show, and they are estimated anew."""
     known = base.problem.assembly
     # trying the signs compiles the model; most effects leave the readings as they are
     if not assembly.reads_as(known) and set(assembly.even_states) - set(known.even_states):
-        return Beginning(None, ())
-    return Beginning(base.starts, base.continuity)
+        return WindowBeginning(None, ())
+    return WindowBeginning(base.starts, base.continuity)
 
 
 def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlopes | None, ...]:
@@ -230,7 +230,7 @@ def refit(
     set_within_bounds(assembly, p, first or {})
     # Most effects are small corrections, so that the states of the base fit are a better start
     # than new estimates.
-    begun = begun_from(base, assembly)
+    begun = window_starts_from(base, assembly)
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
         fits = [fit_robustly(problem, p=q) for q in (p, typical)]
         return max(
@@ -272,7 +272,7 @@ def refit(
             weights=done.weights,
             stepping=done.stepping,
             continuity=done.continuity,
-            known=tuple(k and k.without_foretelling() for k in done.known),
+            known=tuple(k and k.without_prediction() for k in done.known),
             iterations=REFIT_ITERATIONS,
             tolerance=REFIT_TOLERANCE,
         )

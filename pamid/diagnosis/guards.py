@@ -110,7 +110,7 @@ def duplicated_terms(
     """
     (attached,) = (a for a in model.attached if a.label == label)
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
-    places = _own_parameters(model, passed, base)
+    places = _parameters_at_port(model, passed, base)
     bounds = model.assembly.parameters
     null = {
         symbol("parameter", b.key): expression(b.null)
@@ -143,7 +143,7 @@ def duplicated_terms(
     return tuple(bounds[i].name for i, w in zip(places, weight, strict=True) if abs(w) > least)
 
 
-def _own_parameters(
+def _parameters_at_port(
     model: CandidateModel, passed: list[Passage], base: CandidateModel
 ) -> list[int]:
     """Places of the rig's fitted parameters that act at the port of these passages alone, and ended

@@ -164,7 +164,7 @@ def _side_by_side(
         # Values that belong to a track replace those of the parameter vector in every lane.
         known = list(track.known)
         p[known] = track.p[known, None]
-        windows = _asked(where, track)
+        windows = _scanned_windows(where, track)
         edges = np.array([windows[0].start, *(w.stop for w in windows)])
         begun = np.stack([problem.assembly.start(q) for q in p.T], axis=1)
         memory = program.memory(begun, stepping=where.stepping, period_s=track.period_s)
@@ -194,7 +194,7 @@ def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list
     for track, x in zip(problem.tracks, where.starts, strict=True):
         runner = Runner(problem.assembly, track, where.stepping, problem.free)
         values = runner.parameters(p)
-        root, windows = where.weights.root[track.seen], _asked(where, track)
+        root, windows = where.weights.root[track.seen], _scanned_windows(where, track)
         runs = runner.run_windows(runner.memory(values), windows, x[: len(windows)], values, True)
         for window, run in zip(windows, runs, strict=True):
             left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
@@ -205,7 +205,7 @@ def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list
     return np.concatenate(rows), parts
 
 
-def _asked(where: Scanned, track: Track) -> list[Window]:
+def _scanned_windows(where: Scanned, track: Track) -> list[Window]:
     """The first windows of a track that have no more samples than its share, two at least."""
     windows = where.problem.windows(track)
     if where.most is None:

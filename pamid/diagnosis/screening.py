@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import (
     CandidateModel,
-    begun_from,
     known_along,
     set_within_bounds,
     transferred,
+    window_starts_from,
 )
 from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, Scanned, scanned_values
 from pamid.diagnosis.ranges import as_wide
@@ -227,7 +227,7 @@ class ScreeningBaseline:
             self.stepping,
         )
 
-    def model_beside(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
+    def extended_model(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
         """The baseline and a candidate; what was widened for the baseline stays wide."""
         assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
         return as_wide(assembly, self.baseline.assembly)
@@ -285,13 +285,13 @@ def screen(
     """Gain of one candidate after the first steps from the best of its starting points."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
-        assembly = reference.model_beside(evidence, added, sizes)
+        assembly = reference.extended_model(evidence, added, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(added, None, {}, -np.inf, str(error))
     # The baseline's states fit its own error. They are the best guess where the candidate reads
     # states the same way.
-    starts = begun_from(baseline.fit, assembly).starts and reference.starts
+    starts = window_starts_from(baseline.fit, assembly).starts and reference.starts
     # A chord step with the baseline's Jacobian needs no derivatives. It is good enough to rank
     # starting points near the baseline.
     by_chords = _Probing(reference, problem, reference.frozen)
@@ -334,7 +334,7 @@ def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screene
         fits.append(exact_fit.fit)
     # A scan starts at the best end only: each scan costs as many runs as its grid has values.
     fitted = min(fits, key=lambda f: f.cost)
-    scanned = _scanned_beside(reference, added, fitted, exact)
+    scanned = _scanned_with_effect(reference, added, fitted, exact)
     if scanned is fitted:
         return best
     keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner in added.labels}
@@ -403,7 +403,7 @@ def _shaping(problem: Problem, added: Addition) -> bool:
     return any(b.owner in added.labels and b.null is None and not b.scan[1] for b in free)
 
 
-def _scanned_beside(
+def _scanned_with_effect(
     reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probing
 ) -> Fit:
     """The fit, or a better one from another value of a scanned parameter that shows beside the
@@ -460,7 +460,7 @@ class _Probing:
     ) -> _Probed:
         """So many steps from p (SI) and these window starts."""
         base = self.reference.baseline.fit
-        continuity = begun_from(base, self.problem.assembly).continuity
+        continuity = window_starts_from(base, self.problem.assembly).continuity
         if self.frozen is None or starts is None:
             exact = fit(
                 self.problem,

@@ -91,7 +91,7 @@ class _Screening(ObjectWork[Addition, Screened]):
         return _screened_plain(result)
 
     def restored(self, item: Addition, plain: Plain) -> Screened:
-        fits, assemble = plain["fits"], self.reference.model_beside
+        fits, assemble = plain["fits"], self.reference.extended_model
         return _screened_restored(
             item, assemble(self.evidence, item, self.sizes) if fits else None, plain
         )

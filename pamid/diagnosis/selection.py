@@ -205,7 +205,11 @@ def _larger(
             Addition(left)
             for added in search.candidates
             if open_ports & set(added.ports)
-            and (left := tuple(a for a in added.members if not _is_taken(search, a, best, located)))
+            and (
+                left := tuple(
+                    a for a in added.members if not _is_explained(search, a, best, located)
+                )
+            )
         ]
         # the lines of the gap's spectrum, and over the position, are those of what is left by now
         hints = gather_hints(search.evidence, best)
@@ -224,7 +228,9 @@ def _larger(
     return [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
 
 
-def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:
+def _is_explained(
+    search: Search, a: Attachment, best: CandidateModel, located: PortEvidence
+) -> bool:
     """Does an effect of its family act where the recordings cannot tell its place from this one's?
     Two joints may both have dry friction; two laws of it at one joint are one cause."""
     places, family = _alike(a, located), search.family(a)

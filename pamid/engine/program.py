@@ -329,12 +329,11 @@ class Program(EquationSteps):
         return StepDriver(equations, held._replace(x=x, S=S), inputs, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
-        """For slopes of a track's steps, with which `knowing` makes a program; None where none are
-        kept, since they cost little."""
+        """Table for slopes of a track's steps, for `with_slopes`. None where steps cost little."""
         return None
 
-    def knowing(self, known: KnownSlopes | None) -> Program:
-        """The same, whose next run with sensitivities begins with these slopes."""
+    def with_slopes(self, known: KnownSlopes | None) -> Program:
+        """Return a program whose next run with sensitivities begins with these slopes."""
         return self
 
     def rate_matrix(

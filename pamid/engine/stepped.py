@@ -26,9 +26,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.carried import BLOWN_UP, CarriedCourse, Carrier
 from pamid.engine.known_slopes import FAR, STILL_HOLDS, KnownSlopes
 from pamid.engine.program import Memory, Program, SimulatedWindow, Stepping, WindowStarts
+from pamid.engine.shadow_simulators import BLOWN_UP, Carrier, ShadowCourse
 from pamid.engine.simulator import (
     DIFFERENCE,
     PROBED,
@@ -65,7 +65,8 @@ class SteppedProgram:
 
     around     the equations: their states are readings, states of the simulator, their own ones,
                in this order; their last outputs go into the simulator
-    own        number of parameters, the first ones, that the simulator is given
+    simulator_parameters
+               number of the first parameters, which belong to the simulator
     """
 
     simulator: Simulator | Carrier
@@ -73,7 +74,7 @@ class SteppedProgram:
     readings: int
     simulated: int
     forces: int
-    own: int
+    simulator_parameters: int
     far: FarRunner | None = None
     known: KnownSlopes | None = None  # of the exchanges of the next run with sensitivities
     states: tuple[str, ...] = field(init=False)
@@ -105,10 +106,12 @@ class SteppedProgram:
         """See `Program`; None of what would be too much to keep, too."""
         if not self.keeps_slopes:
             return None
-        sizes = self.readings, self.simulated, self.forces, self.own
-        return KnownSlopes.room(samples, substeps, sizes, np.flatnonzero(columns[: self.own] >= 0))
+        sizes = self.readings, self.simulated, self.forces, self.simulator_parameters
+        return KnownSlopes.room(
+            samples, substeps, sizes, np.flatnonzero(columns[: self.simulator_parameters] >= 0)
+        )
 
-    def knowing(self, known: KnownSlopes | None) -> SteppedProgram:
+    def with_slopes(self, known: KnownSlopes | None) -> SteppedProgram:
         """See `Program`."""
         return replace(self, known=known)
 
@@ -204,7 +207,7 @@ class SteppedProgram:
         n, known = windows.states.shape[1], self.known
         for (start, stop), x in zip(windows.edges.tolist(), windows.states, strict=True):
             memory.enter(x, windows.column)
-            program = self.knowing(known.part(start, stop)) if known else self
+            program = self.with_slopes(known.part(start, stop)) if known else self
             Y, JY, bad = program.run(
                 memory,
                 u[start:stop],
@@ -226,9 +229,9 @@ class SteppedProgram:
         S: Array,
         p: Array,
         columns: NDArray[np.int64] | None,
-    ) -> _Course | CarriedCourse:
+    ) -> _Course | ShadowCourse:
         if isinstance(self.simulator, Carrier):
-            return CarriedCourse(self.simulator, memory, x, S, p, columns, self.own)
+            return ShadowCourse(self.simulator, memory, x, S, p, columns, self.simulator_parameters)
         course = _Course(self, self.simulator, x, S, p, columns)
         known = self.known
         if known is not None and (columns is None or known.is_by(course.chosen)):
@@ -291,7 +294,7 @@ class SteppedProgram:
         times = (time_s, period_s, Stepping())
         f = around.step(0, 0, times, memory.begin, memory.join)[0][len(self.outputs) :]
         none = np.zeros(0, np.intp)
-        alone = slopes_of(self.simulator, x, f, course.own, period_s, none, none).by_state
+        alone = slopes_of(self.simulator, x, f, course.simulator_p, period_s, none, none).by_state
         n = self.simulated
         matrix[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
         return matrix
@@ -313,11 +316,15 @@ class _Course:
 
     def __post_init__(self) -> None:
         q = self.program
-        self.own = np.ascontiguousarray(self.p[: q.own], float)
+        self.simulator_p = np.ascontiguousarray(self.p[: q.simulator_parameters], float)
         self.part = slice(q.readings, q.readings + q.simulated)
         self.both = slice(0, q.readings + q.simulated)
         none = np.zeros(0, np.intp)
-        wanted = none if self.columns is None else np.flatnonzero(self.columns[: q.own] >= 0)
+        wanted = (
+            none
+            if self.columns is None
+            else np.flatnonzero(self.columns[: q.simulator_parameters] >= 0)
+        )
         self.chosen = wanted
         self.places = none if self.columns is None else self.columns[wanted]
 
@@ -328,8 +335,8 @@ class _Course:
             return
         x, chosen = self.x[self.part], self.chosen
         moved = len(x) + len(chosen) if self.columns is not None else 0
-        xs, ps = np.tile(x, (1 + moved, 1)), np.tile(self.own, (1 + moved, 1))
-        tiny = np.abs(self.own[chosen])
+        xs, ps = np.tile(x, (1 + moved, 1)), np.tile(self.simulator_p, (1 + moved, 1))
+        tiny = np.abs(self.simulator_p[chosen])
         by = DIFFERENCE * np.concatenate(
             [np.maximum(np.abs(x), self.simulator.sizes[0]), tiny + (tiny == 0.0)]
         )
@@ -346,7 +353,7 @@ class _Course:
     def step(self, row: int, f: Array, by: Array, h: float) -> None:
         """One exchange of h seconds, the row-th of the run, under f (forces), whose sensitivities
         are `by` (forces, columns)."""
-        step = Differences(self.simulator, self.x[self.part], f, self.own, h)
+        step = Differences(self.simulator, self.x[self.part], f, self.simulator_p, h)
         if self.columns is None:
             self.x[self.both], _ = self._after(row, step)
             return
@@ -362,27 +369,27 @@ class _Course:
         """By the states, by the forces that what is sought pushes (zero by the others), and by the
         chosen parameters; those that are kept, where they hold."""
         known, x, f = self.known, step.x, step.f
-        if known is None or not known.made[row]:
+        if known is None or not known.filled[row]:
             slopes = self._worked_out(step, pushed)
             if known is not None:
                 known.counts[0] += 1
                 known.pushed[row] = pushed
-                known.keep(row, x, f, self.own, slopes.after, np.hstack(slopes[1:]))
+                known.keep(row, x, f, self.simulator_p, slopes.after, np.hstack(slopes[1:]))
             return slopes
         lacking = known.lacking(row, f, pushed)
         if lacking.any():
             known.pushed[row] |= lacking
             at = len(x) + np.flatnonzero(lacking)
             known.slopes[row][:, at] = step.slopes(at)
-        after, foretold = self._after(row, step)
-        moves, acts = known.hold(row, x, f, self.own, after, self.level)
+        after, predicted = self._after(row, step)
+        moves, acts = known.hold(row, x, f, self.simulator_p, after, self.level)
         if not acts:
-            known.counts[2] -= foretold
+            known.counts[2] -= predicted
             after = step.after
-            known.keep(row, x, f, self.own, after, self._probed(row, step, moves))
+            known.keep(row, x, f, self.simulator_p, after, self._probed(row, step, moves))
         else:
             known.counts[1] += 1
-        return Slopes(after, *known.parts(row, self.own))
+        return Slopes(after, *known.parts(row, self.simulator_p))
 
     def _worked_out(self, step: Differences, pushed: NDArray[np.bool_]) -> Slopes:
         forces = np.flatnonzero(pushed)
@@ -398,14 +405,14 @@ class _Course:
         pushed = np.flatnonzero(known.pushed[row])
         places = np.concatenate([np.arange(nx), nx + pushed])
         by_parameter = nx + nf + np.arange(len(self.chosen))  # columns of the table
-        slopes = known.scaled(row, self.own)
+        slopes = known.scaled(row, self.simulator_p)
         chosen = nx + nf + self.chosen  # places of a step
         if not (moves or step.agree(places, slopes[:, places], PROBED)):
             both = step.slopes(np.concatenate([places, chosen]))
             slopes[:, places], slopes[:, by_parameter] = np.split(both, [len(places)], axis=1)
             known.counts[0] += 1
             return slopes
-        far = known.far(row, self.own)[self.chosen]
+        far = known.far(row, self.simulator_p)[self.chosen]
         if far.any():
             slopes[:, by_parameter[far]] = step.slopes(chosen[far])
         fails = len(by_parameter) > 0 and not step.agree(chosen, slopes[:, by_parameter], PROBED)
@@ -415,14 +422,14 @@ class _Course:
         return slopes
 
     def _after(self, row: int, step: Differences) -> tuple[Array, bool]:
-        """Readings and states behind a step, and whether it was foretold."""
+        """Readings and states behind a step, and whether it was predicted."""
         known, x, f = self.known, step.x, step.f
         if known is not None:
-            predicted = known.foretells(row, x, f, self.own, self.level)
+            predicted = known.predict_step(row, x, f, self.simulator_p, self.level)
             if predicted is not None:
                 known.counts[2] += 1
                 return predicted, True
-            known.check(row, x, f, self.own, step.after, self.level)
+            known.check(row, x, f, self.simulator_p, step.after, self.level)
         return step.after, False
 
     def in_c(
@@ -436,11 +443,11 @@ class _Course:
         """The whole run in one compiled loop, as `SteppedProgram.run` makes it; the first sample at
         which it blew up, or -1. None where the simulator is no function of a library."""
         time_s, period_s, stepping = times
-        n, tiny = len(self.chosen), np.abs(self.own[self.chosen])
+        n, tiny = len(self.chosen), np.abs(self.simulator_p[self.chosen])
         by = DIFFERENCE * (tiny + (tiny == 0.0))
         # Models of the library are costly to make, so that all that a run may need are made before
         # it begins.
-        p = np.tile(self.own, (3 + 2 * n if n else 1, 1))
+        p = np.tile(self.simulator_p, (3 + 2 * n if n else 1, 1))
         if n:
             p[1 + np.arange(n), self.chosen] += by
             p[1 + n, self.chosen] -= by
@@ -496,10 +503,12 @@ class _Course:
         from pamid.engine.stepped_kernel import KnownInC
 
         q = self.program
-        t = self.known or KnownSlopes.none((q.readings, q.simulated, q.forces, q.own))
-        rows = t.made, t.x, t.f, t.p, t.after, t.slopes, t.pushed, t.last, t.led, t.trust
-        limits = STILL_HOLDS, FAR, SLOPE_ROUNDING, t.foretold
-        return KnownInC(*rows, t.chosen, t.counts, self.own, self.level, *limits)
+        t = self.known or KnownSlopes.none(
+            (q.readings, q.simulated, q.forces, q.simulator_parameters)
+        )
+        rows = t.filled, t.x, t.f, t.p, t.after, t.slopes, t.pushed, t.last, t.last_after, t.trust
+        limits = STILL_HOLDS, FAR, SLOPE_ROUNDING, t.prediction_limit
+        return KnownInC(*rows, t.chosen, t.counts, self.simulator_p, self.level, *limits)
 
     def keep(self, memory: Memory) -> None:
         """All that a run carries on stands in the memory's arrays."""

@@ -65,11 +65,14 @@ class SteppedInC(NamedTuple):
 
 
 class KnownInC(NamedTuple):
-    """Slopes that are kept, as of `pamid.engine.known_slopes.KnownSlopes`, without rows where none
-    are. own: parameters now (own,); level: (states,), what a step does along the run; same, far,
-    rounded: by what they still hold; foretold: how far a step may be off that is not made."""
+    """The table `pamid.engine.known_slopes.KnownSlopes`; without rows for a run without one.
 
-    made: Any
+    p_now: present parameters of the simulator; level (values,): root mean square of a step's action
+    along the run; same, far, rounded: limits within which slopes hold; prediction_limit: largest
+    error of a predicted step, in levels.
+    """
+
+    filled: Any
     x: Any
     f: Any
     p: Any
@@ -77,16 +80,16 @@ class KnownInC(NamedTuple):
     slopes: Any
     pushed: Any
     last: Any
-    led: Any
+    last_after: Any
     trust: Any
     chosen: Any
     counts: Any
-    own: Any
+    p_now: Any
     level: Any
     same: float
     far: float
     rounded: float
-    foretold: float
+    prediction_limit: float
 
 
 @njit(cache=True)
@@ -124,13 +127,13 @@ def _step(c, x, f, after):  # type: ignore[no-untyped-def]
 def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
     """Are there slopes by all that has moved in forces and parameters, and has no parameter moved
     far?"""
-    if not t.made[row]:
+    if not t.filled[row]:
         return False
     for k in range(f.shape[0]):
         if f[k] != t.f[row, k] and not t.pushed[row, k]:
             return False
-    for i in range(t.own.shape[0]):
-        dp = abs(t.own[i] - t.p[row, i])
+    for i in range(t.p_now.shape[0]):
+        dp = abs(t.p_now[i] - t.p[row, i])
         if dp > t.far * abs(t.p[row, i]):
             return False
         if dp != 0.0:
@@ -151,11 +154,11 @@ def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
     for i in range(nf):
         dz[nx + i] = f[i] - f0[i]
     for i in range(t.chosen.shape[0]):
-        dz[nx + nf + i] = t.own[t.chosen[i]] - p0[t.chosen[i]]
+        dz[nx + nf + i] = t.p_now[t.chosen[i]] - p0[t.chosen[i]]
 
 
 @njit(cache=True)
-def _told(t, row, j, dz):  # type: ignore[no-untyped-def]
+def _linear_change(t, row, j, dz):  # type: ignore[no-untyped-def]
     """By how much the slopes of a row move the j-th reading or state, and how differently it then
     acts."""
     shift, differently, diagonal = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
@@ -179,15 +182,15 @@ def _way(t, row, dz):  # type: ignore[no-untyped-def]
     """How differently it acts there at most, in levels."""
     largest = 0.0
     for j in range(t.level.shape[0]):
-        largest = _more(largest, _told(t, row, j, dz)[1], t.level[j])
+        largest = _more(largest, _linear_change(t, row, j, dz)[1], t.level[j])
     return largest
 
 
 @njit(cache=True)
-def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
+def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
     """Fill `after` with where a step from x under f leads; False where that has not been
     checked."""
-    if t.foretold == 0.0 or not _in_reach(t, row, f):
+    if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
@@ -195,18 +198,18 @@ def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
     way = _way(t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
     # neither is so of what is no number
-    near = way == 0.0 or bend * (2.0 * base + way) * way <= t.foretold
+    near = way == 0.0 or bend * (2.0 * base + way) * way <= t.prediction_limit
     if not (near and way <= reach):
         return False
     for j in range(after.shape[0]):
-        after[j] = t.led[row, j] + _told(t, row, j, dz)[0]
+        after[j] = t.last_after[row, j] + _linear_change(t, row, j, dz)[0]
     return True
 
 
 @njit(cache=True)
 def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """A step to `plain` was made: how well would its slopes have foretold it?"""
-    if t.foretold == 0.0 or not _in_reach(t, row, f):
+    """A step to `plain` was made: how well would its slopes have predicted it?"""
+    if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
@@ -215,14 +218,14 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     if 0.0 < way < np.inf:
         missed = 0.0
         for j in range(plain.shape[0]):
-            off = abs(plain[j] - t.led[row, j] - _told(t, row, j, dz)[0])
+            off = abs(plain[j] - t.last_after[row, j] - _linear_change(t, row, j, dz)[0])
             missed = _more(missed, off, t.level[j])
         t.trust[row, 1] = way
         t.trust[row, 2] = missed / ((2.0 * base + way) * way)
     last[:nx] = x
     last[nx:at] = f
-    last[at:] = t.own
-    t.led[row] = plain
+    last[at:] = t.p_now
+    t.last_after[row] = plain
     _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
     t.trust[row, 0] = _way(t, row, dz)
 
@@ -239,7 +242,7 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     for j in range(plain.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
         change = plain[j] - t.after[row, j]
-        shift, differently = _told(t, row, j, dz)
+        shift, differently = _linear_change(t, row, j, dz)
         # neither is so of what is no number
         if not abs(change - shift) <= t.same * differently + tiny:
             return False, False
@@ -255,17 +258,17 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     t.x[row] = x
     t.f[row] = f
-    t.p[row] = t.own
+    t.p[row] = t.p_now
     t.after[row] = plain
     t.last[row, :nx] = x
     t.last[row, nx:at] = f
-    t.last[row, at:] = t.own
-    t.led[row] = plain
-    if not t.made[row]:
+    t.last[row, at:] = t.p_now
+    t.last_after[row] = plain
+    if not t.filled[row]:
         t.trust[row, 1] = 0.0
         t.trust[row, 2] = np.inf
     t.trust[row, 0] = 0.0
-    t.made[row] = True
+    t.filled[row] = True
 
 
 @njit(cache=True)
@@ -335,7 +338,7 @@ def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
     are. Mark in `far` (columns,) those by parameters that have moved too far for that."""
     at = t.x.shape[1] + t.f.shape[1]
     for k in range(t.chosen.shape[0]):
-        before, now = t.p[row, t.chosen[k]], t.own[t.chosen[k]]
+        before, now = t.p[row, t.chosen[k]], t.p_now[t.chosen[k]]
         far[at + k] = abs(now - before) > t.far * abs(before)
         if before != now and now != 0.0:
             for j in range(t.slopes.shape[1]):
@@ -366,10 +369,10 @@ def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
+def _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
     """Have slopes of a row that hold for a step from x under f; fill `plain` with where it leads.
     pushed (forces,): by which slopes are needed; steps: of differences, by all."""
-    nx, nf, known = x.shape[0], f.shape[0], t.made[row]
+    nx, nf, known = x.shape[0], f.shape[0], t.filled[row]
     lacking = np.zeros(steps.shape[0])
     for k in range(nf):
         wanted = pushed[k] or t.pushed[row, k] or (known and f[k] != t.f[row, k])
@@ -388,16 +391,16 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
     if lacking.any():
         _step(c, x, f, plain)
         _slopes(c, x, f, lacking, plain, t.slopes[row])
-    foretold = _foretells(t, row, x, f, plain)
-    if not foretold:
+    predicted = _predict(t, row, x, f, plain)
+    if not predicted:
         _step(c, x, f, plain)
         _check(t, row, x, f, plain)
     moves, acts = _hold(t, row, x, f, plain)
     if acts:
         t.counts[1] += 1
-        t.counts[2] += foretold
+        t.counts[2] += predicted
         return
-    if foretold:
+    if predicted:
         _step(c, x, f, plain)
     anew = _probed(c, t, row, x, f, steps, plain, moves)
     t.counts[0 if anew else 1] += 1
@@ -411,9 +414,9 @@ def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untype
     readings, seen = c.reading_at.shape[0], values.shape[0]
     x = values[readings:]
     nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], c.place.shape[0]
-    plain, keep = np.empty(seen), t.made.shape[0] > 0
+    plain, keep = np.empty(seen), t.filled.shape[0] > 0
     if not sensitive:
-        if keep and _foretells(t, row, x, f, plain):
+        if keep and _predict(t, row, x, f, plain):
             t.counts[2] += 1
         else:
             _step(c, x, f, plain)
@@ -430,7 +433,7 @@ def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untype
     steps[nx + nf :] = c.moved_by
     if keep:
         slopes = t.slopes[row]
-        _kept_slopes(c, t, row, x, f, pushed, steps, plain)
+        _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain)
     else:
         slopes = np.zeros((seen, nx + nf + n))
         steps[nx : nx + nf] *= pushed
@@ -449,8 +452,8 @@ def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untype
     for k in range(n):
         # in proportion to the parameter they stay as they are
         share = 1.0
-        if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]] and t.own[t.chosen[k]] != 0.0:
-            share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
+        if keep and t.p[row, t.chosen[k]] != t.p_now[t.chosen[k]] and t.p_now[t.chosen[k]] != 0.0:
+            share = t.p[row, t.chosen[k]] / t.p_now[t.chosen[k]]
         for j in range(seen):
             rows[j, c.place[k]] += share * slopes[j, nx + nf + k]
     S[:seen] = rows

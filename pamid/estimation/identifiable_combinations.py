@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pamid.estimation.intervals import NORMAL_95, SETTLED, estimates, word_for
 from pamid.estimation.problem import Fit
-from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own_of
+from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, declared_quantities
 from pamid.model.bound_parameter import Bound
 from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import Combination, Tie
@@ -47,7 +47,7 @@ def combinations_of(
     """Declared combinations that hold a fitted parameter, and the groups of parameters known only
     in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
-    declared = own_of(space, fitted.problem.assembly)
+    declared = declared_quantities(space, fitted.problem.assembly)
     combinations = {q.name: _combination(space, q, draws, True) for q in declared}
     ties = []
     for group in _groups(space):
@@ -77,7 +77,7 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
     if not inner:
         return reported
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
-    for q in own_of(space, fitted.problem.assembly):
+    for q in declared_quantities(space, fitted.problem.assembly):
         c = _combination(space, replace(q, slope_prior=q.slope), draws, True)
         members = [inner[name] for name in c.members if name in inner]
         if members:

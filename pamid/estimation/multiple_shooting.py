@@ -207,12 +207,12 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         if not ended.settled:
             if not any(known and known.counts[2] for known in self.known):
                 return ended
-            simulated = self._keeping([k and k.without_foretelling() for k in self.known])
+            simulated = self._keeping([k and k.without_prediction() for k in self.known])
             return replace(ended, point=simulated.at(ended.point.s, ended.point.starts))
         exact = self._keeping([k and k.forgotten() for k in self.known])
         point = exact.at(ended.point.s, ended.point.starts)
         restarted = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
-        if not point.normal.fine:  # what was foretold was wrong
+        if not point.normal.fine:  # a predicted step was wrong
             return restarted
         return iterate(exact, restarted, max(iterations, ended.steps + LAST_STEPS))
 

@@ -120,7 +120,7 @@ def locate(
     }  # a value enters the equations there as it does here
     distinct = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
-    found_at = _found_at(work, distinct, pool, known)
+    found_at = _gains_at(work, distinct, pool, known)
     # Ports with the same equations have the same evidence, and each smoothing costs several fits.
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
@@ -150,7 +150,7 @@ def locate(
     return PortEvidence(gains, port_classes, worth, smoothers)
 
 
-def _found_at(
+def _gains_at(
     work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, Found]
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many only those that stand out with the parameters

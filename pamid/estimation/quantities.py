@@ -169,7 +169,7 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     rows = np.zeros((0, len(space.s)))
     # Gaussian elimination with pivots: a combination takes the place of the parameter that it moves
     # most and no earlier one has taken, so that the new coordinates stay independent
-    for q in own_of(space, problem.assembly):
+    for q in declared_quantities(space, problem.assembly):
         row = q.slope / np.linalg.norm(q.slope)
         for (pivot, _), before in zip(chosen, rows, strict=True):
             row = row - row[pivot] / before[pivot] * before
@@ -204,7 +204,7 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     return coordinates
 
 
-def own_of(space: Space, assembly: Assembly) -> list[Quantity]:
+def declared_quantities(space: Space, assembly: Assembly) -> list[Quantity]:
     """The rig's combinations that hold a free parameter."""
     measures = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
     quantities = [

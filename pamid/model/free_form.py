@@ -55,7 +55,7 @@ class FreeFormEffect(Effect):
     along: ClassVar[str] = ""  # the signal that its curve is drawn over
     shown: ClassVar[str] = ""  # what its curve shows
     known_by: ClassVar[str] = ""  # what its family has in common, in words
-    taken_off: ClassVar[bool] = True  # its curve is taken off the value; else it is added
+    subtracted: ClassVar[bool] = True  # its curve is taken off the value; else it is added
 
     @classmethod
     def coefficients(cls) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class FreeFormEffect(Effect):
         whole: Number = 0.0
         for name, shape in zip(self.coefficients(), shapes, strict=True):
             whole = whole + getattr(p, name) * shape
-        return value - whole if self.taken_off else value + whole
+        return value - whole if self.subtracted else value + whole
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         x = value if self.along == "value" else getattr(at, self.along)

@@ -135,7 +135,7 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
 
 
-def taken_up(rig: Rig, *names: str) -> str:
+def absorbed_effects(rig: Rig, *names: str) -> str:
     """Effects that maps at these ports can absorb besides roughness."""
     along = {_along(rig.ports[name]) for name in names}
     return "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
@@ -204,7 +204,7 @@ def tolerance_words(rig: Rig) -> list[str]:
     return [
         "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
         "passes for a missing effect, or hides one. A map allows for it, but within its tolerance "
-        f"it can take up {taken_up(rig, *mapped)}. If yours may be off: "
+        f"it can take up {absorbed_effects(rig, *mapped)}. If yours may be off: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 
@@ -401,7 +401,7 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
             "|---|---|",
         ]
         for signals, names in reachable(Port(kind), known, any_unit=True).items():
-            home = [_worded(name, kind, known) for name in names]
+            home = [_marked(name, kind, known) for name in names]
             offers = ", ".join(f"`{s}`" for s in signals) or "nothing"
             lines += [f"| {offers} | {', '.join(home)} |"] if home else []
         lines.append("")
@@ -413,7 +413,7 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
     return "\n".join(lines)
 
 
-def _worded(name: str, kind: str, effects: list[type[Effect]]) -> str:
+def _marked(name: str, kind: str, effects: list[type[Effect]]) -> str:
     effect = next(e for e in effects if e.name == name)
     unit = f" (in {effect.unit})" if effect.unit else ""
     unit += f" (not in {', '.join(effect.excluded_units)})" if effect.excluded_units else ""

@@ -126,7 +126,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
     return module
 
 
-def rig_given(rig: RigLike | None) -> str | Rig | None:
+def resolved_rig(rig: RigLike | None) -> str | Rig | None:
     """A word for `rig_named`, or the rig itself; UsageError for anything else."""
     if isinstance(rig, type) and issubclass(rig, Rig):
         return rig()
@@ -168,7 +168,7 @@ def in_catalogue(name: str) -> bool:
     return name.partition(":")[0] in rigs()
 
 
-def _file_beside(name: str) -> str:
+def _rig_file_in(name: str) -> str:
     """A rig file of that name in the folder, which is named by its path."""
     file = Path(f"{name}.py")
     there = name.isidentifier() and file.is_file()
@@ -191,7 +191,7 @@ def catalogue_rig(name: str) -> Rig:
             raise FileError(f"{name!r} is a rig file.", f"{_RUNS_CODE} add --rig FILE.", code="rig")
         raise FileError(
             f"unknown rig {base!r}",
-            _file_beside(base)
+            _rig_file_in(base)
             or nearest(base, list(known))
             or f"rigs: {', '.join(known)}; or the path of a rig file",
         )
@@ -226,7 +226,7 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
     return rig
 
 
-def rig_again(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) -> Rig:
+def noted_rig(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) -> Rig:
     """The rig that a run notes; its file only where the caller names it, too, and it is the same as
     then; a rig of a program only where the caller gives it.
 
@@ -245,7 +245,7 @@ def rig_again(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) ->
     return _rig_in(Path(named), sha256.get(noted, ""))
 
 
-def effects_again(
+def noted_effects(
     noted: tuple[str, ...], named: tuple[str | type[Effect], ...], sha256: Mapping[str, str]
 ) -> dict[str, type[Effect]]:
     """The catalogue, widened by the effect files that a run notes, each named again and the same as

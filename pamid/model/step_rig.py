@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.engine.carried import Carrier
+from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import DIFFERENCE, LibraryStep, slopes_of
 from pamid.engine.stepped import FarRunner
 from pamid.model.rig import Rig
@@ -96,7 +96,7 @@ class StepRig(Rig):
         """See `pamid.engine.simulator.Simulator`; one copy after the other. into: names of what
         goes in."""
         states, parameters = self._named
-        after, pushed, known = list[list[float]](), _Given(into), _Given(parameters)
+        after, pushed, known = list[list[float]](), _NumberCache(into), _NumberCache(parameters)
         for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
             after.append(
@@ -110,7 +110,7 @@ class StepRig(Rig):
         wanted = tuple(self.readings)
         if not wanted:
             return np.empty((len(x), 0))
-        states, known = self._named[0], _Given(self._named[1])
+        states, known = self._named[0], _NumberCache(self._named[1])
         out = list[list[float]]()
         for row, values in zip(x.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
@@ -194,7 +194,7 @@ class StepRig(Rig):
         if self.carries:
             return {name: symbol("state", _read(name)) for name in self.readings}
         states = self._named[0]
-        by = self._shown if self.readings else np.zeros((0, len(states)), bool)
+        by = self._dependence if self.readings else np.zeros((0, len(states)), bool)
         return {
             name: Expr(SIMULATED, _chosen(states, row), ("read", name))
             for name, row in zip(self.readings, by, strict=True)
@@ -227,7 +227,7 @@ class StepRig(Rig):
         return by_state_name
 
     @cached_property
-    def _shown(self) -> NDArray[np.bool_]:
+    def _dependence(self) -> NDArray[np.bool_]:
         """Which readings (rows) depend on which states, found by trying it."""
         linked = np.zeros((len(self.readings), len(self.states)), bool)
         for x in _draws(self):
@@ -276,11 +276,11 @@ class StepRig(Rig):
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process without what was made in this one."""
-        names = (k for k in vars(self) if k != "_known_links" and not _is_made(type(self), k))
+        names = (k for k in vars(self) if k != "_known_links" and not _is_cached(type(self), k))
         return {k: vars(self)[k] for k in names}
 
 
-class _Given:
+class _NumberCache:
     """Named numbers, made again only where they differ from the last ones."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -367,5 +367,5 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
         )
 
 
-def _is_made(kind: type, name: str) -> bool:
+def _is_cached(kind: type, name: str) -> bool:
     return any(isinstance(vars(c).get(name), cached_property) for c in kind.__mro__)

@@ -143,7 +143,7 @@ class BatchedElman:
             rows = jacobian[:, max(washout - first, 0) :]
             end = first + jacobian.shape[1]
             jtj.baddbmm_(rows.mT, rows)
-            jte.baddbmm_(rows.mT, self._sent(error[:, end - rows.shape[1] : end, None]))
+            jte.baddbmm_(rows.mT, self._on_device(error[:, end - rows.shape[1] : end, None]))
         # A batched product may round its two triangles differently, and a Cholesky factor reads
         # one of them.
         symmetric = torch.tril(jtj) + torch.tril(jtj, -1).mT
@@ -163,8 +163,8 @@ class BatchedElman:
         )
         # Small arrays, sent once per pass: a transfer per block would cost more than its products.
         layers = [self.network.layers(w) for w in flat]
-        context = self._sent(np.stack([layer.context for layer in layers]))
-        output = self._sent(np.stack([layer.output for layer in layers]))[:, None]
+        context = self._on_device(np.stack([layer.context for layer in layers]))
+        output = self._on_device(np.stack([layer.output for layer in layers]))[:, None]
         sensitivity = context.new_zeros(starts, h, n - h - 1)
         for first in range(0, samples, held):
             count = min(held, samples - first)
@@ -173,11 +173,11 @@ class BatchedElman:
             # fill the last block
             known = min(first, 1)
             x = context.new_zeros(starts, 1 + blocks * length, h)
-            x[:, 1 - known : 1 + count] = self._sent(
+            x[:, 1 - known : 1 + count] = self._on_device(
                 features[:, first - known : first + count, :-1]
             )
             u = context.new_zeros(starts, blocks * length, m)
-            u[:, :count] = self._sent(inputs[first : first + count])
+            u[:, :count] = self._on_device(inputs[first : first + count])
             seen = torch.cat([x[:, :-1], u, u.new_ones(starts, blocks * length, 1)], 2).unflatten(
                 1, (blocks, length)
             )
@@ -188,7 +188,7 @@ class BatchedElman:
             rows[..., n - h - 1 : -1] = after
             yield first, rows.flatten(1, 2)[:, :count]
 
-    def _sent(self, values: Array) -> "torch.Tensor":
+    def _on_device(self, values: Array) -> "torch.Tensor":
         import torch
 
         return torch.tensor(values, device=self.device)

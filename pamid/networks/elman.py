@@ -38,7 +38,7 @@ from pamid.engine.recurrence_kernels import (
     run_states,
 )
 from pamid.networks.modal_start import find_modes
-from pamid.networks.network import Network, Records, decided_by, weighted
+from pamid.networks.network import Network, Records, largest_determined, weighted
 from pamid.networks.normal_equations import CHUNK, Rows, aligned
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
@@ -100,7 +100,7 @@ class Elman(Network):
     ) -> Network:
         if sizes:
             return cls(inputs, **sizes)
-        return decided_by(lambda hidden: cls(inputs, hidden), samples)
+        return largest_determined(lambda hidden: cls(inputs, hidden), samples)
 
     def words(self) -> str:
         return f"elman {self.inputs}-{self.hidden}-1"

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
-from pamid.networks.network import Network, decided_by, weighted
+from pamid.networks.network import Network, largest_determined, weighted
 from pamid.networks.normal_equations import CHUNK, Rows
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
@@ -92,7 +92,7 @@ class Narx(Network):
         stride = max(1, round(TAP_S / period_s))
         if sizes:
             return cls(inputs, stride=stride, **sizes)
-        return decided_by(lambda hidden: cls(inputs, hidden, stride=stride), samples)
+        return largest_determined(lambda hidden: cls(inputs, hidden, stride=stride), samples)
 
     def words(self) -> str:
         return (

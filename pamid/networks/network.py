@@ -36,7 +36,7 @@ def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | floa
     ]
 
 
-def decided_by(make: "Callable[[int], Network]", samples: int | None) -> "Network":
+def largest_determined(make: "Callable[[int], Network]", samples: int | None) -> "Network":
     """The largest network of at most `HIDDEN` units whose weights this number of samples decides;
     of one unit where none is that small. make: the network of a number of units."""
     sizes = (make(hidden) for hidden in range(HIDDEN, 0, -1))

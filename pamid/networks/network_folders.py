@@ -17,7 +17,7 @@ NETWORK_FILES = (NETWORK_FILE, WEIGHTS_FILE, TRACE_FILE)
 _CHANNEL = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,200}")
 
 
-def network_files_beside(channel: str) -> tuple[str, ...]:
+def channel_network_files(channel: str) -> tuple[str, ...]:
     """The files of a channel's network beside that of the run, relative to the run; FileError for a
     name that is no channel's."""
     if _CHANNEL.fullmatch(channel) is None:
@@ -25,7 +25,7 @@ def network_files_beside(channel: str) -> tuple[str, ...]:
     return tuple(f"{NETWORKS_FOLDER}/{channel}/{name}" for name in NETWORK_FILES)
 
 
-def networks_beside(folder: Path) -> dict[str, Path]:
+def channel_networks(folder: Path) -> dict[str, Path]:
     """The folders of a run's other networks by channel, in alphabetical order."""
     files = (folder / NETWORKS_FOLDER).glob(f"*/{NETWORK_FILE}")
     return {

@@ -37,7 +37,7 @@ def add_up(
     one is added. Its maker must leave the chunk before untouched.
     """
     with np.errstate(all="ignore"):
-        for start, y, jacobian in _made_ahead(chunks) if threads > 1 else chunks:
+        for start, y, jacobian in _computed_ahead(chunks) if threads > 1 else chunks:
             skip = min(max(washout - start, 0), len(y))
             sums.add(jacobian[skip:], target[start + skip : start + len(y)] - y[skip:])
 
@@ -52,7 +52,7 @@ def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
         return list(pool.map(work, items))
 
 
-def _made_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
+def _computed_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
     """The same chunks, each made while the one before is in use."""
     # One chunk ahead is enough to keep both threads busy, and two buffers hold it.
     with ThreadPoolExecutor(1) as maker:

@@ -85,7 +85,7 @@ class RootSums:
         if self.root is None:
             # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
             square = rows.T @ rows
-            if not self.lost or self._kept(square):
+            if not self.lost or self._is_resolved(square):
                 self.jte += error @ rows
                 self.jtj += square
                 return
@@ -112,7 +112,7 @@ class RootSums:
         left, values, right = np.linalg.svd(self.root)
         return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
 
-    def _kept(self, square: Array) -> bool:
+    def _is_resolved(self, square: Array) -> bool:
         """Is what rounding takes from J'J with this chunk small beside what matters? (Not where it
         is no number.)"""
         trace = float(np.trace(self.jtj) + np.trace(square))

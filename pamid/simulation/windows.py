@@ -114,7 +114,7 @@ class Runner:
         stay finite?"""
         t, behind, program = self.track, window.stop, self.assembly.program
         if self.known is not None:
-            program = program.knowing(self.known.part(window.start, window.stop))
+            program = program.with_slopes(self.known.part(window.start, window.stop))
         Y, J, bad = program.run(
             memory,
             t.u[window.start : window.stop],
@@ -145,7 +145,7 @@ class Runner:
         of `run`. See `Program.run_windows` for the memory between two of them."""
         t, program = self.track, self.assembly.program
         if self.known is not None:
-            program = program.knowing(self.known)
+            program = program.with_slopes(self.known)
         return program.run_windows(
             memory,
             t.u,

@@ -198,7 +198,7 @@ class _MemoryExpansion:
                     todo += [e for e in parts if e is not None]
         return False
 
-    def kept_where_set_anew(self, x: Expr, past: Expr) -> Expr | None:
+    def unchanged_on_reset(self, x: Expr, past: Expr) -> Expr | None:
         """The update of a memory of x where the state is set anew: as it was, unless x follows
         recorded inputs alone, which move there as anywhere (None)."""
         return past if self.follows_a_state(x) else None
@@ -211,7 +211,7 @@ class _MemoryExpansion:
         def deflected(s: Expr, travel: Expr) -> Expr:
             return maximum(-r, minimum(r, s + travel))
 
-        unchanged = self.kept_where_set_anew(x, past)
+        unchanged = self.unchanged_on_reset(x, past)
         self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=unchanged))
         return x - deflected(current, x - origin)
 
@@ -225,7 +225,7 @@ class _MemoryExpansion:
             end = where(step > 0.0, reach, where(step < 0.0, -reach, z))
             return end + (z - end) * decay
 
-        unchanged = self.kept_where_set_anew(x, past)
+        unchanged = self.unchanged_on_reset(x, past)
         self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=unchanged))
         return moved(current, x - origin)
 
@@ -320,7 +320,7 @@ class _MemoryExpansion:
         name = self.name("rate")
         before, current = symbol("past", f"{name}_input"), symbol("cell", name)
         change = (x - before) / tick("period")
-        unchanged = self.kept_where_set_anew(x, symbol("past", name))
+        unchanged = self.unchanged_on_reset(x, symbol("past", name))
         self.cells += [
             Cell(f"{name}_input", x, x, sampled=True),
             Cell(name, change, 0.0 * x, sampled=True, joined=unchanged),

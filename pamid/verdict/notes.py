@@ -11,8 +11,8 @@ from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
 from pamid.checks.row_order import OF_THE_LOG, misplaced_readings
 from pamid.diagnosis.input_response import idle_inputs
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds
-from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.identifiable_combinations import reported_parameters
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.lagged_linear import lagged_share

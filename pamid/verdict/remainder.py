@@ -20,7 +20,7 @@ from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.comparison import Share
 from pamid.diagnosis.family_forms import FreeForm
-from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.estimation.smoother import SMOOTHER_STEPS, ReplayedModel, Smoothed, Smoother, size_at
 from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool

@@ -17,9 +17,9 @@ from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.family_forms import FreeForm, free_forms
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
-from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.effect import Effect

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pamid.diagnosis.tournament import candidates_to_screen
+from pamid.diagnosis.pipeline import candidates_to_screen
 from pamid.estimation.port_evidence import (
     MANY_PORTS,
     OUTSTANDING,
     PortEvidence,
-    _found_at,
+    _gains_at,
     _Smoothing,
 )
 from pamid.estimation.smoother import Smoothed
@@ -85,7 +85,7 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
     work = _Smoothing(None, None, True, smoothers=held)  # type: ignore[arg-type]
-    found = _found_at(work, list(smoothers), WorkerPool(), {})
+    found = _gains_at(work, list(smoothers), WorkerPool(), {})
     assert list(found) == list(smoothers) and found["p0"] == 80.0
     assert len(looked) == (count if count <= MANY_PORTS else 2)
     if count > MANY_PORTS:  # the rest keep their share of the largest

@@ -52,7 +52,7 @@ class FreeLag(FreeFormEffect):
     along = "time"
     shown = "response to a step"
     known_by = "a delay that blurs"
-    taken_off = False
+    subtracted = False
 
     @classmethod
     def placed(cls, low: float, high: float) -> dict[str, float]:

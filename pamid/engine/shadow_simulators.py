@@ -1,8 +1,8 @@
-"""The simulator's part of a run where it keeps its states to itself: a foreign model in a library.
+"""Runs of a simulator with hidden states, such as a foreign model in a library.
 
-Nothing can be moved in states that are not seen. So each sensitivity has a copy of the simulator of
-its own, which runs beside the plain one from the start on with one value moved by d: a parameter,
-and with it whatever goes in, f + d df/dp; what it reads differs by d times the sensitivity.
+Hidden states cannot be moved for a finite difference. Each sensitivity therefore has a shadow: a
+copy of the simulator that runs in parallel from the start, with one parameter moved by d and the
+forces f + d df/dp. Its readings differ from the plain ones by d times the sensitivity.
 """
 
 from __future__ import annotations
@@ -48,9 +48,10 @@ class Carrier:
         raise NotImplementedError
 
 
-class CarriedCourse:
+class ShadowCourse:
     """As `_Course` of `pamid.engine.stepped`: it moves readings on in x (first of all there), and
-    their rows of S. own: number of parameters, the first ones, that the simulator is given."""
+    their rows of S. parameter_count: number of the first
+    parameters, which belong to the simulator."""
 
     def __init__(
         self,
@@ -60,11 +61,11 @@ class CarriedCourse:
         S: Array,
         p: Array,
         columns: NDArray[np.int64] | None,
-        parameters: int,
+        parameter_count: int,
     ) -> None:
         self.carrier, self.memory, self.x, self.S = carrier, memory, x, S
         self.readings = len(x) - len(memory.x)
-        self.own, self.p = parameters, np.asarray(p, float)
+        self.parameter_count, self.p = parameter_count, np.asarray(p, float)
         moved: dict[int, tuple[float, int]] = {}  # column -> by how much, and of which parameter
         if columns is not None:
             moved = {int(c): (_step(self.p[i]), i) for i, c in enumerate(columns) if c >= 0}
@@ -76,9 +77,9 @@ class CarriedCourse:
 
     def read(self) -> None:
         """The copies where the run begins, and what they read there."""
-        p = np.tile(self.p[: self.own], (1 + len(self.by), 1))
+        p = np.tile(self.p[: self.parameter_count], (1 + len(self.by), 1))
         for k, (i, by) in enumerate(zip(self.of, self.by, strict=True)):
-            if 0 <= i < self.own:
+            if 0 <= i < self.parameter_count:
                 p[1 + k, i] += by
         saved = self.memory.saved
         if self.memory.begin or saved is None:
