@@ -10,7 +10,7 @@ effects is to first order
 
 with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges; a_e^2 keeps what changed
 hardly anything from being blown up to all that is missing. It needs inner products alone, so that
-every pair is looked at; it only says which are refitted jointly, and held-out windows decide.
+every pair is looked at; it only selects those to refit jointly, and held-out windows decide.
 Frisch and Waugh (1933), Econometrica 1:387, for the projection; Miller (2002), Subset Selection in
 Regression, section 3.5, for subsets in the place of a greedy path.
 """

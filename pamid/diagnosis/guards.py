@@ -217,9 +217,9 @@ class _Closed(Effect):
         return 0.0
 
 
-@lru_cache(maxsize=64)  # asked of every effect that leads
+@lru_cache(maxsize=64)  # computed for every effect that leads
 def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
-    """By port: parameters that the rig's equations read beside what passes it. The port is closed
+    """By port: parameters that the rig's equations read besides its value. The port is closed
     for this, not its value left out: what a sensor reads may act in the machine as well."""
     parameters = {}
     for closed in rig.ports:
@@ -229,7 +229,7 @@ def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
 
         try:
             rest = trace(rig, effects_at, {})
-        except FileError:  # not defined there: nothing can be said of the port
+        except FileError:  # not defined there: the port stays open
             rest = trace(rig, lambda *_: [], {})
         read = symbols([*rest.rates.values(), *rest.outputs.values()])
         parameters[closed] = frozenset(name for space, name in read if space == "parameter")

@@ -40,8 +40,8 @@ SCAN_SAMPLES = 4000  # on which all values are tried
 class Scanned(NamedTuple):
     """Where the misfit is asked: windows with their starts (states per track), and the parameters
     (SI) of the model without the effect; most: samples, of which whole windows are asked, two at
-    least of every track; beside: these are of a model with the effect, whose other amounts count as
-    they are found there, not at their null."""
+    least of every track; with_effect: these are of a model with the effect, whose other amounts
+    count as they are found there, not at their null."""
 
     problem: Problem
     p: Array
@@ -49,14 +49,14 @@ class Scanned(NamedTuple):
     weights: Weights
     stepping: Stepping
     most: int | None = None
-    beside: bool = False
+    with_effect: bool = False
 
 
 def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
     """The values (SI) of the parameter in this place with the least misfit on the whole, the best
     first, where they leave less than the effect at its null; of those tried that are best on a part
     of it."""
-    if part.problem.assembly.program.keeps_slopes:  # a run is dear there
+    if part.problem.assembly.program.keeps_slopes:  # a run is expensive there
         return []
     grid = scan_grid(part.problem.assembly.parameters[place])
     # Narrow minima need a fine grid, and a run of all windows per value would cost as much as a
@@ -75,7 +75,7 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
     owned = [i for i in problem.free if assembly.parameters[i].owner == owner]
     amounts = tuple(i for i in owned if i != place)
     at = where.p.copy()
-    for i in [place] if where.beside else owned:
+    for i in [place] if where.with_effect else owned:
         null = assembly.parameters[i].null
         at[i] = at[i] if null is None else null
     common = replace(problem, free=tuple(i for i in problem.free if i not in owned))

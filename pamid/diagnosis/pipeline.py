@@ -227,8 +227,8 @@ def candidates_to_screen(
     """All candidates, up to `held_background_from` of them. Of more, those at the ports with most
     latent evidence among the ports of a kind.
 
-    A slowly varying value cannot mimic play in a stiff gear, and evidence at the motor beside it is
-    no reason to leave the gear out; of one joint or another it decides.
+    A slowly varying value cannot mimic play in a stiff gear, and evidence at the motor next to it
+    is no reason to leave the gear out; of one joint or another it decides.
     """
     if len(candidates) <= settings.held_background_from:
         return candidates

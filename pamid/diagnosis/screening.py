@@ -242,9 +242,9 @@ class ScreeningBaseline:
 
 
 def _screened_by(base: Fit) -> Stepping:
-    """The stepping of the fit; where a step is dear no finer one than the recordings ask for."""
-    dear = base.problem.assembly.program.keeps_slopes
-    return careful_stepping(base.problem, base.p) if dear else base.stepping
+    """The stepping of the fit; where a step is expensive no finer one than the recordings need."""
+    expensive = base.problem.assembly.program.keeps_slopes
+    return careful_stepping(base.problem, base.p) if expensive else base.stepping
 
 
 def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
@@ -423,7 +423,7 @@ def _scanned_with_effect(
             fitted.weights,
             fitted.stepping,
             SCAN_SAMPLES,
-            beside=True,
+            with_effect=True,
         )
         for value in scanned_values(where, where, i):
             p = fitted.p.copy()

@@ -247,7 +247,7 @@ def _joint_start(
     search: Search, subset: Subset, best: CandidateModel, singles: Sequence[CandidateModel]
 ) -> RefitStart | None:
     """A subset's model, refitted from the values of each member alone, the strongest last: it
-    knows the rig's own parameters best. Members that are in `best` come first, as there; None of
+    determines the rig's parameters best. Members that are in `best` come first, as there; None of
     effects that cannot act together."""
     alone = {c.label: (c.assembly, c.fit.p) for c in singles}
     before = [a.label for a in best.attached]

@@ -99,7 +99,7 @@ def _readings(
 
 def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
     """Zero and slope of an output that is a straight line over a reading, in figures: what a sensor
-    counts above the room's temperature is told in kelvin. None where it is not."""
+    counts above the room's temperature is converted to kelvin. None where it is not."""
     try:
         at = [substitute([output], {reading: const(x)})[0] for x in (0.0, 1.0, 2.0)]
     except EquationError:  # not defined there, as a reciprocal is not at zero: no straight line
@@ -115,7 +115,7 @@ def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     """Largest magnitudes where windows begin: there the states are near those of the recording;
-    later on a model that knows no limit runs past it."""
+    later on a model without a limit runs past it."""
     assembly, fit = base.assembly, base.fit
     wanted = {
         f"{q.where}.{name}": (q.port, name, value)

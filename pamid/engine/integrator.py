@@ -44,7 +44,7 @@ RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cell
 
 
 # ---- what the functions are given --------------------------------------------------------------
-# Arrays are C-contiguous, float64 where nothing else is said; nx states, nc cells, ns sensitivity
+# Arrays are C-contiguous, float64 by default; nx states, nc cells, ns sensitivity
 # columns. The classes stand in this file because numba takes its cache of these functions for stale
 # by the stamp of this file alone; they keep their names because the cache refers to them by name.
 
@@ -297,7 +297,7 @@ def _newton_matrix(out, pointer, columns, nx, gh, M):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untyped-def]
-    """Solve x = base + gh f(x) in place by damped Newton; says whether it converged to round-off.
+    """Solve x = base + gh f(x) in place by damped Newton; return whether it converged to round-off.
 
     A step dx solves (I - gh df/dx) dx = base + gh f(x) - x. Above DAMPED it is halved until the
     next one, with the same matrix, is smaller: |dx'| <= (1 - reach/4) |dx|, the affine-invariant
@@ -499,7 +499,7 @@ def _run_samples(equations, memory, inputs, times, results, work, rows):  # type
 
 @njit(cache=True, nogil=True)
 def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped-def]
-    """Run over the rows of u, filling Y and, where sensitivities are asked for, JY.
+    """Run over the rows of u, filling Y and, with sensitivities, JY.
 
     Memory is carried on in place, so that the next call continues. Returns the first sample at
     which the state is no longer finite, or -1.

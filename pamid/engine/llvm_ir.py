@@ -1,7 +1,7 @@
 """Expressions as LLVM IR text: one straight-line function per group of equations.
 
 Every function has the same signature, seven addresses: states, cells, past cells, inputs,
-parameters, ticks, out. `out` receives the values and, where derivatives are asked for, the non-zero
+parameters, ticks, out. `out` receives the values and, for derivatives, the non-zero
 partials row by row. A value is a double, or a vector of doubles, one per hypothesis (`ValueType`).
 """
 
@@ -200,7 +200,7 @@ class _FunctionWriter:
             for line in operator.llvm:
                 last = self.fresh(kind.line(line).format(*a, last=last))
             if operator.is_comparison:
-                # kept beside the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
+                # stored next to the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
                 self.truths[node] = last
                 unit, zero = (f"{kind.name} {kind.constant(v)}" for v in (1.0, 0.0))
                 last = self.fresh(f"select {kind.truth} {last}, {unit}, {zero}")

@@ -2,7 +2,7 @@
 
 numba takes its settings, the folder of the cache among them, also from `.numba_config.yaml` in the
 working folder: that is data of whoever packed the folder, and is not read. Its cache is the one
-beside pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the user.
+next to pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the user.
 Where others may write that one, or nobody can, or there is no home (numba would take a folder
 called ~ in the working folder), it is a new folder of this process, which costs time and nothing
 else.
@@ -26,7 +26,7 @@ __all__ = ["carray", "cfunc", "njit", "types"]
 def _settle() -> None:
     """Numba's settings from the environment alone, its cache in a place that nobody else can
     write."""
-    config._config_fname = os.devnull  # asked for again before every compilation
+    config._config_fname = os.devnull  # numba reads it before every compilation
     config.reload_config()
     chosen = getattr(config, "CACHE_DIR", "")
     if not chosen and os.access(Path(__file__).parent, os.W_OK):

@@ -144,7 +144,7 @@ class EquationSteps:
     """The stepping of compiled equations."""
 
     def least_substeps(self, period_s: float) -> int:
-        """Steps per sample that the model asks for by itself."""
+        """Least steps per sample of the model."""
         return 1
 
     def careful(self, substeps: int) -> Stepping:
@@ -157,7 +157,7 @@ class Program(EquationSteps):
     """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
     array.
 
-    ordered: do finer steps change less and less? keeps_slopes: are there any that are dear enough
+    ordered: do finer steps change less and less? keeps_slopes: are there any expensive enough
     to be kept?"""
 
     ordered: ClassVar[bool] = True
@@ -369,9 +369,7 @@ class Program(EquationSteps):
         elif not self.sensitive.issuperset(
             name for name, k in zip(self.parameters, columns, strict=True) if k >= 0
         ):
-            raise ValueError(
-                "sensitivities were asked for by parameters that the model was not compiled for"
-            )
+            raise ValueError("the model was not compiled for sensitivities by these parameters")
         equations, values = self.code.at(p, partials=sensitive or partials)
         return equations, Inputs(self._with_rises(u, after), values, columns, sensitive)
 
@@ -386,7 +384,7 @@ def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: i
     if not linear or plain.shape[1] > inputs:
         return plain
     # The last sample has no successor in the recording, so that its input is held unless the
-    # caller knows the next one.
+    # caller has the next one.
     moving = plain[:, linear]
     end = moving[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
     return np.ascontiguousarray(
@@ -412,7 +410,7 @@ def build_program(
     """Compile equations (from the cache on disk where they were compiled before; in one
     process only once).
 
-    sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
+    sensitive: parameters with sensitivities (default: all); fewer are cheaper.
     linear: the inputs that the equations were lowered for as linear over a sample
     (`expand_memory`).
     """

@@ -7,7 +7,7 @@ x(k+1)^2,
     S(k+1) = diag(d) C S(k) + direct(k).
 The direct part is sparse: weight (i, .) enters unit i only, so it touches h + m + 1 entries of row
 i and is added afterwards instead of being part of the dense product. That product, with the output
-l . S(k+1) beside it, is where the time goes: it is written in vectors of `LANES` columns, `ROWS`
+l . S(k+1) added to it, takes most of the time: it is written in vectors of `LANES` columns, `ROWS`
 results at a time, all kept in registers.
 
 Column order of S and of the first h (h + m + 1) columns of the Jacobian: unit by unit, and within
@@ -233,7 +233,7 @@ def run_bend(columns, change, inputs, states, output, output_change, bend):
 def run_sensitivities(units, columns, output, output_bias, inputs, state, sensitivity, y, jacobian):
     """Simulate n steps and write the output's exact derivative with respect to every weight.
 
-    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], beside its `columns`;
+    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], and its `columns`;
     `sensitivity` (2, h, at least p, a multiple of LANES) holds dx/dw before the first step in
     sensitivity[0], which is left at its value after the last; `y` (n,) receives the output,
     `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the last numbers are

@@ -29,7 +29,7 @@ class Simulator(Protocol):
     with values of its own.
 
     sizes (states, forces): typical magnitudes, of which differences take a share;
-    longest_s: longest step (s) that it may be asked for, infinite where nothing is known of it.
+    longest_s: longest admissible step (s), infinite where none is known.
     """
 
     sizes: tuple[Array, Array]
@@ -153,7 +153,7 @@ class Differences:
         return slopes
 
     def agree(self, at: NDArray[np.intp], slopes: Array, widths: float = 1.0) -> bool:
-        """Do slopes foretell the step with all these values moved down at once, by so many widths
+        """Do slopes predict the step with all these values moved down at once, by so many widths
         of a difference?"""
         moved, by = self.plain.copy(), widths * self.widths[at]
         moved[at] -= by

@@ -116,7 +116,7 @@ class SteppedProgram:
         return replace(self, known=known)
 
     def least_substeps(self, period_s: float) -> int:
-        """Exchanges per sample that the simulator asks for."""
+        """Least exchanges per sample of the simulator."""
         return max(1, int(np.ceil(period_s / self.simulator.longest_s - 1e-9)))
 
     def careful(self, substeps: int) -> Stepping:
@@ -240,7 +240,7 @@ class SteppedProgram:
 
     @property
     def whole(self) -> bool:
-        """Is there one exchange in a sample, whatever the stepping says?"""
+        """Whether a sample is one exchange under any stepping."""
         return isinstance(self.simulator, Carrier) and self.simulator.whole_samples
 
     def rate_matrix(

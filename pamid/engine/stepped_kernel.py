@@ -1,7 +1,7 @@
 """The run of a stepped program whose simulator is a function of a library in C: one loop that is
 compiled, in place of calls from Python in every sample.
 
-What it does in an exchange is what `pamid.engine.stepped` says, with slopes by differences over
+An exchange is that of `pamid.engine.stepped`, with slopes by differences over
 copies, or those that are known (`pamid.engine.known_slopes`, the same rule in the same order); the
 copies are one structure of the library, set anew for each of them. numba takes its
 cache of this file's functions for stale by the stamp of this file alone: touch it where `sweep`
@@ -273,8 +273,8 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _one_side(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
-    """Fill columns of `found` (told, states + forces + moved parameters) by differences over these
-    steps, where they are not zero; models: addresses, each with one parameter moved."""
+    """Fill columns of `slopes` (values, states + forces + moved parameters) by differences over
+    these steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
     moved = np.empty(plain.shape[0])
     for i in range(steps.shape[0]):
@@ -293,7 +293,7 @@ def _one_side(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
-    """Do slopes foretell the step with everything moved to the other side? model: with the
+    """Do slopes predict the step with everything moved to the other side? model: with the
     parameters that are."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     moved, readings = np.empty(plain.shape[0]), plain.shape[0] - nx
@@ -319,7 +319,7 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     moved = 0
     for k in range(n):
         moved += steps[at + k] != 0.0
-    # a model with all parameters moved down tells about all of them only
+    # a model with all parameters moved down probes all of them together
     some = 0 < moved < n
     if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, slopes):
         return
@@ -409,7 +409,7 @@ def _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore
 
 @njit(cache=True)
 def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
-    """Move `told` (readings and states,) and, where asked for, their rows of S (all in place) over
+    """Move `values` (readings and states,) and, on request, their rows of S (all in place) over
     an exchange under f (forces,), whose sensitivities are `by` (forces, columns)."""
     readings, seen = c.reading_at.shape[0], values.shape[0]
     x = values[readings:]
@@ -462,7 +462,7 @@ def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untype
 
 @njit(cache=True)
 def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # type: ignore[no-untyped-def]
-    """Run over the rows of u, filling Y (samples, seen) and, where sensitivities are asked for, JY
+    """Run over the rows of u, filling Y (samples, seen) and, with sensitivities, JY
     (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
     what is seen. Memory is carried on in place; readings and states of the simulator are the first
     in it. Returns the first sample at which a state is no longer finite, or -1."""

@@ -122,7 +122,7 @@ def fit_model(
             evidence.noise,
         )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
-    alone = replace(assembly, attachments=())  # the data sheet knows of no effect
+    alone = replace(assembly, attachments=())  # a data sheet lists no effects
     sheet = tuple(
         replay_track(alone, alone.data_sheet(), t, fitted.stepping, evidence.noise)
         for t in evidence.tracks(alone, held_out=True)
@@ -198,19 +198,19 @@ def require_predictable(
 
 
 def _counting(progress: Progress) -> Callable[[int, float], None]:
-    """Tells how many of the most steps of all rounds are done, as a round begins at step 1 again;
+    """Report the steps done out of the largest number of all rounds. A round begins at step 1;
     most fits need fewer."""
     most = (FIRST_STEPS, *[ITERATIONS] * (ROUNDS - 1))
     at = [0, 0]  # round, step before
 
-    def told(step: int, cost: float) -> None:
+    def report(step: int, cost: float) -> None:
         if step <= at[1]:
             at[0] = min(at[0] + 1, len(most) - 1)
         at[1] = step
         done = sum(most[: at[0]]) + step
         progress(f"fitting {done}/{sum(most)}: round {at[0] + 1}, cost {cost:.5g}")
 
-    return told
+    return report
 
 
 def settles(

@@ -112,7 +112,7 @@ def _groups(space: Space) -> Iterator[list[int]]:
     """Parameters that are not settled by themselves, but are once the others are given, and tied to
     one another. Inner ones have no names that a reader would know."""
     loose = [
-        k for k in space.own if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
+        k for k in space.named if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
     ]
     if not loose:
         return

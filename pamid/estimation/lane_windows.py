@@ -48,7 +48,7 @@ def run_lanes(
     ----------
     entered : (windows, states, lanes) or, for all lanes, (windows, states): the rig's states at
         window starts
-    p : (parameters, lanes), SI; values that the recording knows take their place
+    p : (parameters, lanes), SI; known values of the recording replace them
     dependent : first of the lanes that differ from lane 0 by the start of a single window
 
     Returns

@@ -37,7 +37,7 @@ def memory_needed(evidence: DataSplit, jobs: int) -> int:
 
 
 def machine_memory() -> int | None:
-    """Bytes that this machine has, or its control group allows; None where neither says."""
+    """Bytes that this machine has, or its control group allows; None where neither is readable."""
     known = []
     with contextlib.suppress(AttributeError, ValueError, OSError):
         known.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))

@@ -1,9 +1,9 @@
 """How large values and signals at the ports were on the recordings, from states estimated on them.
 
-A free run of the data sheet from the rig's own start says little where the start is not that of the
-recording, where the parameters are guesses or where the inputs rest. The states in which windows
-begin are therefore estimated from what was measured (moving-horizon estimation), and the model runs
-from these, window by window, never far from the machine.
+A free run of the data sheet from the rig's own start is a poor guide where the start is not that of
+the recording, where the parameters are guesses or where the inputs rest. The states in which
+windows begin are therefore estimated from what was measured (moving-horizon estimation), and the
+model runs from these, window by window, never far from the machine.
 
 Where the model lets nothing pass at all (a valve that is shut, a joint that nothing drives), what
 may be missing there is as large as what would have to pass to move the outputs as far as they were
@@ -65,7 +65,7 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
 
 
 class Push(Effect):
-    """A constant beside the value, by which outputs are differentiated."""
+    """A constant added to the value, by which outputs are differentiated."""
 
     name = "push"
     family = "push"

@@ -35,7 +35,7 @@ from pamid.simulation.data_split import DataSplit
 MANY_PORTS, OUTSTANDING = 20, 0.15
 
 Ports = tuple[str, ...]
-Found = tuple[float, float, float]  # log evidence, size, time constant
+LatentFit = tuple[float, float, float]  # log evidence, size, time constant
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class PortEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _Smoothing(Work[Ports, Found]):
+class _Smoothing(Work[Ports, LatentFit]):
     """The log evidence for latent values at ports (none: of the model as it is) with their most
     likely size and time constant; moving: do the parameters?"""
 
@@ -88,7 +88,7 @@ class _Smoothing(Work[Ports, Found]):
         smoother = self.smoother(item)
         return {"found": (smoother.best if self.moving else smoother.rough).found}
 
-    def restored(self, item: Ports, plain: Plain) -> Found:
+    def restored(self, item: Ports, plain: Plain) -> LatentFit:
         evidence, size, time_s = plain["found"]
         return evidence, size, time_s
 
@@ -119,7 +119,7 @@ def locate(
         for name in names
     }  # a value enters the equations there as it does here
     distinct = [name for name in names if twins[name] == name]
-    known: dict[Ports, Found] = {}
+    known: dict[Ports, LatentFit] = {}
     found_at = _gains_at(work, distinct, pool, known)
     # Ports with the same equations have the same evidence, and each smoothing costs several fits.
     gains = {name: found_at[twins[name]] for name in names}
@@ -151,7 +151,7 @@ def locate(
 
 
 def _gains_at(
-    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, Found]
+    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many only those that stand out with the parameters
     held are looked at with the parameters moving."""
@@ -168,7 +168,7 @@ def _gains_at(
 
 
 def _gains(
-    work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, Found]
+    work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> list[float]:
     """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
     unstable, or the job failed.

@@ -8,7 +8,7 @@ therefore hold the information C^-1 - I, which is what a later fit adds to its o
 
 All free parameters are carried with their full covariance: after a gravity test only combinations
 are known. Numbers stand in prior spreads around each parameter's centre (logarithms where the prior
-is); centre and spread are stored beside them, because those of an effect follow the recordings.
+is); centre and spread are stored with them, because those of an effect follow the recordings.
 """
 
 from __future__ import annotations
@@ -249,7 +249,7 @@ def _refuse(path: Path, what: str) -> NoReturn:
 
 
 def started_from(posterior: EarlierPosterior, remarks: list[str]) -> result.StartedFrom:
-    """The part of fit.json that says what the fit began from."""
+    """The entry `from` of fit.json: the earlier fit."""
     return result.StartedFrom(
         path=str(posterior.path.parent),
         sha256=posterior.sha256,

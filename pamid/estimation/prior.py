@@ -30,7 +30,7 @@ def terms_of_sheet(s: Array, drawn: Array | None = None) -> tuple[float, Array, 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The recordings of an earlier fit, beside the data sheet: |root (x - x at) +
+    """The recordings of an earlier fit, in addition to the data sheet: |root (x - x at) +
     away|^2 for the k free parameters in coordinates x in which it is straight."""
 
     at: Array

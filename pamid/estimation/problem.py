@@ -29,7 +29,7 @@ SHORTEST = 20  # samples
 class Problem:
     """Fitting problem: model, tracks and free parameters. free: places of the fitted parameters;
     importance: a factor per window, sheet: another draw of the data sheet in prior spreads
-    (bootstrap); prior: an earlier fit's, beside it."""
+    (bootstrap); prior: an earlier fit's, in addition."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]

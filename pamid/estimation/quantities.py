@@ -1,4 +1,4 @@
-"""Functions of several parameters and what a posterior says of them: derivatives, spreads, names;
+"""Functions of several parameters under a posterior: derivatives, spreads, names;
 and the coordinates in which such a posterior is straight."""
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Space:
         self.bounds = [bounds[i] for i in self.places]
         self.names = [b.full_name for b in self.bounds]
         self.covariance, self.p = covariance, p
-        self.own = [k for k, b in enumerate(self.bounds) if not b.nuisance]
+        self.named = [k for k, b in enumerate(self.bounds) if not b.nuisance]
         self.s = self.scale.inside(p[self.places])
 
     def at(self, s: Array) -> Array:
@@ -88,7 +88,7 @@ class Space:
     def slope(self, of: Measure, s: Array) -> Array:
         """Derivatives at s by the scaled parameters, by central differences."""
         out = np.zeros(len(s))
-        for k in self.own:
+        for k in self.named:
             step = np.zeros(len(s))
             step[k] = STEP
             out[k] = (of(self.at(s + step)) - of(self.at(s - step))) / (2.0 * STEP)
@@ -157,7 +157,7 @@ def declared(assembly: Assembly) -> dict[str, Measure]:
 
 
 def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
-    """Coordinates in which what a fit with this posterior (SI, scaled) knows is straight.
+    """Coordinates in which the ridges of a posterior (SI, scaled) are straight.
 
     Scaled parameters, but for as many as the rig's combinations can replace, by their logarithms
     where they are positive: a ridge along which masses and centres may slide is curved in those. So
@@ -193,7 +193,7 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
         np.arange(len(spread)), [pivot for pivot, q in chosen if q.log]
     )
     for k in (
-        k for k in space.own if not space.scale.log[k] and all(k != pivot for pivot, _ in chosen)
+        k for k in space.named if not space.scale.log[k] and all(k != pivot for pivot, _ in chosen)
     ):
         q, shared = (
             space.single(k),

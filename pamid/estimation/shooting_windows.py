@@ -1,5 +1,5 @@
 """The windows of a fit by multiple shooting, simulated, and the normal equations that they add up
-to (`pamid.estimation.multiple_shooting` says of what)."""
+to (see `pamid.estimation.multiple_shooting`)."""
 
 from __future__ import annotations
 

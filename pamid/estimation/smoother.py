@@ -2,11 +2,11 @@
 
 At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process
 (a Matern-1/2 Gaussian process in time). States, value and the model's parameters, within what
-the fit knows of them, are found together, slice by slice, by Gauss-Newton on a block-tridiagonal
-system that the parameters border: the Kalman smoother of the linearised model, with its Laplace
-evidence. The parameters are estimated anew, because the fitted ones have absorbed part of what
-is missing. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426; Engelhardt,
-Froehlich and Kschischo (2016), Sci. Rep. 6.
+the posterior of the fit, are estimated together, slice by slice, by Gauss-Newton on a
+block-tridiagonal system that the parameters border: the Kalman smoother of the linearised model,
+with its Laplace evidence. The parameters are estimated anew, because the fitted ones have absorbed
+part of what is missing. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426;
+Engelhardt, Froehlich and Kschischo (2016), Sci. Rep. 6.
 
 With x_i the states at the start of slice i and f(x_i) those at its end, a first-order Gauss-Markov
 prior links neighbours: x_(i+1) = a f(x_i) + w_i, w_i ~ N(0, Q_i), with a = exp(-length / time

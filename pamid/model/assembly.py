@@ -34,7 +34,7 @@ from pamid.symbolic.vocabulary import Expr, held
 Array = NDArray[np.float64]
 
 MEMORIES = frozenset({"play", "bristle"})  # operators whose deflection only travel makes forget
-EVEN_DRAWS = 3  # points at which outputs are asked whether they show a sign
+EVEN_DRAWS = 3  # points at which outputs are tested for the sign of a state
 
 
 def nuisance_owner(term: Effect, place: str) -> str:
@@ -50,7 +50,7 @@ class Assembly:
                 `pamid.simulation.free_runs.port_sizes`)
     background  whether the rig's tolerance-sized nuisance terms take part
     controller  the [controller] table of a recording: the command is then computed, not read
-    sensitive   keys of the parameters that sensitivities may be asked for (default: all); fewer are
+    sensitive   keys of the parameters with sensitivities (default: all); fewer are
                 cheaper
     outputs     only these outputs of the rig (empty: all): what a recording lacks need not be
                 computed

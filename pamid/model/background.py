@@ -20,7 +20,7 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, cos, where
 
 LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
-HALF_WARM = 0.3  # of the longest recording: where nobody says how long the machine warms up
+HALF_WARM = 0.3  # of the longest recording: default time constant of the warm-up
 FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
 ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
 ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of what is reached
@@ -72,7 +72,7 @@ class SmoothGain(Background):
              tolerance falls with the degree, as a measured map's roughness does
     along    (signal, low, high): two such terms
     drift    a change as the machine warms up, half of it within `warming_s` of the recording's
-             start; where that is not said, within a share of the longest recording
+             start; where it is not stated, within a share of the longest recording
     """
 
     def __init__(

@@ -2,13 +2,13 @@
 
 A zero-order hold is what a converter sends; what is measured, or comes out of a filter, moves
 between samples. A straight line through its samples follows it to second order, where the hold lags
-by half a sample. The rig says which (`between = {"drive_v": "linear"}`), and a recording's TOML
+by half a sample. The rig states which (`between = {"drive_v": "linear"}`), and a recording's TOML
 may say otherwise for its own ([between]); what nobody states is held. Its [free] releases
 parameters that the rig holds.
 
 An output may depend on an input of the same instant, as a current on the voltage. Most logs send
-the command of a row and then read; `between = {"current_a": "before"}` says that a reading of a row
-is taken before: the command of the row before still acts on it.
+the command of a row and then read; `between = {"current_a": "before"}` states that a reading of a
+row is taken before: the command of the row before still acts on it.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def other(way: str) -> str:
 
 
 def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
-    """The rig with these inputs held or linear, whatever it says itself; the same one where nothing
-    changes."""
+    """The rig with these inputs held or linear, in place of its own choice; the same one where
+    nothing changes."""
     if all(between_of(rig, column) == way for column, way in ways.items()):
         return rig
     changed = copy.copy(rig)

@@ -36,7 +36,7 @@ ON_REQUEST = (
     "NAME = SHARE under [free] releases the whole inertia of a body: its centre of mass and all "
     "moments of inertia, known within this share (1: 100 %)"
 )
-MANY_TERMS = 6  # of a background: more are told by the first and the last
+MANY_TERMS = 6  # of a background: longer lists are printed as the first and the last
 MOST_EQUATION_LINES = 250  # of the shipped rigs fewer; of a robot of seven joints 600
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 

@@ -13,7 +13,7 @@
 `value` is what passes through the port, `at` holds the signals offered there, `p` the parameters
 (SI) and `z` the effect's own states. `act` returns the new value, or (value, {state: rate}).
 
-Three things beyond that are said where they are needed, as class attributes:
+Three further properties are class attributes, where they are needed:
     general_parameters  other sizes and bounds at ports of `general_kinds`, or at those that offer
                         none of the `home_signals`, under the same names
     stand_ins           a signal that ports may offer under other names: {"level": ("load", ...)}
@@ -145,7 +145,7 @@ class Effect:
         raise NotImplementedError
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Starting values for a fit (SI), beside the typical ones; usually none."""
+        """Further starting values for a fit (SI), after the typical ones; usually none."""
         return []
 
     @classmethod

@@ -109,7 +109,7 @@ def _lowered(
     cells: tuple[Cell, ...],
     linear: tuple[str, ...],
 ) -> StateEquations:
-    """`expand_memory`; the same equations are asked for several times in every fit."""
+    """`expand_memory`; a fit needs the same equations several times."""
     return expand_memory(dict(rates), dict(outputs), cells, linear)
 
 

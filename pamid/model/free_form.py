@@ -1,7 +1,7 @@
 """A free form of a family: what a family has in common, without a law.
 
 A friction of no known law is still an odd or even function of the velocity; a spring of no known
-law a function of the position. A free form says the family and leaves the curve to the recordings:
+law a function of the position. A free form fixes the family and leaves the curve to the recordings:
 a sum of fixed shapes over the range that these reach, linear in its coefficients,
 
     y(x) = sum_k c_k phi_k(x),    c_k ~ N(0, spread_k^2),

@@ -68,7 +68,7 @@ def _same_quantities(rig: Rig, other: Rig) -> bool:
         for machine in (rig, other)
     )
     general = all(port.general for machine in (rig, other) for port in machine.ports.values())
-    # a command without a unit, which any machine may take, says nothing of which it is
+    # a command without a unit, which any machine may take, does not identify it
     same = needed == available and any(needed) == bool(rig.inputs)
     read = set(rig.outputs.values()) & set(other.outputs.values())
     return general and same and bool(read) and len(other.states) >= len(rig.states)

@@ -65,7 +65,7 @@ class OutboardEffect(Effect):
 
     @classmethod
     def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:
-        """With the share of what the joint carries where the port says what that is."""
+        """The parameters, with the share of the carried load where the port offers it."""
         parameters = super().parameters_at(kind, offered)
         if "behind" not in offered:
             return parameters

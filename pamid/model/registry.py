@@ -1,7 +1,7 @@
 """Registry of effects and rigs: found by scanning their folders, or loaded from a user's file.
 
 Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from
-data, which no file can ever answer, and `rig_named` (`effects_with`) for words that the user said,
+data, which no file can ever answer, and `rig_named` (`effects_with`) for words of the user,
 where a path is Python code and is run.
 """
 
@@ -69,7 +69,7 @@ def rigs() -> dict[str, type[Rig]]:
 def load_file(path: Path, sha256: str = "") -> ModuleType:
     """Run a user's Python file and return it as a module; errors name the file and the line.
 
-    The file is read once and what was read is run: no compiled copy beside it (`__pycache__`),
+    The file is read once and what was read is run: no compiled copy next to it (`__pycache__`),
     which may be another's, and no other content than the one of this SHA-256, if it is given.
     """
     if not path.is_file():
@@ -264,7 +264,7 @@ def noted_effects(
 
 
 def code_files(rig: str | Rig | None, specs: Sequence[str | type[Effect]]) -> list[Path]:
-    """The rig and effect files among what was asked for."""
+    """The rig and effect files among the user's words."""
     names = [rig, *(_file_of(spec) for spec in specs if isinstance(spec, str))]
     return [Path(name) for name in names if isinstance(name, str) and is_code(name)]
 
@@ -302,7 +302,7 @@ def effects_with(
     specs: tuple[str | type[Effect], ...], sha256: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[dict[str, type[Effect]], list[str]]:
     """The catalogue, widened by the effects and the free forms among `specs` and by the effect
-    files, which a user said and which are run; and the specs as names. sha256: what files have to
+    files, which a user named and which are run; and the specs as names. sha256: what files have to
     be, by spec."""
     known, names = effects(), []
     for spec in specs:

@@ -21,8 +21,8 @@ Inputs and outputs are columns of a recording, with the SI unit in which the equ
 name ends in the unit of its column, "pressure_bar": "Pa". Parameters likewise: `mass_kg` is stated
 in kg, `area_cm2` in cm2, and p.area_cm2 is in m2.
 
-`between = {"drive_v": "linear"}` says that an input leads from one sample to the next in a straight
-line (a measured force, a filtered voltage) instead of being held (what a converter sends);
+`between = {"drive_v": "linear"}` states that an input leads from one sample to the next in a
+straight line (a measured force, a filtered voltage) instead of being held (what a converter sends);
 `ranges = {"valve": (0.0, 1.0)}` what an input can be, in the unit of its column.
 """
 
@@ -221,7 +221,7 @@ class Rig:
     forms: ClassVar[RigForms | None] = None
     form: ClassVar[str] = ""
     form_note: ClassVar[str] = ""
-    # what there is to know of it beside its tables: how it was made, what it leaves out
+    # remarks in addition to its tables: how it was made, what it leaves out
     remarks: ClassVar[tuple[str, ...]] = ()
     # of the catalogue, the one that is meant where a recording names none
     usual: ClassVar[bool] = False
@@ -335,7 +335,7 @@ def check_rig(rig: Rig, where: str) -> None:
 
 
 def _check_inputs(rig: Rig, kind: str) -> None:
-    """Refuse units that the columns' names contradict, and what is said of inputs there are not."""
+    """Refuse units that contradict a column's name, and entries for inputs that do not exist."""
     for what in ("inputs", "outputs"):
         for column, declared in getattr(rig, what).items():
             _check_column(f"{kind}: {what[:-1]} {column!r}", column, declared)

@@ -1,7 +1,7 @@
 """The usual sampling period of a rig: what its file states, or else that of its recordings.
 
 Some effects are sized by it (a dead time of a few samples), and a rig that is sampled every four
-seconds is not one of 3 ms because its file says nothing.
+seconds is not one of 3 ms because its file states none.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pamid.model.rig import Rig
 
 
 def stated_period(rig: Rig) -> float | None:
-    """The sampling period (s) that a rig says is usual for it; None where it says nothing."""
+    """The usual sampling period (s) of a rig; None where it states none."""
     return next(
         (
             float(kind.__dict__["period_s"])

@@ -23,11 +23,11 @@
 `drive` and `measure` are equations, as `rates` and `measure` of a Rig are: they say what goes into
 the simulation and what is read from it, through which ports, and effects act there. `step` is any
 Python: it is given numbers (SI), returns the states h seconds later, and may call what it likes, so
-long as the same arguments lead to the same states. `read(x, p)` says what the equations see
-besides, its names and units in `readings`.
+long as the same arguments lead to the same states. `read(x, p)` returns the readings of the
+equations besides, its names and units in `readings`.
 
 What acts from outside is held over an exchange, which is `exchange_s` long, or a sample where that
-is shorter: state it where the machine is fast beside its sampling.
+is shorter: state it where the machine is fast compared with its sampling.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
-SIMULATED = "simulated"  # the operator of what only a simulation knows
+SIMULATED = "simulated"  # the operator of values that only a simulation has
 TRIED_POINTS = 4  # points at which it is tried what depends on what
 # of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
 # there at all, of the largest in its row

@@ -139,7 +139,7 @@ class _Tracer:
         try:
             values = getattr(self.rig, method)(x, u, p, self.port)
         except PamidError as error:
-            if error.code == "simulation":  # says itself where it was
+            if error.code == "simulation":  # its message has the place already
                 raise
             raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
         except Exception as error:

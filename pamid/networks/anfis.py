@@ -56,7 +56,7 @@ WIDTH_IN_SPACINGS = {"gaussian": 0.6, "bell": 0.7}
 # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
 BELL_SLOPE = 2.0
 MOST_CONSEQUENTS = 5000
-MOST_RULES, MOST_SETS = 64, 5  # where no number of sets is asked for
+MOST_RULES, MOST_SETS = 64, 5  # default without a number of sets
 START = 0.05  # standard deviation of a random start's premises
 CONSEQUENT_RIDGE = 1e-6  # of a start's least squares, per sample
 
@@ -160,7 +160,7 @@ class Anfis(Network):
         return 2.0 / (self.sets - 1)
 
     def initial(self, seed: int) -> Array:
-        """Random start that knows no data: premises a little off the grid, consequents zero."""
+        """Random start without data: premises a little off the grid, consequents zero."""
         weights = np.zeros(self.n_weights)
         # The grid itself would be a start as well, but the same one for every seed.
         weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(
@@ -385,11 +385,11 @@ class Anfis(Network):
 
     @cached_property
     def _rule_sets(self) -> NDArray[np.intp]:
-        """The set of every input that each rule asks for (rules, m)."""
+        """The set of every input in each rule (rules, m)."""
         return np.array(list(product(range(self.sets), repeat=self.inputs)))
 
     def consequents(self, weights: ArrayLike) -> Array:
-        """(rules, m + 1) as the module says."""
+        """Consequents (rules, m + 1), in the order of the module."""
         return self.flat(weights)[self.linear].reshape(self.rules, self.inputs + 1)
 
     def table(self, inputs: ArrayLike) -> Array:

@@ -64,7 +64,7 @@ def effective_weights(evidence: Evidence, sums: Array | Spectrum) -> float:
     if factor is not None:
         inverse = lapack.dtrtri(factor, lower=1)[0] / size
         return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
-    # nobody has taken the root of J: what cannot be told from zero in its square is not counted
+    # without the root of J, directions below the rounding of its square are not counted
     values = eigh(evidence.beta * sums, eigvals_only=True)
     return _counted(values[values > evidence.beta * _rounding(sums)], evidence.alpha)
 

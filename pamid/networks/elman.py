@@ -121,7 +121,7 @@ class Elman(Network):
         return np.concatenate([layers.units.ravel(), layers.output, [layers.output_bias]])
 
     def initial(self, seed: int) -> Array:
-        """Random start that knows no data, for inputs and target scaled into [-1, 1].
+        """Random start without data, for inputs and target scaled into [-1, 1].
 
         The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time
         constants spread over `TIME_CONSTANTS`, with input weights that bring each
@@ -193,7 +193,7 @@ class Elman(Network):
         """The start of MATLAB's Elman network, `initnw`: every unit's weights a random direction of
         the length with which the units share out the range of their arguments (Nguyen and Widrow
         1990, IJCNN vol. 3, pp. 21-26), that of tanh being -2 .. 2; the linear output, for which
-        that rule says nothing, uniform in -1 .. 1."""
+        that rule has no value, uniform in -1 .. 1."""
         draw = np.random.default_rng(seed)
         h, seen = self.hidden, self.hidden + self.inputs
         direction = draw.uniform(-1.0, 1.0, (h, seen))

@@ -5,7 +5,7 @@ With e = target - y the errors, J = dy/dw and w the weights the objective is
 and a step v solves (beta J'J + (alpha + mu) I) v = beta J'e - alpha w, the Gauss-Newton Hessian of
 F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's:
   * geodesic acceleration: half of a, which solves the same system for - beta J'(d2y along v), bends
-    the step where the model of the errors is not linear, as long as it is short beside v;
+    the step where the model of the errors is not linear, as long as it is short compared with v;
   * variable projection: after the step the weights in which the output is linear take their best
     values;
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`);
@@ -139,7 +139,7 @@ def _first(problem: TrainingProblem, weights: Array, errors: Errors) -> Evidence
 def levenberg_marquardt_steps(
     problem: TrainingProblem, attempt: Attempt, iterations: int
 ) -> Iterator[Attempt]:
-    """Yield the attempt after every accepted step; the last one yielded says why it ended."""
+    """Yield the attempt after every accepted step; the last one has the reason of its end."""
     point = _evaluate(
         problem, replace(attempt, why="", converged=False), problem.errors(attempt.weights)
     )
@@ -276,7 +276,7 @@ def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _
 
 
 def _accelerated(problem: TrainingProblem, point: Point, mu: float, step: Array) -> Array:
-    """The step with its acceleration, where that is short beside it and not left out."""
+    """The step with its acceleration, where that is short compared with it and not switched off."""
     if problem.plain:
         return step
     pulled = problem.curvature(point.attempt.weights, step)

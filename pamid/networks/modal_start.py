@@ -5,7 +5,7 @@ With complex poles p, |p| < 1, the model is
     z(k+1) = p z(k) + r . u(k),   y(k) = b + sum over modes of Re z(k+1)
 Given the poles it is linear in the residues r: poles are drawn at random and chosen greedily, each
 with the residues of all inputs that lower the squared error most (orthogonal least squares; Chen,
-Cowan and Grant 1991, IEEE TNN 2(2)). A start that knows the slow and the lightly damped parts of
+Cowan and Grant 1991, IEEE TNN 2(2)). A start with the slow and the lightly damped parts of
 what it has to learn matters more than anything that comes after: gradients of a free-running
 network say little about memories it does not have yet.
 """
@@ -61,7 +61,7 @@ def find_modes(
     basis = np.ones((len(target), 1))
     for _ in range(count):
         remaining = target - basis @ _least_squares(basis, target)
-        # only what is new beside the modes already chosen can lower the error further
+        # only what is orthogonal to the modes already chosen can lower the error further
         orthogonal = np.linalg.qr(basis)[0]
         gains = [
             -1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), remaining)

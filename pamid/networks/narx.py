@@ -57,7 +57,7 @@ class Narx(Network):
     """A NARX network's sizes; weights are passed to every verb as one flat float64 vector (layout:
     module).
 
-    `input_lags` counts the delayed taps of every input beside the present one, `output_lags` those
+    `input_lags` counts the delayed taps of every input after the present one, `output_lags` those
     of the output. `stride` is the number of samples between taps; 10 are 30 ms at 3 ms.
     Neighbouring samples are nearly the same, so that the recursion must be right to many digits,
     while a wide stride overlooks what happens between taps. Mean squared errors on the first of the

@@ -24,7 +24,7 @@ from pamid.symbolic.vocabulary import Expr, expression
 Array = NDArray[np.float64]
 
 ASIDE = 0.1  # of a step: where its second derivative is probed
-HIDDEN = 10  # units of a network for which no number is asked: the first paper's
+HIDDEN = 10  # default number of units: the first paper's
 Records = Sequence[tuple[Array, Array]]
 
 
@@ -83,14 +83,14 @@ class Network(ABC):
 
     @abstractmethod
     def initial(self, seed: int) -> Array:
-        """A random start that knows no data."""
+        """A random start without data."""
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
         """A random start for these recordings, (inputs (N, m), target (N,)) each."""
         return self.initial(seed)
 
     def random_start(self, seed: int) -> Array:
-        """The start of a training as in the first paper: one that knows no data."""
+        """The start of a training as in the first paper: one without data."""
         return self.initial(seed)
 
     @abstractmethod
@@ -104,8 +104,7 @@ class Network(ABC):
         it remembers: sample by sample the same as `simulate`. DataError where a kind of network has
         none."""
         raise DataError(
-            f"A network of kind {self.kind!r} has no equations, so that it cannot run beside a "
-            "model."
+            f"A network of kind {self.kind!r} has no equations, so that it cannot run with a model."
         )
 
     @property

@@ -36,7 +36,7 @@ BLOCKS = 4
 
 @dataclass(frozen=True)
 class Spectrum:
-    """J = U diag(values) vectors', and along = U'e: all that a step asks of the normal equations.
+    """J = U diag(values) vectors', and along = U'e: all that a step needs of the normal equations.
 
     values (n,), vectors (n, n) in columns, along (n,): J'J = vectors diag(values^2) vectors', J'e =
     vectors (values * along).
@@ -66,7 +66,7 @@ class Spectrum:
 class RootSums:
     """Sums over rows of a Jacobian: sse, and J'J and J'e either as they are or by their root.
 
-    finest: eigenvalues of J'J below it need not be told from zero; 0 where all of them are, which
+    finest: eigenvalues of J'J below it need not differ from zero; 0 where all of them must, which
     leaves J'J as it is.
     """
 
@@ -113,13 +113,13 @@ class RootSums:
         return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
 
     def _is_resolved(self, square: Array) -> bool:
-        """Is what rounding takes from J'J with this chunk small beside what matters? (Not where it
+        """Is the rounding error of J'J with this chunk small enough? (Not where it
         is no number.)"""
         trace = float(np.trace(self.jtj) + np.trace(square))
         return not self.n * np.finfo(float).eps * trace > self.lost
 
     def _begin_root(self) -> None:
-        """The root of the sum so far; the weights that it says nothing of are held by what may be
+        """The root of the sum so far; weights that it does not determine are held by what may be
         lost."""
         self.jtj[np.diag_indices(self.n)] += self.lost
         self._set_root(cholesky(self.jtj, check_finite=False))

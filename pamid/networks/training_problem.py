@@ -203,7 +203,7 @@ class TrainingProblem:
         )
 
     def spectrum(self, weights: Array, evidence: Evidence) -> Spectrum | None:
-        """J by its singular values, down to what matters beside alpha, from a pass of its own; None
+        """J by its singular values, down to what matters next to alpha, from a separate pass; None
         where passes are another's, or where J'J holds as much after all."""
         # A batch serves all starts with the same pass. A pass for one of them would stop the
         # others.

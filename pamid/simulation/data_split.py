@@ -178,7 +178,7 @@ class DataSplit:
 
     @property
     def held_out_rests(self) -> bool:
-        """Does everything held out hardly move beside what was fitted?"""
+        """Does everything held out hardly move compared with the fitted part?"""
         moved = [(_motion(self.held_out, c), _motion(self.fit, c)) for c in self.channels]
         return all(held < QUIET * fitted for held, fitted in moved)
 
@@ -253,7 +253,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         return tuple(sorted(spans, key=lambda s: (*place[id(s.recording)], s.start)))
 
     stated = stated_noise(rig, channels)
-    # no time scale is asked of these tracks: it is found from them
+    # these tracks need no time scale: it is computed from them
     whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
     noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
     jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])

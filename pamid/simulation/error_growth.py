@@ -6,8 +6,8 @@ misfit has many minima (Ribeiro, Tiels, Umenberger, Schoen and Aguirre 2020, Aut
 
     a_j(t) = max over t' <= t of |W dy(t')/dx_j|
 
-for a state x_j that the readings show at once, growth is told from a power of time by a doubling:
-a_j(2 t)/a_j(t) is 2^k for t^k, whatever the units, and exp(lambda t) for exp(lambda t).
+for a state x_j that the readings show at once, growth is separated from a power of time by a
+doubling: a_j(2 t)/a_j(t) is 2^k for t^k, whatever the units, and exp(lambda t) for exp(lambda t).
 """
 
 from __future__ import annotations

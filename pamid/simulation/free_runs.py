@@ -78,7 +78,7 @@ def output_table(names: tuple[str, ...], recording: Recording) -> Array:
 
 
 def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, list[int]]:
-    """Parameter vector with what a recording knows put in, and the places of these."""
+    """Parameter vector with the known values of a recording, and their places."""
     return assembly.values(known), [assembly.index_of(name) for name in known]
 
 
@@ -337,7 +337,7 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
 
 def state_spread(assembly: Assembly, recording: Recording) -> Array:
     """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI);
-    infinite where the run says nothing of it: a state that runs away or does not move."""
+    infinite where the run has no time scale: a state that runs away or does not move."""
     p, _ = known_values(assembly, recording.known)
     u, period = input_table(assembly, recording), recording.sampling_period_s
     names = assembly.rig.states

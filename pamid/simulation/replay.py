@@ -114,7 +114,7 @@ class Replay:
 
     @property
     def least_error(self) -> Array:
-        """Errors below it are not told from none, per channel (SI)."""
+        """Errors below it count as none, per channel (SI)."""
         return NEGLIGIBLE_ERROR * self.noise
 
     def losses(self, power: int = 1) -> Array:

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """columns in their own units; meta: the tables of the TOML beside the recording, which name a
-    rig of the catalogue only: a file's name may tell what the recording is to be asked for;
+    """columns in their own units; meta: the tables of the TOML next to the recording, which name a
+    rig of the catalogue only: a file's name may reveal the planted effect;
     effects: labels with values; remarks: what is odd about what was simulated, but not wrong."""
 
     columns: dict[str, Array]
@@ -110,7 +110,7 @@ def simulate_virtual_rig(
     seed: int,
 ) -> VirtualRecording:
     """Simulate. Effects without given values act at their typical size; `known` goes before what
-    the excitation knows.
+    the excitation has.
     """
     tell("equations")
     rig = as_recorded(rig_named(rig_name), [excitation])

@@ -73,7 +73,7 @@ class Runner:
         return replace(self, known=other.copy() if other and other.fits(room) else room)
 
     def parameters(self, p: Array) -> Array:
-        """p with what this recording knows put in."""
+        """p with the known values of this recording."""
         out = p.copy()
         out[list(self.track.known)] = self.track.p[list(self.track.known)]
         return out

@@ -84,7 +84,10 @@ class StateEquations:
     cells: tuple[Cell, ...]  # in the order they have to be updated
 
 
-_AT_STAGE = {("tick", "part"), ("tick", "along")}  # what moves within a step beside the states
+_AT_STAGE = {
+    ("tick", "part"),
+    ("tick", "along"),
+}  # what moves within a step in addition to the states
 _SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}
 
 
