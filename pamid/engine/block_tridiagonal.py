@@ -1,4 +1,4 @@
-"""Symmetric block-tridiagonal systems: what multiple shooting and smoothing come down to.
+"""Symmetric block-tridiagonal systems, of multiple shooting and of smoothing.
 
 Block Gaussian elimination without pivoting between blocks (Golub and Van Loan 2013, Matrix
 Computations, section 4.5.1), with B_i = off[i] below the diagonal and its transpose above:
@@ -6,7 +6,7 @@ Computations, section 4.5.1), with B_i = off[i] below the diagonal and its trans
     forward   M_0 = D_0,  M_i+1 = D_i+1 - B_i M_i^-1 B_i',  z_i+1 = rhs_i+1 - B_i M_i^-1 z_i
     backward  x_i = M_i^-1 (z_i - B_i' x_i+1)
 
-and the determinant of the whole is the product of those of the M_i.
+The determinant of the whole is the product of those of the M_i.
 """
 
 from __future__ import annotations

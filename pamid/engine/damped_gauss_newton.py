@@ -35,8 +35,8 @@ Step = TypeVar("Step")
 
 @dataclass(frozen=True)
 class DampingRule:
-    """lambda: where it starts, by what factor it falls and rises and between what it stays; raised:
-    what a step that failed lifts it to at least."""
+    """Schedule of lambda: start, factors of its fall and rise, and bounds. raised: least value
+    after a failed step."""
 
     start: float
     falls: float
@@ -57,23 +57,23 @@ class LeastSquares(ABC, Generic[Point, Step]):
 
     @abstractmethod
     def moved(self, at: Point, step: Step, last: bool) -> Point:
-        """The point behind a step, with its cost (inf or NaN where the model cannot be run); last:
-        no step will be taken from there."""
+        """The point behind a step, with its cost (inf or NaN where the model cannot be run). last:
+        no further step follows."""
 
     def linearised(self, at: Point) -> Point:
-        """A point that was taken, with its normal equations, where `moved` has left them out."""
+        """A point that was accepted, with the normal equations that `moved` may leave out."""
         return at
 
     def settled(self, gain: float, before: Point, after: Point) -> bool:
-        """Did the step that was taken lower the cost so little that no other is worth its work?"""
+        """Whether the gain of the step taken is too small for another one."""
         return False
 
     def calm(self, step: Step, damping: float) -> bool:
-        """Was the step so short that two such in a row are an end?"""
+        """Whether the step is so short that two such in a row end the iteration."""
         return False
 
     def stuck(self, at: Point, step: Step) -> bool:
-        """Would no shorter step than this one, which failed, gain anything?"""
+        """Whether no shorter step than this failed one would gain anything."""
         return False
 
 
@@ -95,8 +95,8 @@ def iterate(
     steps: int,
     progress: Callable[[int, float], None] | None = None,
 ) -> Iteration[Point]:
-    """Go on from `begun` until settled, or until `steps` were tried in all, those before included.
-    progress: gets the number of every step and the cost behind it."""
+    """Go on from `begun` until settled, or until the number of steps, those before included, is
+    reached. progress: called with the number of every step and its cost."""
     point, damping, calm, rule = begun.point, begun.damping, begun.calm, problem.rule
     if begun.settled:
         return begun

@@ -109,7 +109,7 @@ def call_foreign(typingctx, address, *given):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def call_pair(typingctx, address, first, other):  # type: ignore[no-untyped-def]
-    """Call the C function at `address` with two addresses; what it returns is left."""
+    """Call the C function at `address` with two addresses, and ignore its result."""
     signature = types.void(types.intp, types.intp, types.intp)
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]

@@ -571,7 +571,7 @@ def sweep_windows(equations, memory, inputs, times, results, windows):  # type: 
 
 @njit(cache=True, nogil=True)
 def prepare(address, p, derived):  # type: ignore[no-untyped-def]
-    """Fill what depends on parameters only."""
+    """Fill the values that depend on parameters only."""
     call(address, p, p, p, p, 0, p, p, derived)
 
 

@@ -84,7 +84,7 @@ def factor_lanes(M, pivots):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def solve_lanes(M, pivots, b):  # type: ignore[no-untyped-def]
-    """Solve M x = b by what `factor_lanes` left of M: b (n, LANES) becomes x."""
+    """Solve M x = b with the factors by `factor_lanes`: b (n, LANES) becomes x."""
     n = b.shape[0]
     for j in range(n):
         for lane in range(LANES):

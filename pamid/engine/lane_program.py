@@ -255,8 +255,8 @@ class LaneProgram(EquationSteps):
         return Y, ends, np.where(bad < 0, bad, bad + first)
 
     def _by_group(self, u: Array, after: Array | None, first: int) -> Array:
-        """The inputs as `LaneInputs` has them, from a row on, followed by what the linear ones rise
-        by."""
+        """The inputs as `LaneInputs` has them, from a row on, followed by the rises of the linear
+        ones."""
         linear = tuple(self.inputs.index(n) for n in self.linear)
         rising = with_rises(u, after, linear, len(self.inputs))[first:]
         if u.ndim == 2:
@@ -265,7 +265,8 @@ class LaneProgram(EquationSteps):
         return np.ascontiguousarray(groups.reshape(*groups.shape[:2], -1))
 
     def _prepared(self, code: _LaneCode, p: Array, memory: LaneMemory) -> Array:
-        """Parameters (groups, parameters, LANES), followed by what depends on them alone."""
+        """Parameters (groups, parameters, LANES), followed by the values that depend on them
+        alone."""
         from pamid.engine.lane_sweep import prepare_lanes
 
         known = len(self.parameters)
@@ -298,7 +299,8 @@ def _joined_lanes(values: NDArray[Any], lanes: int) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class _LaneCode:
-    """Compiled equations, the address of what fills the derived parameters, and their number."""
+    """Compiled equations, the address of the function that fills the derived parameters, and their
+    number."""
 
     equations: LaneEquations
     prepare: int

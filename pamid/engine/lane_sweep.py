@@ -254,7 +254,7 @@ def _group(memory, g):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _take_over(memory, n, dependent):  # type: ignore[no-untyped-def]
-    """Lanes from `dependent` on get what lane 0 holds, behind the first n states."""
+    """Copy the memory of lane 0, behind the first n states, to the lanes from `dependent` on."""
     for g in range(memory.x.shape[0]):
         for lane in range(max(0, dependent - g * LANES), LANES):
             memory.x[g, n:, lane] = memory.x[0, n:, 0]

@@ -1,11 +1,11 @@
-"""Where numba keeps what it has compiled. Its files are pickles: whoever can write them runs code.
+"""Folder of numba's cache. Its files are pickles: whoever can write them runs code.
 
 numba takes its settings, the folder of the cache among them, also from `.numba_config.yaml` in the
-working folder: that is data of whoever packed the folder, and is not read. Its cache is the one
-next to pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the user.
-Where others may write that one, or nobody can, or there is no home (numba would take a folder
-called ~ in the working folder), it is a new folder of this process, which costs time and nothing
-else.
+working folder. That file belongs to whoever packed the folder, and is not read. The cache is the
+one next to pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the
+user. It is a new folder of this process where others may write that one, where nobody can, or
+without a home: numba would then take a folder called ~ in the working folder. A new folder costs
+time and nothing else.
 """
 
 from __future__ import annotations

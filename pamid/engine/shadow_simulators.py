@@ -31,12 +31,12 @@ class Carrier:
     longest_s: float
 
     def begin(self, p: Array) -> Array:
-        """Copies at the start of a recording with parameters p (n, parameters); what they read (n,
-        readings)."""
+        """Copies at the start of a recording with parameters p (n, parameters); returns their
+        readings (n, readings)."""
         raise NotImplementedError
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
-        """Copies from what was saved of each, now with parameters p; what they read."""
+        """Copies from the saved states, now with parameters p; returns their readings."""
         raise NotImplementedError
 
     def step(self, f: Array, h: float) -> Array:
@@ -44,7 +44,7 @@ class Carrier:
         raise NotImplementedError
 
     def save(self) -> tuple[Any, ...]:
-        """Of every copy something to resume from; the copies are then free for other runs."""
+        """Return one state per copy to resume from. The copies are then free for other runs."""
         raise NotImplementedError
 
 
@@ -76,7 +76,7 @@ class ShadowCourse:
         self.of = [i for _, i in moved.values()]
 
     def read(self) -> None:
-        """The copies where the run begins, and what they read there."""
+        """Start the copies where the run begins, and take their readings."""
         p = np.tile(self.p[: self.parameter_count], (1 + len(self.by), 1))
         for k, (i, by) in enumerate(zip(self.of, self.by, strict=True)):
             if 0 <= i < self.parameter_count:

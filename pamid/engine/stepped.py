@@ -1,20 +1,22 @@
 """A model of two parts: a simulator that steps by itself, and compiled equations around it.
 
-The equations are given what the simulator shows (its states, and what it reads besides) and say
-what goes into it; at the start of every exchange, of length h,
+The equations get the states and readings of the simulator, and return its forces. At the start of
+every exchange, of length h,
 
     f_k      = F(x_k, r_k, z_k, u_k, p)     the equations; they move their own states z and cells on
     x_(k+1)  = step(x_k, f_k, p, h)         the simulator, with f held
     r_(k+1)  = read(x_(k+1), p)
 
-States of the simulator and readings are states of the equations whose rate is zero, set anew after
-every exchange: so the driver of compiled equations (`pamid.engine.integrator`) serves the equations
-unchanged, sensitivities included. Those of the whole follow by the chain rule from the slopes of
-the step, finite differences over copies of the simulator that lie across no jump
-(`pamid.engine.simulator.slopes_of`), and are those of the recursion as it was computed. What is
-held over h makes it a method of order 1 in h for what acts from outside; coupled explicitly, a
-damping c on a mass m wants h below 2 m/c (Kuebler and Schiehlen 2000, Mathematical and Computer
-Modelling of Dynamical Systems 6(2), 93-113).
+States of the simulator and readings are states of the equations with a rate of zero, set anew after
+every exchange. The driver of compiled equations (`pamid.engine.integrator`) therefore serves the
+equations unchanged, sensitivities included. Sensitivities of the whole follow by the chain rule
+from the slopes of the step. These are finite differences over copies of the simulator that lie
+across no jump (`pamid.engine.simulator.slopes_of`), so that the sensitivities are those of the
+recursion as it was computed.
+
+Forces are held over h, so that the method is of order 1 in h for external forces. Coupled
+explicitly, a damping c on a mass m needs h below 2 m/c (Kuebler and Schiehlen 2000, Mathematical
+and Computer Modelling of Dynamical Systems 6(2), 93-113).
 """
 
 from __future__ import annotations
@@ -99,11 +101,12 @@ class SteppedProgram:
 
     @property
     def keeps_slopes(self) -> bool:
-        """See `Program`; not where what is inside cannot be set, or runs elsewhere."""
+        """See `Program`. False for hidden states, which cannot be set, and for a simulator in
+        another process."""
         return not isinstance(self.simulator, Carrier) and self.far is None
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
-        """See `Program`; None of what would be too much to keep, too."""
+        """See `Program`. None also for a table that would be too large."""
         if not self.keeps_slopes:
             return None
         sizes = self.readings, self.simulated, self.forces, self.simulator_parameters
@@ -280,9 +283,9 @@ class SteppedProgram:
     def exchange_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
-        """Of `rate_matrix` what goes by way of the exchanges, by which their length is chosen: what
-        the simulator does between two of them, an impact for instance, its own step takes care
-        of."""
+        """The part of `rate_matrix` that goes through the exchanges, by which their length is
+        chosen. Motion within an exchange, such as an impact, is left to the simulator's own step.
+        """
         matrix = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
         if isinstance(self.simulator, Carrier):
             return matrix
@@ -366,8 +369,8 @@ class _Course:
         self.x[self.both] = after
 
     def _slopes(self, row: int, step: Differences, pushed: NDArray[np.bool_]) -> Slopes:
-        """By the states, by the forces that what is sought pushes (zero by the others), and by the
-        chosen parameters; those that are kept, where they hold."""
+        """Slopes by the states, by the forces that a free parameter moves (zero by the others), and
+        by the chosen parameters. Known slopes are reused where they hold."""
         known, x, f = self.known, step.x, step.f
         if known is None or not known.filled[row]:
             slopes = self._worked_out(step, pushed)

@@ -125,8 +125,7 @@ def _step(c, x, f, after):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
-    """Are there slopes by all that has moved in forces and parameters, and has no parameter moved
-    far?"""
+    """Whether the row has slopes by every force and parameter that moved, none of them far."""
     if not t.filled[row]:
         return False
     for k in range(f.shape[0]):
@@ -159,8 +158,7 @@ def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _linear_change(t, row, j, dz):  # type: ignore[no-untyped-def]
-    """By how much the slopes of a row move the j-th reading or state, and how differently it then
-    acts."""
+    """Change of the j-th value by the slopes of a row, and the change of its action."""
     shift, differently, diagonal = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
     for i in range(dz.shape[0]):
         slope = t.slopes[row, j, i]
@@ -171,7 +169,8 @@ def _linear_change(t, row, j, dz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _more(most, size, level):  # type: ignore[no-untyped-def]
-    """The larger of these, the size in levels; of what has none, nothing alone is little."""
+    """The larger of `most` and the size in levels; infinite for a value without a level that is not
+    zero."""
     if size == 0.0:
         return most
     return max(most, size / level if level > 0.0 else np.inf)
@@ -179,7 +178,7 @@ def _more(most, size, level):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _way(t, row, dz):  # type: ignore[no-untyped-def]
-    """How differently it acts there at most, in levels."""
+    """Largest change of the action, in levels."""
     largest = 0.0
     for j in range(t.level.shape[0]):
         largest = _more(largest, _linear_change(t, row, j, dz)[1], t.level[j])
@@ -188,8 +187,7 @@ def _way(t, row, dz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
-    """Fill `after` with where a step from x under f leads; False where that has not been
-    checked."""
+    """Fill `after` with the predicted step from x under f; False beyond the checked distance."""
     if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
@@ -208,7 +206,7 @@ def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """A step to `plain` was made: how well would its slopes have predicted it?"""
+    """Compare a step to `plain` that was made with its prediction, and update the trust."""
     if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
@@ -232,8 +230,8 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """Are the slopes of a row by states and forces, and those by parameters, free of doubt for a
-    step from x under f to `plain`?"""
+    """Whether the slopes by states and forces, and those by parameters, hold without a probe for a
+    step from x under f to `plain`."""
     if not _in_reach(t, row, f):
         return False, False
     dz, acts = np.empty(t.slopes.shape[2]), True
@@ -254,7 +252,7 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """The slopes of a row hold for a step; how far it is trusted else stays."""
+    """Store the slopes of a row. The limits of trust stay."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     t.x[row] = x
     t.f[row] = f

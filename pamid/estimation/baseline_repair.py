@@ -1,10 +1,10 @@
-"""Refits that predict held-out recordings worse than the data sheet, and what mends them.
+"""Repair of refits that predict held-out recordings worse than the data sheet.
 
-A model that lacks something bends its parameters, or the tolerance-sized terms of its background,
-to what none of them does. Where the refit predicts unseen recordings worse than the data sheet, it
-is tried anew from starts drawn from the priors, then with those parameters alone that the
-recordings determine, the others at the data sheet. Background terms that stand off and make the
-prediction worse are dropped.
+A model that lacks an effect distorts its parameters, or the tolerance-sized terms of its
+background. Where the refit predicts held-out recordings worse than the data sheet, it is first
+repeated from starts drawn from the priors. It is then repeated with the determined parameters
+alone, the others held at the data sheet. Background terms that have moved and make the prediction
+worse are dropped.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TRIAL_STEPS = 3  # of a refit without one term, which begins where that with it 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A fitted model with its held-out replays. remark: what mended it, a sentence."""
+    """A fitted model with its held-out replays. remark: a sentence on its repair."""
 
     evidence: DataSplit
     assembly: Assembly
@@ -52,7 +52,7 @@ class Refit:
 
     @classmethod
     def of(cls, evidence: DataSplit, assembly: Assembly, fitted: Fit, remark: str = "") -> Refit:
-        """A fit, replayed over what is held out; over nothing where it has failed."""
+        """A fit, replayed over the held-out part; without replays where it has failed."""
         tracks = evidence.tracks(assembly, held_out=True) if fitted.residuals else ()
         replays = tuple(
             replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks

@@ -45,9 +45,12 @@ SETTLING = 0.75
 
 @dataclass(frozen=True, eq=False)
 class GreyBox:
-    """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in
-    noise sd; remark: what was done to a refit that predicts held-out data worse than the data
-    sheet, sentences. The evidence holds the rig that was fitted, less what was dropped."""
+    """A fitted model with its replays.
+
+    recheck: change of the outputs by doubled sub-steps, in noise standard deviations; remark:
+    sentences on the repair of a refit that predicts held-out data worse than the data sheet. The
+    rig of the evidence is the fitted one, without dropped background terms.
+    """
 
     evidence: DataSplit
     assembly: Assembly
@@ -216,10 +219,12 @@ def _counting(progress: Progress) -> Callable[[int, float], None]:
 def settles(
     assembly: Assembly, fitted: Fit, held: tuple[Track, ...], noise: Array, change: float
 ) -> bool:
-    """Is it for want of finer steps that doubled ones changed the held-out replays (by `change`,
-    see `rechecked`)? Not where doubling them again changes as much: a simulator whose contacts come
-    and go leads elsewhere at every length of its step, and a fit with finer ones would be no
-    better."""
+    """Whether finer steps would reduce the change of the held-out replays by doubled steps
+    (`change`, see `rechecked`).
+
+    They would not where doubling once more changes as much. A simulator with contacts leads
+    elsewhere at every length of its step, and a fit with finer steps would not be better.
+    """
     if assembly.program.ordered:
         return True
     finer = replace(fitted, stepping=fitted.stepping.doubled())
@@ -229,9 +234,9 @@ def settles(
 def rechecked(
     assembly: Assembly, fitted: Fit, held: tuple[Track, ...], noise: Array
 ) -> tuple[tuple[Replay, ...], float]:
-    """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise
-    standard deviations or in quarters of what the model leaves, whichever is larger (a step finer
-    than the model is wrong buys nothing)."""
+    """Held-out replays, and their change by doubled sub-steps: worst channel, in noise standard
+    deviations or in quarters of the model's residual, whichever is larger. A step finer than the
+    model's error is of no use."""
     once = tuple(replay_track(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
     twice = [replay_track(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
     change = []

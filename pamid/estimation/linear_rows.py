@@ -63,11 +63,13 @@ def linear_rows(
     derivatives: bool = True,
     known: tuple[KnownSlopes | None, ...] = (),
 ) -> LinearRows:
-    """At parameters p (SI) and these starts; of residuals about `most` rows at most, evenly thinned
-    and weighed up for those left out: neighbours of a finely sampled residual say the same.
+    """Rows at parameters p (SI) and these starts.
 
-    known: slopes along the tracks of a rig that is stepped, used where they hold;
-    derivatives: without them those of the model are zero, and the runs cost a small part."""
+    Of the residuals about `most` rows at most, evenly thinned and weighted up for the others:
+    neighbours of a finely sampled residual are nearly the same. known: slopes along the tracks of a
+    rig that is stepped, used where they hold; derivatives: without them those of the model are
+    zero, and the runs cost a small part.
+    """
     free, scale = list(problem.free), problem.scale
     k, every, at, row = len(free), _thinning(problem, most), 0, 0
     blocks = list[tuple[Array, Array]]()  # residuals, derivatives by the parameters
@@ -147,7 +149,7 @@ def _thinning(problem: Problem, most: int) -> int:
 
 
 def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Array:
-    """Columns (m, any) less all that the parameters and the window starts can make of them.
+    """Columns (m, any) with the span of the parameters and the window starts projected out.
 
     held: parameters that take no part (free,). The window starts are projected out first: their
     rows are nearly all zero, so that even the many of a long recording cost little.

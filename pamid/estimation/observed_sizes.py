@@ -1,13 +1,12 @@
-"""How large values and signals at the ports were on the recordings, from states estimated on them.
+"""Magnitudes of values and signals at the ports on the recordings, from states estimated on them.
 
 A free run of the data sheet from the rig's own start is a poor guide where the start is not that of
-the recording, where the parameters are guesses or where the inputs rest. The states in which
-windows begin are therefore estimated from what was measured (moving-horizon estimation), and the
-model runs from these, window by window, never far from the machine.
+the recording, where the parameters are guesses or where the inputs rest. The states at the window
+starts are therefore estimated from the measurements (moving-horizon estimation). The model runs
+from these, window by window, never far from the machine.
 
-Where the model lets nothing pass at all (a valve that is shut, a joint that nothing drives), what
-may be missing there is as large as what would have to pass to move the outputs as far as they were
-recorded to move.
+A model may have no flow at all at a port, such as a shut valve or an undriven joint. The size there
+is the constant value that would move an output as far as it was recorded to move.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 
 def observed_sizes(evidence: DataSplit) -> Sizes:
-    """Sizes (SI) by port and signal over what is fitted, at the data sheet's parameters, and the
+    """Sizes (SI) by port and signal over the fitted part, at the data sheet's parameters, and the
     correlation time of the recordings. Where the model cannot follow them, from its free runs."""
     plain = Assembly(evidence.rig, outputs=evidence.channels)
     p, probes = plain.values(), port_probes(plain)

@@ -153,8 +153,8 @@ def locate(
 def _gains_at(
     work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> dict[str, float]:
-    """Evidence gained at each of these ports. Of many only those that stand out with the parameters
-    held are looked at with the parameters moving."""
+    """Evidence gained at each of these ports. Of many ports only those that stand out with the
+    parameters held are evaluated with the parameters moving."""
     rough: dict[str, float] = {}
     if len(names) > MANY_PORTS:
         held = replace(work, moving=False)
@@ -173,7 +173,7 @@ def _gains(
     """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
     unstable, or the job failed.
 
-    known: what was found without one, if it was.
+    known: the evidence without a latent value, once it has been computed.
     """
     wanted = items if () in known else [(), *items]
     results = pool.run(work, wanted)
@@ -191,5 +191,5 @@ def _gains(
 
 
 def shapley_value(alone: float, other: float, joint: float) -> float:
-    """Worth of one of two players, from what each is worth alone and both together."""
+    """Shapley value of one of two players, from the values of each alone and of both together."""
     return 0.5 * alone + 0.5 * (joint - other)

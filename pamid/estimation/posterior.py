@@ -60,8 +60,8 @@ class EarlierPosterior:
     ridges: tuple[tuple[str, ...], ...]
 
     def prior(self, problem: Problem) -> Prior:
-        """The same as a prior of this problem; what the earlier fit did not have keeps its data
-        sheet alone."""
+        """The posterior as a prior of this problem. Parameters that the earlier fit lacked have
+        their data sheet alone."""
         scale, places = problem.scale, self._places(problem)
         places_now, there = [k for k, _ in places], [i for _, i in places]
         stretch = self.spread[there] / scale.spread[places_now]

@@ -117,8 +117,8 @@ class Space:
         )
 
     def share_together(self, terms: Terms) -> tuple[Array, float]:
-        """Derivatives of what `together` makes of these (of its logarithm if it is a product), and
-        its share."""
+        """Derivatives of `together` of these terms (of its logarithm for a product), and its
+        share."""
         log = all(q.log for q, _ in terms)
         slope, there = np.zeros(len(self.s)), np.zeros(len(self.s))
         for q, n in terms:
@@ -127,12 +127,12 @@ class Space:
         return slope, self.share(slope, there)
 
     def share(self, slope: Array, slope_prior: Array) -> float:
-        """Posterior over prior standard deviation of what has these derivatives."""
+        """Posterior over prior standard deviation of a quantity with these derivatives."""
         prior = float(np.linalg.norm(slope_prior))
         return self.spread(slope) / prior if prior else 1.0
 
     def spread(self, slope: Array) -> float:
-        """Posterior standard deviation of what has these derivatives."""
+        """Posterior standard deviation of a quantity with these derivatives."""
         return math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
 
 

@@ -96,8 +96,8 @@ def _closeness(fitted: Fit) -> float:
 
 
 def is_failed(fitted: Fit) -> bool:
-    """Did the fit end above the data sheet's own cost, by the same weights and with the states of
-    its windows estimated for it? Then it has not found even what was known before."""
+    """Whether the fit ended above the data sheet's own cost, with the same weights and with window
+    states estimated for it: it is then worse than no fit."""
     if not fitted.residuals:
         return True
     _, begun = begin(

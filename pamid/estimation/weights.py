@@ -34,8 +34,8 @@ def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) ->
     """Size and correlation of residuals per channel (NaN where it was not recorded): rms (at least
     the noise) and integrated autocorrelation time.
 
-    window: samples per window. The correlation counts up to an eighth of it: what is slower, the
-    windows' own starts take up.
+    window: samples per window. The correlation counts up to an eighth of it: the windows' starts
+    absorb slower errors.
     """
     rms = np.sqrt(seen_mean(np.concatenate(residuals) ** 2))
     most = window / 8.0
