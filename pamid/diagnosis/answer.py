@@ -38,9 +38,9 @@ Array = NDArray[np.float64]
 class NamedCause:
     """An effect of the answer.
 
-    model    that it is part of
+    model    model with the effect
     removes  share of the gap that it removes next to the others
-    figures  of which its probability is made
+    figures  features of its probability
     or_at    groups of ports at which its family does as well
     instead  families that do as well in its place
     """
@@ -75,7 +75,7 @@ class Answer:
 
     @property
     def left_over(self) -> bool:
-        """Is a material part of the gap left, with the causes or because there is none?"""
+        """Whether a material part of the gap remains, with the causes or for want of any."""
         return self.verdict == "unknown-effect" or (self.verdict in CAUSED and self.material_rest)
 
 
@@ -86,9 +86,11 @@ def answer(
     forms: Sequence[FreeForm],
     set_aside: Collection[str] = (),
 ) -> Answer:
-    """The answer to a selection. forms: curves at ports that remove a material share of what it
-    leaves; ranking: models of single effects, the best first; set_aside: labels of those that
-    physics objects to."""
+    """Return the answer to a selection.
+
+    forms: curves at ports that remove a material share of the remainder; ranking: models of single
+    effects, the best first; set_aside: labels with a physical objection.
+    """
     settings, best = comparison.budget.settings, selection.best
     causes = tuple(_cause(comparison, selection, a, ranking, set_aside) for a in best.attached)
     share_left = comparison.removed(best).rest.share
@@ -133,7 +135,7 @@ def answer(
 
 
 def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool:
-    """Is it the same effect at another port, or of the same family?"""
+    """Whether two models have the same effect at different ports, or effects of one family."""
     names = {a.effect.name for a in candidate_model.attached}
     return names == {a.effect.name for a in other.attached} or families_of(
         candidate_model
@@ -141,7 +143,8 @@ def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool
 
 
 def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
-    """Is the leader's share material, and its interval off zero, but by too few standard errors?"""
+    """Whether the leader's share is material with an interval off zero, at too few standard
+    errors."""
     settings, removed = comparison.budget.settings, comparison.removed(leader)
     return removed.share >= settings.material_share and (
         removed.low > 0.0 and removed.z < settings.standard_errors

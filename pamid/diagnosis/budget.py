@@ -31,8 +31,10 @@ HORIZONS = (8, 4, 2)  # windows that one run covers, where it cannot cover a who
 @dataclass(frozen=True)
 class Budget:
     """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline,
-    floor; evidence: with the horizon over which these are taken; settings: of the diagnosis that it
-    is part of."""
+    floor.
+
+    evidence: with the horizon of these errors; settings: of the diagnosis.
+    """
 
     model: GreyBox
     evidence: DataSplit
@@ -47,8 +49,8 @@ class Budget:
 
     @property
     def short(self) -> Array | None:
-        """Errors of the baseline where a start is estimated in every window; None where they are
-        those of the budget."""
+        """Errors of the baseline with a start estimated in every window; None where these are the
+        errors of the budget."""
         return None if self.evidence.per_run == 1 else _losses(self.baseline.replays)
 
     @property

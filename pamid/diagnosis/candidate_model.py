@@ -34,9 +34,12 @@ REWEIGHT_ROUNDS, REWEIGHT_FACTOR = 2, 1.2
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
-    """A model that was fitted and replayed. replays: with a start estimated in every window; runs:
-    over the horizon of the comparison, the same where that is one window; absolutes: mean absolute
-    error of the runs per held-out window and channel (SI), NaN where a channel was not recorded."""
+    """A model that was fitted and replayed.
+
+    replays: with a start estimated in every window; runs: over the horizon of the comparison, the
+    same where that is one window; absolutes: mean absolute error of the runs per held-out window
+    and channel (SI), NaN where a channel was not recorded.
+    """
 
     assembly: Assembly
     fit: Fit
@@ -105,8 +108,8 @@ class CandidateModel:
 
 
 def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | None, ...]:
-    """Slopes along a replay of what steps by itself, by its states alone and by the parameters,
-    too, for smoothings along it to begin with; none of equations."""
+    """Slopes of a simulator's steps along a replay, by its states alone and by the parameters as
+    well, as a start for smoothings. None for equations."""
     slopes = []
     for keeping in (replace(runner, free=()).keeping(), runner.keeping()):
         if keeping.known is not None:
@@ -171,7 +174,7 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
 
 
 class WindowBeginning(NamedTuple):
-    """Where the windows of a fit begin: states per track (None: to be estimated), and how firmly
+    """Beginning of the windows of a fit: states per track (None: to be estimated), and how firmly
     they are tied to the window before."""
 
     starts: tuple[Array, ...] | None
@@ -179,9 +182,11 @@ class WindowBeginning(NamedTuple):
 
 
 def window_starts_from(base: Fit, assembly: Assembly) -> WindowBeginning:
-    """The windows' states that another model's fit has found, unless this model reads the size of a
-    state of which the other reads the sign: a fit then never leaves the signs that the other's
-    readings seemed to show, and they are estimated anew."""
+    """States at the window starts, taken from another model's fit.
+
+    They are estimated anew where this model reads the size of a state and the other reads its sign.
+    A fit would otherwise never leave the signs of the other's readings.
+    """
     known = base.problem.assembly
     # trying the signs compiles the model; most effects leave the readings as they are
     if not assembly.reads_as(known) and set(assembly.even_states) - set(known.even_states):
@@ -190,9 +195,12 @@ def window_starts_from(base: Fit, assembly: Assembly) -> WindowBeginning:
 
 
 def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlopes | None, ...]:
-    """Slopes of what steps by itself where a fit has ended, for fits of other models of the same
-    rig along the same tracks; none of equations, which are differentiated at little cost. stepping:
-    of these fits (default: what the recordings ask for)."""
+    """Slopes of a simulator's steps along a fit, for fits of other models of the same rig along the
+    same tracks.
+
+    None for equations, which are differentiated at little cost. stepping: of these fits (default:
+    chosen by the recordings).
+    """
     if not fitted.problem.assembly.program.keeps_slopes or not fitted.starts:
         return ()
     shooting, _ = begin(

@@ -125,15 +125,15 @@ class Comparison:
         return sorted(models, key=lambda c: (float(self.loss(c).sum()), c.label))
 
     def predict_the_same(self, models: Sequence[CandidateModel]) -> bool:
-        """Whether the recordings cannot tell any of these models from the first of them.
+        """Whether the recordings cannot separate any of these models from the first of them.
 
         With predictions y_i and noise s_c of channel c, over the held-out samples that are scored,
 
             D(i, j) = max_c sqrt(mean_t ((y_i - y_j) / s_c)^2),
 
         i and j predict the same where D(i, j) < max(a min(D(i, 0), D(j, 0)), b): 0 is the baseline,
-        a and b are the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb what they
-        can of the difference, as in the T-criterion: Atkinson and Fedorov (1975), Biometrika 62:57.
+        a and b are the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb part of
+        the difference, as in the T-criterion: Atkinson and Fedorov (1975), Biometrika 62:57.
         """
         # Predictions are compared, not losses: two models may have equal losses and still err in
         # different places.

@@ -1,16 +1,15 @@
-"""Which effects might act together: best subsets of what the screened candidates change.
+"""Sets of effects that might act together: best subsets of the screened candidates' responses.
 
-Of every candidate e two things are known in the rows r of the baseline's least squares
-(`pamid.estimation.linear_rows`) where it was screened: what it changes at its best screened start,
-D_e = r(e) - r(baseline), and the derivatives T_e of that by its own parameters. With parameters and
-window starts projected out (P, onto what their derivatives cannot make), the gain of a set S of
-effects is to first order
+Every candidate e has two responses in the rows r of the baseline's least squares
+(`pamid.estimation.linear_rows`) where it was screened. D_e = r(e) - r(baseline) is the change at
+its best screened start, and T_e holds the derivatives of that by its own parameters. With
+parameters and window starts projected out by P, the gain of a set S of effects is to first order
 
     gain(S) = |P r|^2 - min [ |P (r + sum_e (a_e D_e + T_e b_e))|^2 + sum_e (a_e^2 + |b_e|^2) ]
 
-with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges; a_e^2 keeps what changed
-hardly anything from being blown up to all that is missing. It needs inner products alone, so that
-every pair is looked at; it only selects those to refit jointly, and held-out windows decide.
+with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges. The term a_e^2 keeps a small
+response from being scaled up to the whole gap. The gain needs inner products alone, so that every
+pair can be evaluated. It only selects the sets to refit jointly, and held-out windows decide.
 Frisch and Waugh (1933), Econometrica 1:387, for the projection; Miller (2002), Subset Selection in
 Regression, section 3.5, for subsets in the place of a greedy path.
 """
@@ -49,7 +48,7 @@ class Response:
 @dataclass(frozen=True, eq=False)
 class Responding(ObjectWork[Screened, Response]):
     """The response of a screened candidate. ground: the baseline's rows; spanned: orthonormal
-    columns that span what its parameters and window starts change."""
+    columns that span the effect of its parameters and window starts."""
 
     what = "response of"
     evidence: DataSplit
@@ -134,7 +133,7 @@ class ScreenedResponses:
 def responses_of(
     evidence: DataSplit, reference: ScreeningBaseline, screened: list[Screened], pool: WorkerPool
 ) -> ScreenedResponses:
-    """Of all screened candidates, each linearised where its screening has ended."""
+    """Responses of all screened candidates, each linearised where its screening has ended."""
     base = reference.baseline
     ground = linear_rows(
         reference.problem(evidence, base.assembly),
@@ -166,8 +165,7 @@ def responses_of(
 
 @dataclass(frozen=True)
 class Subset:
-    """Candidates that may act together. gain: see above, in the unit of a fit's
-    cost."""
+    """Candidates that may act together. gain: see the module, in the unit of a fit's cost."""
 
     members: tuple[Screened, ...]
     gain: float
@@ -184,13 +182,12 @@ def best_subsets(
     settings: Settings = DEFAULT,
     apart: Callable[[Addition, Addition], bool] = lambda a, b: False,
 ) -> list[Subset]:
-    """The best `size` (two or more) candidates of every combination of as many families, the
-    `subsets` best of these, as far as they gain something beyond fewer candidates and not next to
-    nothing against the first. A family is there twice where two of it stand `apart`, at places that
-    the recordings tell from each other: gaps at two joints.
+    """The best `size` (two or more) candidates of every combination of as many families.
 
-    Every pair is looked at; of larger sets those that add a candidate to one of the best that are
-    smaller by one.
+    Returns the `subsets` best of these that gain beyond fewer candidates, by a minimum share of the
+    best gain. A family occurs twice where two of it stand `apart`, at places that the recordings
+    separate, such as gaps at two joints. Every pair is evaluated; larger sets add a candidate to
+    one of the best smaller ones.
     """
     # One law per family and place: two laws of friction at one joint are one cause.
     families = [family(s.added) for s in responses.screened]

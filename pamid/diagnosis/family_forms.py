@@ -1,10 +1,9 @@
-"""Which family an effect outside the catalogue belongs to: the one whose free form takes up what
-is missing.
+"""Family of an effect outside the catalogue: the family whose free form absorbs the remainder.
 
-Free forms (`pamid.model.free_form`) have no law, only what a family has in common, so they take no
-part in the ranking of causes. Where a material part of the gap remains, those that fit the ports at
-which something is missing are fitted on top of the model, all parameters jointly, and compared with
-it on the same held-out windows.
+Free forms (`pamid.model.free_form`) have no law, only the common property of a family, so that they
+take no part in the ranking of causes. Where a material part of the gap remains, free forms that fit
+the ports with latent evidence are fitted on top of the model, all parameters jointly. They are
+compared with the model on the same held-out windows.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ Reached = dict[tuple[str, str], Span]  # by port and signal
 
 @dataclass(frozen=True, eq=False)
 class FreeForm:
-    """A free form that takes up a material share of what a model leaves. removes: share of the
+    """A free form that absorbs a material share of a model's remainder. removes: share of the
     gap."""
 
     model: CandidateModel = field(repr=False)
@@ -72,10 +71,9 @@ class FreeForm:
 def free_forms(
     search: Search, comparison: Comparison, best: CandidateModel, ports: Sequence[str]
 ) -> list[FreeForm]:
-    """The free forms at these ports that remove a material share of what `best` leaves: the best
-    one and those that tie with it, the best first; none where none removes as much.
+    """Free forms at these ports that remove a material share of the remainder of `best`.
 
-    best: with effects or without.
+    The best one and those that tie with it, the best first. best: with effects or without.
     """
     models = [c for c in _fitted(search, best, ports) if comparison.is_material(c, best)]
     ordered = comparison.ordered(models)
@@ -128,7 +126,7 @@ def _along(a: Attachment, port: Port) -> str:
 
 
 def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
-    """From where to where its curve goes; None where its signal is not offered, or rests."""
+    """Range of its curve; None where its signal is not offered, or rests."""
     name = a.ports[0]
     if _form(a).along == "time":
         return reached.get((name, "value"))
@@ -136,8 +134,8 @@ def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
 
 
 def curve_of(c: CandidateModel) -> FormCurve:
-    """The curve of a model's last effect, a free form, with the 95 % band of the fit's covariance,
-    over what the recordings reach, in the units people read."""
+    """Curve of a model's last effect, a free form, over the range of the recordings, with the 95 %
+    band of the fit's covariance, in display units."""
     a, fit = c.attached[-1], c.fit
     port, form = c.assembly.rig.ports[a.ports[0]], _form(a)
     along = _along(a, port)
@@ -184,8 +182,8 @@ def _covariance(fit: Fit, places: list[int]) -> Array:
 
 
 def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:
-    """Between which values (SI) the values and signals at these ports lie over the windows of the
-    fit, but for outliers; of ports with several places over all of them."""
+    """Ranges (SI) of values and signals at these ports over the windows of the fit, without
+    outliers. Several places of a port are taken together."""
     assembly, fit = c.assembly, c.fit
     wanted: dict[tuple[str, str, str], Expr] = {
         (q.port, q.where, name): value

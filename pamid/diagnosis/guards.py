@@ -1,13 +1,15 @@
 """Physical reasons for which a model is set aside, however well it predicts.
 
-A parameter ended at a bound that physics did not set; an amount ended at nothing, so that the model
-is a plainer one; a parameter ended where the effect is one of another family (hysteresis that slips
-at once is dry friction); the effect switches the input off; the effect duplicates a term of the
-rig. Where a rig has a term for the drag of its guide, viscous friction there is that term once
-more, and so is a damping that depends on the direction and came out the same in both. Such an
-effect takes up nothing that refitted parameters could not. Where the model with it is better all
-the same, something else changes with the term: a rough map, stated as a share of what passes the
-port, then applies to less.
+A parameter ended at a bound that physics did not set. An amount ended at nothing, so that the model
+is a plainer one. A parameter ended where the effect is one of another family (hysteresis that slips
+at once is dry friction). The effect switches the input off. The effect duplicates a term of the
+rig.
+
+Where a rig has a term for the drag of its guide, viscous friction there duplicates that term. So
+does a damping that depends on the direction and ended the same in both. Such an effect removes
+nothing that refitted parameters could not. If the model with it is better all the same, the term
+changes something else: a rough map, stated as a share of the value at the port, then applies to
+less.
 """
 
 from __future__ import annotations
@@ -82,8 +84,8 @@ class Guards:
 
 
 def _that_act(model: CandidateModel) -> list[Attachment]:
-    """The model's effects, of the same one at several ports those whose amounts did not end at
-    nothing: the others are no part of the model that is named."""
+    """The model's effects without those of an effect at several ports whose amounts ended at
+    nothing: they are no part of the model that is named."""
     acting_members: list[Attachment] = []
     for added in model.additions:
         acting = [a for a in added.members if not vanished(model, a.label)]
@@ -97,16 +99,17 @@ def _that_act(model: CandidateModel) -> list[Attachment]:
 def duplicated_terms(
     model: CandidateModel, label: str, base: CandidateModel, settings: Settings
 ) -> tuple[str, ...]:
-    """The rig's own fitted parameters, by their names outside, whose terms at the same port do what
-    one of the model's effects does there; empty where they do not.
+    """The rig's own fitted parameters whose terms at the same port duplicate one of the model's
+    effects; empty where none do.
 
-    With e(t) what the effect adds to the value that passes, d_j(t) the derivative of that value by
-    parameter j with the states as they are, along the fitted windows: what the best combination of
-    the d_j leaves of e is no more than `settings.own_terms` of it. A parameter that acts elsewhere,
-    too, does something else: what a pipe takes out of one tank comes into the next, what a leak
-    takes does not. Nor does one that would have to leave its data sheet for it: a ruler does not
-    err by a third. base: the model without effects; a parameter that ended at a bound there could
-    do no more, and does not count.
+    Let e(t) be the contribution of the effect to the value at the port, and d_j(t) the derivative
+    of that value by parameter j at fixed states, along the fitted windows. The terms duplicate the
+    effect where their best combination leaves at most `settings.own_terms` of e.
+
+    A parameter that also acts elsewhere does not count: the flow of a pipe out of one tank enters
+    the next, a leak does not. Nor does a parameter that would have to leave its data sheet: a ruler
+    does not err by a third. base: the model without effects; a parameter at a bound there was not
+    free to move, and does not count either.
     """
     (attached,) = (a for a in model.attached if a.label == label)
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
@@ -197,8 +200,8 @@ def _along_fit(
 def _leaves_its_prior(
     model: CandidateModel, places: list[int], by: Array, settings: Settings
 ) -> bool:
-    """Would one of these parameters, moved by so much (SI) from where the model has it, be farther
-    off its data sheet than what is called far off, and farther than it is?"""
+    """Whether one of these parameters, moved by so much (SI) from the fit, would be `far_off` its
+    data sheet and farther than it is."""
     scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
     before = scale.inside(p[free])
     p[places] += by
@@ -219,8 +222,8 @@ class _Closed(Effect):
 
 @lru_cache(maxsize=64)  # computed for every effect that leads
 def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
-    """By port: parameters that the rig's equations read besides its value. The port is closed
-    for this, not its value left out: what a sensor reads may act in the machine as well."""
+    """By port: parameters that the rig's equations read besides its value. The port is closed for
+    this, and its value stays: a reading of a sensor may act in the machine as well."""
     parameters = {}
     for closed in rig.ports:
 

@@ -1,7 +1,10 @@
-"""Does a recording show this machine? The model's prediction with the recorded inputs is compared
-with that of the same model without them. An effect that switches an input off (a saturation, a
-dead zone, a gain of zero) may reproduce any smooth output by its free response, and explains
-nothing. Where no input moves, the comparison is with forecasts that need no model."""
+"""Test whether a recording shows this machine.
+
+The model's prediction with the recorded inputs is compared with that of the same model without
+them. An effect that switches an input off (a saturation, a dead zone, a gain of zero) may reproduce
+any smooth output by its free response, and explains nothing. Where no input moves, the comparison
+is with forecasts that need no model.
+"""
 
 from __future__ import annotations
 
@@ -214,8 +217,8 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
 
 
 def _is_better(error: Array, guess: Array, seed: int, settings: Settings) -> bool:
-    """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
-    guess is exact say nothing of a model."""
+    """Whether the error is smaller by the margin with 95 % confidence, or by so much that a few
+    windows show it. Windows with an exact guess have no weight."""
     most = 1.0 - settings.naive_margin
     if guess.sum() <= 0.0 or error.sum() >= most * guess.sum():
         return False

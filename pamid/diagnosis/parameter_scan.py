@@ -38,10 +38,13 @@ SCAN_SAMPLES = 4000  # on which all values are tried
 
 
 class Scanned(NamedTuple):
-    """Where the misfit is asked: windows with their starts (states per track), and the parameters
-    (SI) of the model without the effect; most: samples, of which whole windows are asked, two at
-    least of every track; with_effect: these are of a model with the effect, whose other amounts
-    count as they are found there, not at their null."""
+    """Part of the recordings for a scan.
+
+    Windows with their starts (states per track), and the parameters (SI) of the model without the
+    effect; most: samples, in whole windows, at least two of every track; with_effect: the
+    parameters are of a model with the effect, whose other amounts stay at their values instead of
+    their null.
+    """
 
     problem: Problem
     p: Array
@@ -53,9 +56,12 @@ class Scanned(NamedTuple):
 
 
 def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
-    """The values (SI) of the parameter in this place with the least misfit on the whole, the best
-    first, where they leave less than the effect at its null; of those tried that are best on a part
-    of it."""
+    """Values (SI) of the parameter in this place with the least misfit on the whole, the best
+    first.
+
+    Only values that leave less than the effect at its null. Candidates are those that are best on a
+    part.
+    """
     if part.problem.assembly.program.keeps_slopes:  # a run is expensive there
         return []
     grid = scan_grid(part.problem.assembly.parameters[place])
@@ -101,8 +107,8 @@ def _misfits(
     amounts: tuple[int, ...],
     free: _Orthogonal,
 ) -> Array:
-    """Squares of what is left of the residual at each of these values where what is free, and the
-    slopes by the amounts there, are projected out; infinite where the model blows up."""
+    """Squares of the residual at each of these values with the free directions, and the slopes by
+    the amounts there, projected out; infinite where the model blows up."""
     residuals, slopes = _side_by_side(where, at, place, values, amounts)
     finite = np.flatnonzero(np.isfinite(residuals).all(axis=0))
     misfits = np.full(len(values), np.inf)

@@ -37,9 +37,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """A diagnosis. located: where something is missing before any effect; ranking: models of single
-    effects, the lowest held-out loss first; selection, answer: None, as these, where the recordings
-    do not show this machine or the baseline is at the noise floor."""
+    """A diagnosis.
+
+    located: evidence at the ports before any effect; ranking: models of single effects, the lowest
+    held-out loss first; selection, answer and these two: None where the recordings do not show this
+    machine or the baseline is at the noise floor.
+    """
 
     evidence: DataSplit
     budget: Budget
@@ -71,7 +74,7 @@ class Diagnosis:
 
     @property
     def left_over(self) -> bool:
-        """Is a material part of the gap left, with the causes or because there is none?"""
+        """Whether a material part of the gap remains, with the causes or for want of any."""
         return self.answer is not None and not self.silent and self.answer.left_over
 
     @property
@@ -120,12 +123,12 @@ class Diagnosis:
 
     @property
     def left_at(self) -> PortEvidence | None:
-        """Where something is missing next to the causes; where there are none, at all."""
+        """Evidence at the ports next to the causes; without causes, that of the baseline."""
         return self.answer.left_at if self.answer and self.cause else self.located
 
     @property
     def nameless_at(self) -> list[str]:
-        """Ports at one of which something enters that has no name: where a free form takes it up,
+        """Ports at one of which an unknown effect enters: those of a free form that absorbs it,
         else those with the largest latent evidence, which the recordings cannot separate."""
         forms = self.answer.free_forms if self.answer else ()
         formed = dict.fromkeys(f.attachment.ports[0] for f in forms)

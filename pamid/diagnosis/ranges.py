@@ -2,12 +2,12 @@
 nothing.
 
 A range in multiples of a typical magnitude is a guess. Where a fit ends at its upper end (or at the
-lower one of a factor that makes the equation softer) the effect is fitted again over a wider one,
-and only what still ends there is at its bound. A range
-between two numbers without a unit (a share of 0 .. 1) is physics and stays.
+lower one of a factor that makes the equation softer) the effect is fitted again over a wider range.
+Only a parameter that still ends there is at its bound. A range between two numbers without a unit
+(a share of 0 .. 1) is physics and stays.
 
-An effect whose amount may not be negative and that ends at nothing may be there with the opposite
-sign: a bench that moves a part and reads the force sees friction that way round.
+An effect whose amount may not be negative and that ends at nothing may act with the opposite sign:
+a bench that moves a part and reads the force sees friction with that sign.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ WIDER = 4.0  # by which a range is widened
 
 
 def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
-    """The model with wider ranges of what its effects' parameters ended at; None where there is
-    none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
+    """The model with wider ranges for the parameters of its effects that ended at a guess; None
+    without such parameters. The lower end of a factor stays where it keeps an equation from growing
+    stiff."""
     ranges = {
         b.key: _wider(b, end)
         for a in assembly.attachments
@@ -55,10 +56,13 @@ def _wider(b: Bound, end: str | None) -> Range:
 def at_bounds(
     model: CandidateModel, settings: Settings = DEFAULT, label: str = ""
 ) -> tuple[str, ...]:
-    """Parameters of one of the model's effects (default: the last) that are pressed against a
-    bound which physics did not set, by their names outside. The lower end of a factor is none: it
-    keeps an equation from growing stiff, and what ends there (friction that gives next to nothing
-    before it slips) is as the limit of its form."""
+    """Outside names of the parameters of an effect (default: the last) that press against a bound
+    which physics did not set.
+
+    The lower end of a factor is not such a bound: it keeps an equation from growing stiff, and a
+    parameter there (friction that gives next to nothing before it slips) is at the limit of its
+    form.
+    """
     ended = _at_guesses(model.assembly, model.fit, label)
     return tuple(
         b.name for b, end, pressed in ended if pressed > settings.pressed and not _is_limit(b, end)

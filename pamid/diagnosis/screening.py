@@ -1,10 +1,10 @@
-"""Screening: a few Gauss-Newton steps per candidate say which are worth a refit.
+"""Screening: a few Gauss-Newton steps per candidate select those worth a refit.
 
-All candidates take the first steps, from each of their starting points, those that can still be
+All candidates take the first steps, from each of their starting points. Those that can still be
 refitted take further ones (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240).
 A candidate's gain is the drop of the fit's cost (negative log posterior, nats) over the part of the
-recordings where the baseline is worst, against the baseline after as many steps. It only chooses
-what is refitted: the refit on held-out windows decides.
+recordings where the baseline is worst, against the baseline after as many steps. It only selects
+the refits, and the refit on held-out windows decides.
 """
 
 from __future__ import annotations
@@ -59,10 +59,13 @@ SHEET_ADVANTAGE = 1.05
 
 @dataclass(frozen=True)
 class Screened:
-    """A candidate with its best start. gain: drop of the training cost (nats) against the baseline,
-    steps taken; p, starts, stepping: where these steps have led (parameters in SI, states at the
-    windows screened per track); rival: the candidate from a start that promises more, and promised:
-    the gain that it expects."""
+    """A candidate with its best start.
+
+    gain: drop of the training cost (nats) against the baseline after these steps; p, starts,
+    stepping: their end (parameters in SI, states at the windows screened per track); rival: the
+    candidate from another start with a larger promise; promised: the gain that the linear model
+    predicts.
+    """
 
     added: Addition
     assembly: Assembly | None = field(compare=False)
@@ -77,12 +80,12 @@ class Screened:
 
     @property
     def prospect(self) -> float:
-        """The gain that further steps may reach, as far as it is known."""
+        """Gain that further steps may reach, by the linear model."""
         return max(self.gain, self.rival.promised if self.rival else -np.inf)
 
     @property
     def usable(self) -> bool:
-        """Did it stay stable?"""
+        """Whether it stayed stable."""
         return self.assembly is not None and bool(np.isfinite(self.gain))
 
     @property
@@ -135,11 +138,11 @@ class ScreeningBaseline:
     """Reference for screening: the baseline over the part of every fitted recording where it fits
     worst.
 
-    spans: where that part begins and ends, starts: states at its windows, per track; p: parameters
-    from which the baseline does best there, its own or the data sheet's (a gap can drive a fit into
-    a corner that no effect leads out of); cost: the baseline's, after as many steps as a candidate
-    is given; held: is the background kept as it was fitted? Among many candidates it is, which
-    makes a step several times as cheap.
+    spans: begin and end of that part, per track; starts: states at its windows, per track; p:
+    parameters from which the baseline does best there, its own or the data sheet's (a gap can drive
+    a fit into a corner that no effect leads out of); cost: the baseline's, after as many steps as a
+    candidate takes; held: whether the background stays as fitted. Among many candidates it does,
+    which makes a step several times as cheap.
     """
 
     baseline: CandidateModel
@@ -215,7 +218,7 @@ class ScreeningBaseline:
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
-        """Slopes of what steps by itself along these parts, for the candidates to begin with."""
+        """Slopes of a simulator's steps along these parts, as a start for the candidates."""
         base = self.baseline.fit
         return known_along(
             replace(
@@ -228,7 +231,7 @@ class ScreeningBaseline:
         )
 
     def extended_model(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
-        """The baseline and a candidate; what was widened for the baseline stays wide."""
+        """The baseline with a candidate; ranges widened for the baseline stay wide."""
         assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
         return as_wide(assembly, self.baseline.assembly)
 
@@ -397,8 +400,8 @@ def _wanted(assembly: Assembly, added: Addition) -> list[int]:
 
 
 def _shaping(problem: Problem, added: Addition) -> bool:
-    """Has the candidate further parameters that are no amounts, which nothing shows at the null of
-    these?"""
+    """Whether the candidate has further parameters that are not amounts, which have no influence at
+    the null of these."""
     free = [problem.assembly.parameters[i] for i in problem.free]
     return any(b.owner in added.labels and b.null is None and not b.scan[1] for b in free)
 
@@ -406,9 +409,11 @@ def _shaping(problem: Problem, added: Addition) -> bool:
 def _scanned_with_effect(
     reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probing
 ) -> Fit:
-    """The fit, or a better one from another value of a scanned parameter that shows beside the
-    effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
-    take something off."""
+    """The fit, or a better one from another value of a scanned parameter.
+
+    For a parameter that shows only together with the effect's other amounts, such as the ticks of a
+    duty with its pulses. Only where these amounts reduce the cost.
+    """
     problem, settings = fitted.problem, reference.settings
     helps = fitted.cost < (1.0 - SCAN_GAIN) * reference.cost
     wanted = _wanted(problem.assembly, added)
@@ -498,8 +503,11 @@ def advancing(
     family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
     """Return the candidates that take further steps: twice as many leaders as are refitted and, on
-    top of the baseline, the best of every further family, whatever its first steps gained: an end
-    stop shows its gain only where its steps have found the limit."""
+    top of the baseline, the best of every further family.
+
+    The family counts whatever its first steps gained: an end stop shows its gain only once its
+    steps have found the limit.
+    """
     return _leaders(family_of, screened, reference, ADVANCED, -np.inf)
 
 

@@ -152,9 +152,12 @@ def _screened_restored(a: Addition, assembly: Assembly | None, plain: Plain) -> 
 
 @dataclass(frozen=True, eq=False)
 class RefitStart:
-    """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
-    (SI) by key; ranges: of parameters, in place of their own (SI, by key); assembly: the model put
-    together, where it has been already."""
+    """A model to refit.
+
+    p: its start (SI; default: the data sheet); first: further starting values (SI) by key; ranges:
+    of parameters, in place of their own (SI, by key); assembly: the model itself, where it exists
+    already.
+    """
 
     attached: tuple[Attachment, ...]
     p: Array | None = None
@@ -165,7 +168,7 @@ class RefitStart:
 
 @dataclass(frozen=True, eq=False)
 class Refitting(ObjectWork[RefitStart, CandidateModel]):
-    """A model refitted after a fit of another one, and replayed on what was held out."""
+    """A model refitted from a fit of another one, and replayed over the held-out part."""
 
     what = "refitting"
     evidence: DataSplit
@@ -222,8 +225,8 @@ class Round:
 
 
 def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) -> Round:
-    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
-    held out."""
+    """Screen all candidates on top of `base`, refit the promising ones, and replay them over the
+    held-out part."""
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
     screened, leading = screened_candidates(search, reference, candidates)
     models, failed = refit_screened(search, base, leading)
@@ -256,8 +259,8 @@ def screened_candidates(
 def refit_screened(
     search: Search, base: CandidateModel, screened: list[Screened]
 ) -> tuple[list[CandidateModel], list[tuple[str, str]]]:
-    """Refit screened candidates on top of `base` and replay them on what was held out; the models,
-    and what failed and why."""
+    """Refit screened candidates on top of `base` and replay them over the held-out part. Returns
+    the models, and the failures with their reasons."""
     starts = [_start(s, base) for s in screened]
     work = Refitting(search.evidence, base.fit, search.budget.sizes)
     refitted = search.pool.run(work, starts, search.progress)
@@ -296,9 +299,8 @@ def opposite_signs(
 
 
 def _start(s: Screened, base: CandidateModel) -> RefitStart:
-    """Where a screened candidate is refitted from: what the model below it has found, or the data
-    sheet; of a rig that is stepped always the former, which may have taken more than a fit from
-    the data sheet to find."""
+    """Start of a screened candidate's refit: the fit of the model below it, or the data sheet. For
+    a rig that is stepped always the fit, which a fit from the data sheet may not reach."""
     assert s.assembly is not None
     continues = base.attached or s.assembly.program.keeps_slopes
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if continues else None

@@ -43,10 +43,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SelectionStep:
-    """One comparison. reference: the model that the candidates extend; candidates: the material
-    ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the
-    best first; reduced: models at fewer ports in the place of those that act at every port of a
-    kind."""
+    """One comparison.
+
+    reference: the model that the candidates extend; candidates: the material ones without
+    objections, the lowest held-out loss first; tied: the confidence set, the best first; reduced:
+    models at fewer ports in the place of those that act at every port of a kind.
+    """
 
     reference: CandidateModel
     candidates: tuple[CandidateModel, ...]
@@ -56,10 +58,13 @@ class SelectionStep:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The model with every effect that was added. without: by effect, the model less this effect,
-    and less all of the same effect at several ports under the label of these together; instead: by
-    effect, models with another one in its place that tie; after: the latent evidence at
-    the ports next to the effects if a material part of the gap is left, else before them."""
+    """The model with every effect that was added.
+
+    without: by effect, the model less this effect, and less all of the same effect at several ports
+    under their common label; instead: by effect, models with another one in its place that tie;
+    after: the latent evidence at the ports next to the effects if a material part of the gap
+    remains, else before them.
+    """
 
     best: CandidateModel
     steps: tuple[SelectionStep, ...]
@@ -75,7 +80,7 @@ def select_effects(
     located: PortEvidence,
     first: Round,
 ) -> Selection:
-    """Add effects to the baseline for as long as they remove a material share of what is left.
+    """Add effects to the baseline for as long as they remove a material share of the remainder.
 
     located: latent evidence at the ports without effects; first: the screened and refitted
     candidates on top of the baseline.
@@ -231,8 +236,8 @@ def _larger(
 def _is_explained(
     search: Search, a: Attachment, best: CandidateModel, located: PortEvidence
 ) -> bool:
-    """Does an effect of its family act where the recordings cannot tell its place from this one's?
-    Two joints may both have dry friction; two laws of it at one joint are one cause."""
+    """Whether an effect of its family acts where the recordings cannot separate its place from this
+    one. Two joints may both have dry friction; two laws of it at one joint are one cause."""
     places, family = _alike(a, located), search.family(a)
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
@@ -247,7 +252,7 @@ def _joint_start(
     search: Search, subset: Subset, best: CandidateModel, singles: Sequence[CandidateModel]
 ) -> RefitStart | None:
     """A subset's model, refitted from the values of each member alone, the strongest last: it
-    determines the rig's parameters best. Members that are in `best` come first, as there; None of
+    determines the rig's parameters best. Members of `best` come first, in its order; None for
     effects that cannot act together."""
     alone = {c.label: (c.assembly, c.fit.p) for c in singles}
     before = [a.label for a in best.attached]
@@ -308,10 +313,11 @@ def _less(model: CandidateModel, added: Addition) -> tuple[Attachment, ...]:
 def with_needed_ports(
     search: Search, comparison: Comparison, whole: CandidateModel
 ) -> CandidateModel:
-    """The model less the ports at which an effect is not needed: it ties with the whole without.
+    """The model without the ports at which an effect is not needed: it ties with the whole without
+    them.
 
     The weakest is tried first, until one is needed. All are compared with the whole, because many
-    losses that are no matter each add up.
+    small losses add up.
     """
     best = whole
     while weakest := _weakest(best):

@@ -1,5 +1,5 @@
-"""Models as plain data, and back: what a fit has found is written down; tracks and equations are
-made again from the evidence."""
+"""Models as plain data, and back. The data hold the results of a fit; tracks and equations are
+rebuilt from the evidence."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 
 def candidate_plain(c: CandidateModel) -> Plain:
-    """A model that was fitted to the evidence, all its parameters jointly, and replayed over what
-    was held out."""
+    """Plain data of a model that was fitted to the evidence, all its parameters jointly, and
+    replayed over the held-out part."""
     return {
         "fit": _fit_plain(c.fit),
         "replays": [_replay_plain(r) for r in c.replays],

@@ -1,6 +1,9 @@
-"""Starting values from the gap: the strongest lines of its spectrum, how far the signals at a port
-reach, where a motion port of the general catalogue offers its position the lines over it, the
-plateaus on which a reading rests, and its extremes."""
+"""Starting values from the gap.
+
+The strongest lines of its spectrum, and over the position where a motion port of the general
+catalogue offers it; the range of the signals at a port; the plateaus on which a reading rests, and
+its extremes.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +36,14 @@ SPATIAL_BINS, FEWEST_PERIODS = 4096, 2.0
 
 @dataclass(frozen=True)
 class GapHints:
-    """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
-    periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
-    correlation time of the recordings; plateaus: by reading, the spacing of those on which what it
-    returns rests, and one of them (SI); period_s: sampling period; extremes: by reading, the lowest
-    and highest value that it returns, per recording (SI)."""
+    """Features of the gap and of the recordings.
+
+    peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI); periods:
+    by motion port, of the gap over the position there (SI), strongest first; timescale_s:
+    correlation time of the recordings; plateaus: by reading, spacing and one level of those on
+    which it rests (SI); period_s: sampling period; extremes: by reading, the lowest and highest
+    value per recording (SI).
+    """
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
@@ -55,7 +61,7 @@ class GapHints:
 
 
 def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
-    """From the windows of a model's fit, its held-out replays, and what was recorded."""
+    """Hints from the windows of a model's fit, its held-out replays, and the recordings."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise)
     periods = _periods(evidence, base)
     rests: dict[str, set[tuple[float, float]]] = {}
@@ -82,8 +88,8 @@ def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
 def _readings(
     channels: tuple[str, ...], base: CandidateModel
 ) -> Iterator[tuple[str, tuple[float, float], Array]]:
-    """Readings that an output is a straight line over: port, zero and slope of that line, and what
-    was recorded of the output in each recording (SI)."""
+    """Readings with an output that is a straight line over them: port, zero and slope of that line,
+    and the recorded output in each recording (SI)."""
     traced = base.assembly.traced
     lines = [
         (q.port, channels.index(name), scale)
@@ -98,8 +104,8 @@ def _readings(
 
 
 def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
-    """Zero and slope of an output that is a straight line over a reading, in figures: what a sensor
-    counts above the room's temperature is converted to kelvin. None where it is not."""
+    """Zero and slope of an output that is a straight line over a reading, else None. A sensor that
+    counts above the room's temperature has its slope in kelvin."""
     try:
         at = [substitute([output], {reading: const(x)})[0] for x in (0.0, 1.0, 2.0)]
     except EquationError:  # not defined there, as a reciprocal is not at zero: no straight line
@@ -172,9 +178,11 @@ def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
 
 
 def _off_centre(power: Array) -> float:
-    """Where between three points the top of a line lies, from the middle one in their distance: of
-    the parabola through the logarithms, which a Hann window's line nearly is (Gasior and Gonzalez
-    2004, AIP Conference Proceedings 732:276)."""
+    """Offset of a line's top from the middle of three points, in their distance.
+
+    From the parabola through the logarithms, which a Hann window's line nearly is (Gasior and
+    Gonzalez 2004, AIP Conference Proceedings 732:276).
+    """
     if len(power) < 3 or not (power > 0.0).all():
         return 0.0
     before, top, after = np.log(power)
@@ -183,7 +191,7 @@ def _off_centre(power: Array) -> float:
 
 
 def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float, ...]]:
-    """Spatial periods of what the fit leaves, by general motion port that offers a position."""
+    """Spatial periods of the fit's residual, by general motion port that offers a position."""
     assembly, fit = base.assembly, base.fit
     wanted: dict[str, tuple[str, Expr]] = {}
     for q in assembly.traced.passages:
@@ -213,10 +221,10 @@ def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float
 
 
 def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -> int | None:
-    """The channel that reads this position as it is, if one does.
+    """The channel that reads this position without a scale, if one does.
 
-    What is missing acted where the machine was, not where a model without it has run to: a model
-    that strays by a part of a period smears every line.
+    A missing effect acted at the position of the machine, not at that of a model without it. A
+    model that is off by a part of a period smears every line.
     """
     traced = base.assembly.traced
     read = {q.result: q.value for q in traced.passages}
@@ -230,11 +238,11 @@ def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -
 def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
     """Periods of the strongest lines of a gap over the position, strongest first (its unit).
 
-    parts: positions (samples) and gap (samples x channels), window by window. Between a force and
-    what it leaves in a reading there are up to two integrations in time, and an odd number of them
-    turns with the direction: the gap, its first and its second difference are each averaged over
-    the position, once as they are and once with the sign of the motion, and the contrasts of all
-    these spectra are added.
+    parts: positions (samples) and gap (samples x channels), window by window. Up to two
+    integrations in time lie between a force and its effect on a reading, and an odd number of them
+    turns with the direction. The gap and its first and second difference are therefore averaged
+    over the position, once plainly and once with the sign of the motion. The contrasts of all these
+    spectra are added.
     """
     x = np.concatenate([x for x, _ in parts])
     low, span = float(x.min()), float(np.ptp(x))
