@@ -2,13 +2,13 @@
 one by one.
 
 A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint.
-Beside that, parameters that are loose by themselves and tight once the others are given are found
-from the fit's covariance C, in units of the data sheet's prior: sqrt(C_kk) is the deviation of one
-by itself, 1 / sqrt((C^-1)_kk) with the others given, and the eigenvectors of a group's C with small
-eigenvalues are what the recordings determine of it. In logarithms these are products of powers, of
-which the simplest that is determined is named. Practical identifiability: Raue et al. (2009),
-Bioinformatics 25(15), 1923-1929; directions of the Hessian: Gutenkunst et al. (2007), PLoS Comput.
-Biol. 3(10), e189.
+Further combinations follow from the fit's covariance C, in units of the data sheet's prior. The
+deviation of one parameter by itself is sqrt(C_kk), and 1 / sqrt((C^-1)_kk) with the others given: a
+parameter that is loose by the first and tight by the second is tied. The eigenvectors of a group's
+C with small eigenvalues are determined by the recordings. In logarithms these are products of
+powers, of which the simplest determined one is named. Practical identifiability: Raue et al.
+(2009), Bioinformatics 25(15), 1923-1929; directions of the Hessian: Gutenkunst et al. (2007), PLoS
+Comput. Biol. 3(10), e189.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _Candidate = tuple[float, int, Array, Terms]  # score, rank, derivatives, terms
 def combinations_of(
     fitted: Fit, draws: Array | None = None
 ) -> tuple[dict[str, Combination], tuple[Tie, ...]]:
-    """Declared combinations that hold a fitted parameter, and the groups of parameters known only
-    in combination."""
+    """Declared combinations that hold a fitted parameter, and the groups of parameters determined
+    only in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
     declared = declared_quantities(space, fitted.problem.assembly)
     combinations = {q.name: _combination(space, q, draws, True) for q in declared}

@@ -1,4 +1,5 @@
-"""Lagged linear regression of outputs on inputs: is there a response, whatever the rig's model?"""
+"""Lagged linear regression of outputs on inputs: a test for a response that needs no model of the
+rig."""
 
 from __future__ import annotations
 
@@ -43,7 +44,7 @@ class LaggedResponse:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the inputs help to predict an output, beyond what chance does."""
+        """Whether the inputs help to predict an output, more than by chance."""
         return float(self.forward.min()) < CLEAR_RATIO
 
     @property
@@ -97,11 +98,11 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
 
 def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float) -> float:
     """Share of the error of predicting a signal that its regression on another one removes, as in
-    `lagged_response`; 0 where this does no more than chance. Chance is what the other one removes
-    at circular shifts, which keep its levels and its pace.
+    `lagged_response`; 0 where it is no more than by chance.
 
-    parts: signal (n,), the other one (n,) and sampling period (s) by recording; timescale_s: over
-    which the signal is predicted.
+    Chance is the share removed at circular shifts of the other signal, which keep its levels and
+    its pace. parts: signal (n,), the other one (n,) and sampling period (s) by recording;
+    timescale_s: horizon of the prediction.
     """
     other = np.concatenate([x for _, x, _ in parts])
     if np.ptp(other) == 0.0:

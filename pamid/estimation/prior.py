@@ -2,9 +2,9 @@
 itself and, where there was one, an earlier fit.
 
 The data sheet costs |s|^2. An earlier fit adds its recordings' Laplace approximation, |R (x(s) -
-x(at)) + a|^2 with R'R their information and R'a half their gradient, in coordinates x in which a
-ridge of theirs is straight: in s itself the quadratic would hold along a curved ridge only
-nearby."""
+x(at)) + a|^2 with R'R their information and R'a half their gradient. The coordinates x make its
+ridges straight: in s itself the quadratic would hold along a curved ridge only nearby.
+"""
 
 from __future__ import annotations
 
@@ -75,5 +75,5 @@ class Prior:
         return solution if np.isfinite(solution).all() else s + ds
 
     def drawn(self, random: np.random.Generator) -> Prior:
-        """As if those recordings had been made again: for the bootstrap."""
+        """The prior as if those recordings had been made another time: for the bootstrap."""
         return replace(self, away=self.away + random.standard_normal(len(self.away)))

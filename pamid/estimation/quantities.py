@@ -159,10 +159,10 @@ def declared(assembly: Assembly) -> dict[str, Measure]:
 def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     """Coordinates in which the ridges of a posterior (SI, scaled) are straight.
 
-    Scaled parameters, but for as many as the rig's combinations can replace, by their logarithms
-    where they are positive: a ridge along which masses and centres may slide is curved in those. So
-    is one along which a friction goes with the scale of all inertias: a positive parameter tied to
-    a logarithm gives way to its own.
+    These are the scaled parameters, as many as possible replaced by the rig's combinations, by
+    their logarithms where they are positive. A ridge along which masses and centres may slide is
+    straight in those. So is one along which a friction grows with the scale of all inertias: a
+    positive parameter tied to a logarithm is replaced by its own.
     """
     space = Space(problem, p, covariance)
     chosen: list[tuple[int, Quantity]] = []

@@ -1,11 +1,11 @@
-"""A restart for fits that ended in a local minimum: initial states estimated anew.
+"""Restart of fits that ended in a local minimum: initial states estimated anew.
 
-The states in which windows begin are estimated once, with the first parameters, and then fitted
-with them. Where something sticks (friction, play) the outputs do not depend on such a state within
-some range, so no derivative leads out of it: the fit ends short of the optimum, and an interval
-drawn there misses the truth. Estimated anew with the parameters found, the states are right or
-nearly so, and the fit goes on to the optimum. Three steps show whether the cost falls; a fit that
-is in no local minimum is returned as it is.
+The states at the window starts are estimated once, with the first parameters, and then fitted with
+them. Where something sticks (friction, play) the outputs do not depend on such a state within some
+range, so that no derivative leads out of it. The fit ends short of the optimum, and its interval
+misses the truth. States estimated anew with the fitted parameters are nearly right, and the fit
+goes on to the optimum. Three steps show whether the cost falls; a fit without a local minimum is
+returned unchanged.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
 
 
 def _closeness(fitted: Fit) -> float:
-    """How small the residuals are, by channel (minus the sum of the logarithms of their sizes)."""
+    """Minus the sum over channels of the logarithms of the residuals' sizes."""
     return float(np.log(fitted.weights.root).sum()) if fitted.residuals else -np.inf
 
 

@@ -1,19 +1,19 @@
 """Latent values at ports of a model, smoothed together with its states over held-out recordings.
 
-At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process
-(a Matern-1/2 Gaussian process in time). States, value and the model's parameters, within what
-the posterior of the fit, are estimated together, slice by slice, by Gauss-Newton on a
-block-tridiagonal system that the parameters border: the Kalman smoother of the linearised model,
-with its Laplace evidence. The parameters are estimated anew, because the fitted ones have absorbed
-part of what is missing. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426;
-Engelhardt, Froehlich and Kschischo (2016), Sci. Rep. 6.
+At every place of a port an unknown value is added, an Ornstein-Uhlenbeck process (a Matern-1/2
+Gaussian process in time). States, value and the model's parameters are estimated together, slice by
+slice, with the fit's posterior as the prior of the parameters. Gauss-Newton on a block-tridiagonal
+system that the parameters border is the Kalman smoother of the linearised model, with its Laplace
+evidence. The parameters are estimated anew, because the fitted ones have absorbed part of the
+missing effect. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426; Engelhardt,
+Froehlich and Kschischo (2016), Sci. Rep. 6.
 
-With x_i the states at the start of slice i and f(x_i) those at its end, a first-order Gauss-Markov
-prior links neighbours: x_(i+1) = a f(x_i) + w_i, w_i ~ N(0, Q_i), with a = exp(-length / time
-constant) and Q = size^2 (1 - a^2) for a latent value (the exact discretisation of an
-Ornstein-Uhlenbeck process) and a = 1 with a very small Q for the other states. Eliminating the
-states is the Rauch-Tung-Striebel smoother of the linearised model: Bell (1994), SIAM J. Optim.
-4(3); Särkkä (2013), Bayesian Filtering and Smoothing, ch. 10 and 13.
+Let x_i be the states at the start of slice i and f(x_i) those at its end. A first-order Gauss-
+Markov prior links neighbours: x_(i+1) = a f(x_i) + w_i, w_i ~ N(0, Q_i). For a latent value a =
+exp(-length / time constant) and Q = size^2 (1 - a^2), the exact discretisation of an Ornstein-
+Uhlenbeck process; for the other states a = 1 with a very small Q. Eliminating the states is the
+Rauch-Tung-Striebel smoother of the linearised model: Bell (1994), SIAM J. Optim. 4(3); Särkkä
+(2013), Bayesian Filtering and Smoothing, ch. 10 and 13.
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ class SlicedTrack:
 
     @cached_property
     def keeping(self) -> tuple[Runner, Runner]:
-        """The runner by the states alone, and by the parameters, too; what steps by itself keeps
-        slopes from one linearisation to the next."""
+        """The runner by the states alone, and by the parameters as well. A simulator's slopes are
+        kept from one linearisation to the next."""
         still, moving = self.known
         return replace(self.runner, free=()).keeping(still), self.runner.keeping(moving)
 

@@ -1,5 +1,4 @@
-"""Where effects can go: which effects fit which ports of a rig, and what such an attachment is
-called."""
+"""Attachments of effects to ports of a rig, and their names."""
 
 from __future__ import annotations
 

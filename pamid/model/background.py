@@ -1,8 +1,8 @@
-"""Tolerance-sized nuisance terms: what every real specimen differs by, part of every model that is
-compared.
+"""Tolerance-sized nuisance terms: the deviations of every real specimen, part of every model that
+is compared.
 
 They are effects like any other, one copy per place, with a prior as wide as the tolerance. An
-effect of the catalogue counts only beyond what they explain.
+effect of the catalogue counts only beyond their contribution.
 
     background = {"muscle": SmoothGain("force_map", ("position", 0.0, 0.25), tolerance=0.03)}
 """
@@ -29,7 +29,7 @@ REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structu
 
 
 class Background(Effect):
-    """Base of the nuisance terms; `name` is what the report calls them."""
+    """Base of the nuisance terms; `name` is their name in the report."""
 
     family = "background"
     kinds = tuple(KINDS)

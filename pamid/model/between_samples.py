@@ -1,10 +1,9 @@
 """Inputs between two samples: held, or linear to the next one.
 
-A zero-order hold is what a converter sends; what is measured, or comes out of a filter, moves
-between samples. A straight line through its samples follows it to second order, where the hold lags
-by half a sample. The rig states which (`between = {"drive_v": "linear"}`), and a recording's TOML
-may say otherwise for its own ([between]); what nobody states is held. Its [free] releases
-parameters that the rig holds.
+A converter sends a zero-order hold; a measured or filtered input moves between samples. A straight
+line through its samples follows it to second order, where the hold lags by half a sample. The rig
+states which (`between = {"drive_v": "linear"}`), and a recording's TOML may override it for its own
+([between]); the default is held. Its [free] releases parameters that the rig holds.
 
 An output may depend on an input of the same instant, as a current on the voltage. Most logs send
 the command of a row and then read; `between = {"current_a": "before"}` states that a reading of a
@@ -27,7 +26,7 @@ HELD, LINEAR = "held", "linear"
 
 
 def between_of(rig: Rig, column: str) -> str:
-    """ "held" or "linear": what this input does between two samples."""
+    """ "held" or "linear": the course of this input between two samples."""
     return rig.between.get(column, HELD)
 
 

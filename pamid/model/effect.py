@@ -56,10 +56,13 @@ class State:
 
 
 class Signals:
-    """Signals of a port at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time, in
-    s; at.step and at.period, of the integrator and of the recording, in s; at.kind, the kind of the
-    port; rig_period_s: the rig's usual sampling period, a number; upper_bounds: by parameter of the
-    effect, where its range ends (SI), numbers."""
+    """Signals of a port at one place: at.velocity, at.pressure, ...
+
+    at.offers("law"): whether a signal is there; at.time, in s; at.step and at.period, of the
+    integrator and of the recording, in s; at.kind: kind of the port; rig_period_s: the rig's usual
+    sampling period, a number; upper_bounds: by parameter of the effect, upper end of its range
+    (SI), numbers.
+    """
 
     def __init__(
         self,

@@ -1,19 +1,20 @@
-"""A free form of a family: what a family has in common, without a law.
+"""A free form of a family: the common property of the family, without a law.
 
 A friction of no known law is still an odd or even function of the velocity; a spring of no known
-law a function of the position. A free form fixes the family and leaves the curve to the recordings:
-a sum of fixed shapes over the range that these reach, linear in its coefficients,
+law is a function of the position. A free form fixes the family and leaves the curve to the
+recordings. It is a sum of fixed shapes over the range of the recordings, linear in its
+coefficients,
 
     y(x) = sum_k c_k phi_k(x),    c_k ~ N(0, spread_k^2),
 
-so that without any it is nothing, and what the recordings do not show stays at nothing. The shapes
-of a function are ramps between knots: their coefficients are the rises from knot to knot, and the
-prior of each is that of a random walk, with a variance in proportion to the distance. That is a
-penalty on slopes: Eilers and Marx (1996), Statistical Science 11(2), 89-121. Beyond the last knot
-the curve stays where it is, and no effect can run away.
+so that it is zero without coefficients, and stays at zero where the recordings show nothing. The
+shapes of a function are ramps between knots: their coefficients are the rises from knot to knot,
+and the prior of each is that of a random walk, with a variance in proportion to the distance. That
+is a penalty on slopes: Eilers and Marx (1996), Statistical Science 11(2), 89-121. Beyond the last
+knot the curve is constant, so that no effect can run away.
 
-Free forms take no part in the ranking of causes: they say which family an effect outside the
-catalogue belongs to (`pamid.diagnosis.family_forms`).
+Free forms take no part in the ranking of causes: they name the family of an effect outside the
+catalogue (`pamid.diagnosis.family_forms`).
 """
 
 from __future__ import annotations

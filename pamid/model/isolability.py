@@ -1,15 +1,15 @@
-"""Which ports a set of sensors can tell apart at all, by the structure of the rig's own equations.
+"""Structural isolability: ports that a set of sensors can separate, by the rig's own equations.
 
-Every port is cut at every place: what leaves it is an unknown, with the equation  cut = f(states,
-inputs, other cuts) + fault. A state and its rate are one unknown with one equation; every measured
-output is one equation more. The part with more equations than unknowns (Dulmage and Mendelsohn,
-Canad. J. Math. 10, 1958, 517) is what the sensors check. A fault hides behind another if it leaves
+Every port is cut at every place: the value that leaves it is an unknown, with the equation cut =
+f(states, inputs, other cuts) + fault. A state and its rate are one unknown with one equation; every
+measured output is one equation more. The sensors check the part with more equations than unknowns
+(Dulmage and Mendelsohn, Canad. J. Math. 10, 1958, 517). A fault hides behind another if it leaves
 that part once the other's equation is taken away (Krysander, Aslund and Nyberg, IEEE Trans. SMC-A
 38, 2008, 197).
 
-One place is at fault at a time and parameters count as known. Only what enters which equation
-counts, in any regime; gains, noise and the form of an effect do not. So this is the best to be had
-for an effect of unknown form, and the form may still tell apart what hides here.
+One place is at fault at a time and parameters count as known. The analysis uses only the occurrence
+of unknowns in equations, in any regime; gains, noise and the form of an effect do not count. It is
+thus a bound for an effect of unknown form, and a known form may separate ports that hide here.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from pamid.schemas.catalogue_files import NoPlaceRow
 
 
 def no_place_words(row: NoPlaceRow) -> str:
-    """For people: what has no place, the port that it needs, and where that is."""
+    """A sentence on effects without a place, the port that they need, and the rigs that have it."""
     named = ", ".join(f"{name} ({title})" for name, title in row.effects.items())
     have = f"{' and '.join(row.rigs)} {'have' if len(row.rigs) > 1 else 'has'}"
     return f"no place for {named}: it takes {row.needs}, which {have}"

@@ -60,7 +60,7 @@ class Outboard:
 
 
 class OutboardEffect(Effect):
-    """Base of effects by which what a port drives moves against it; their states are `twist` and
+    """Base of effects by which a load moves against its drive; their states are `twist` and
     `twisting`, its rate."""
 
     @classmethod

@@ -1,7 +1,7 @@
-"""Which port of a rig leads to which, read from its own equations: what a block diagram shows.
+"""Connections between the ports of a rig, read from its own equations, for a block diagram.
 
-Every port is cut, as in `isolability`. A port follows another where its value holds what leaves the
-other, or a state whose rate, through further states, does.
+Every port is cut, as in `isolability`. A port follows another where its value holds the value that
+leaves the other, or a state whose rate, through further states, does.
 """
 
 from __future__ import annotations

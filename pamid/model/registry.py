@@ -1,8 +1,7 @@
 """Registry of effects and rigs: found by scanning their folders, or loaded from a user's file.
 
-Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from
-data, which no file can ever answer, and `rig_named` (`effects_with`) for words of the user,
-where a path is Python code and is run.
+Two look-ups decide which code may run. `catalogue_rig` is for names from data, and never loads a
+file. `rig_named` (`effects_with`) is for words of the user, where a path is Python code and is run.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""The usual sampling period of a rig: what its file states, or else that of its recordings.
-
-Some effects are sized by it (a dead time of a few samples), and a rig that is sampled every four
-seconds is not one of 3 ms because its file states none.
-"""
+"""The usual sampling period of a rig: that of its file, or else that of its recordings."""
 
 from __future__ import annotations
 

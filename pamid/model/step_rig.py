@@ -62,8 +62,8 @@ BY_WAY, THERE = 0.5, 1e-5
 class StepRig(Rig):
     """Base of all rigs that are stepped. See the module's docstring for a whole one.
 
-    What it needs and what cannot be sent to another process (a window, a library's handle) belongs
-    into a `cached_property`: it is made again there.
+    Members that cannot be sent to another process (a window, a library's handle) belong into a
+    `cached_property`, which each process computes anew.
     """
 
     written_as = {"rates": "drive"}

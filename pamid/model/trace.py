@@ -319,8 +319,8 @@ def signals_of(traced: Traced) -> dict[str, Expr]:
 
 
 def beside(model: Traced, other: Traced, prefix: str) -> Traced:
-    """A model's equations, its states and parameters under names of their own, driven by what
-    drives another one."""
+    """A model's equations with prefixed states and parameters, driven by the inputs of another
+    one."""
     driven, roots = signals_of(other), [*model.rates.values(), *model.outputs.values()]
     new = {
         symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
@@ -335,8 +335,8 @@ def beside(model: Traced, other: Traced, prefix: str) -> Traced:
 
 
 def fed(driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
-    """Both models as one that puts out what the first does, with this value in the place of one of
-    its inputs."""
+    """Both models as one: the outputs of the first, with this value in the place of one of its
+    inputs."""
     put = {symbol("input", name): value}
     rates = dict(zip(driven.rates, substitute(driven.rates.values(), put), strict=True))
     outputs = dict(zip(driven.outputs, substitute(driven.outputs.values(), put), strict=True))

@@ -240,7 +240,8 @@ def _advance(
 def _complete(
     ends: "torch.Tensor", sensitivity: "torch.Tensor", rows: "torch.Tensor"
 ) -> "torch.Tensor":
-    """Add to the first p columns of `rows` what the sensitivity at each block's beginning brings.
+    """Add the contribution of the sensitivity at each block's beginning to the first p columns of
+    `rows`.
 
     `sensitivity` (S, h, p) is that before the first block; the one after the last is returned.
     """

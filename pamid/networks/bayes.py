@@ -70,7 +70,7 @@ def effective_weights(evidence: Evidence, sums: Array | Spectrum) -> float:
 
 
 def resolved(evidence: Evidence, jtj: Array) -> bool:
-    """Does J'J hold what decides gamma and the steps, or has rounding taken too much of it?"""
+    """Whether J'J determines gamma and the steps in spite of rounding."""
     return (
         evidence.alpha == 0.0 or _scaled_factor(evidence.beta * jtj, evidence.alpha)[0] is not None
     )
@@ -102,9 +102,11 @@ def _counted(values: Array, alpha: float) -> float:
 
 
 def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
-    """How much lower F would be after a full, undamped step if it were the quadratic it looks
-    like: g' (H / 2)^-1 g with g half of -dF/dw; where rounding hides some directions of the
-    Hessian, over those that it decides."""
+    """Decrease of F by a full, undamped step of its quadratic model.
+
+    g' (H / 2)^-1 g with g half of -dF/dw; where rounding hides some directions of the Hessian, over
+    the others.
+    """
     if _scaled_factor(half_hessian.copy(), 0.0)[0] is not None:
         return float(half_descent @ solve_damped(half_hessian, 0.0, half_descent))
     # Slower than a Cholesky factor by a multiple, but it separates the directions that rounding

@@ -194,8 +194,8 @@ def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tup
 
 @dataclass(frozen=True)
 class _Trial:
-    """A step with damping mu: where it leads, by how much it lowers F and what share of its promise
-    that is."""
+    """A step with damping mu: its weights and errors, the decrease of F, and the share of its
+    promise."""
 
     mu: float
     weights: Array
@@ -233,14 +233,14 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
 
 
 def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
-    """Does a small disturbance of the context grow along the recordings no more than it may, or
-    than it did before the step?
+    """Whether a small disturbance of the context grows along the recordings no more than `GROWTH`,
+    or no more than before the step.
 
-    The poles of the context's weights would not tell: where units are bent by what they see, a
-    context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035 never does
-    (40 s of the first paper's twin). Every pole kept below 1 instead, by the projection that costs
-    least in the metric of the step, left twice the mean squared error there after 60 steps (median
-    of five seeds), and 1.5 times after 150 steps on 200 s (three).
+    The poles of the context's weights are no measure of this: in the range where its units are
+    bent, a context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035
+    never does (40 s of the first paper's twin). Keeping every pole below 1, by the projection that
+    costs least in the metric of the step, was tried as well. It left twice the mean squared error
+    after 60 steps (median of five seeds), and 1.5 times after 150 steps on 200 s (three).
     """
     if problem.plain:
         return True

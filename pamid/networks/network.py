@@ -1,10 +1,10 @@
-"""Interface of every network of this package: five methods to implement, and what derives from
+"""Interface of every network of this package: five abstract methods, and the methods derived from
 them.
 
 A kind of network is a module with a frozen dataclass derived from `Network`, its sizes as fields
 (`repr` ties a checkpoint to them, network.json holds them). Weights are one flat float64 vector,
-passed to every verb; inputs and target are scaled into [-1, 1]. Choose weights whose natural value
-is zero: regularisation pulls them there.
+passed to every method; inputs and target are scaled into [-1, 1]. Choose weights whose natural
+value is zero: regularisation pulls them there.
 """
 
 from abc import ABC, abstractmethod
@@ -37,8 +37,8 @@ def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | floa
 
 
 def largest_determined(make: "Callable[[int], Network]", samples: int | None) -> "Network":
-    """The largest network of at most `HIDDEN` units whose weights this number of samples decides;
-    of one unit where none is that small. make: the network of a number of units."""
+    """The largest network of at most `HIDDEN` units with no more weights than samples; of one unit
+    where none is that small. make: the network of a number of units."""
     sizes = (make(hidden) for hidden in range(HIDDEN, 0, -1))
     return next((size for size in sizes if samples is None or size.n_weights <= samples), make(1))
 
@@ -124,7 +124,7 @@ class Network(ABC):
 
     @property
     def in_matrices(self) -> bool:
-        """Does it have `onnx_nodes` of its own?"""
+        """Whether it has `onnx_nodes` of its own."""
         return type(self).onnx_nodes is not Network.onnx_nodes
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
@@ -190,7 +190,7 @@ class Network(ABC):
         washout: int = 0,
         threads: int = 1,
     ) -> None:
-        """The same, added to what other recordings have brought."""
+        """Add the normal equations of one recording to those of the others."""
         wanted = np.ascontiguousarray(target, dtype=np.float64)
         if wanted.shape != (len(np.asarray(inputs)),):
             raise DataError(

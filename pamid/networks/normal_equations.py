@@ -1,5 +1,4 @@
-"""Normal equations from rows of a Jacobian that come in chunks: what every network's pass ends
-in."""
+"""Normal equations from rows of a Jacobian that come in chunks, the end of every network's pass."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -43,9 +42,11 @@ def add_up(
 
 
 def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Results in the order of the items, a thread for each where there are several; no more than
-    that, since it stands in the middle of every step (jobs.run_jobs settles the threads of BLAS
-    first, which takes milliseconds)."""
+    """Results in the order of the items, with one thread for each where there are several.
+
+    A plain pool, since it is part of every step: jobs.run_jobs first settles the threads of BLAS,
+    which takes milliseconds.
+    """
     if len(items) < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(len(items)) as pool:
@@ -53,7 +54,7 @@ def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
 
 
 def _computed_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
-    """The same chunks, each made while the one before is in use."""
+    """The same chunks, each computed while the one before is in use."""
     # One chunk ahead is enough to keep both threads busy, and two buffers hold it.
     with ThreadPoolExecutor(1) as maker:
         coming = maker.submit(next, chunks, None)

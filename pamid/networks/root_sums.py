@@ -1,21 +1,23 @@
-"""Normal equations that keep what J'J loses: a triangular root R with R'R = J'J, from rows of J
-that come in chunks.
+"""Normal equations to full precision: a triangular root R with R'R = J'J, from rows of J that come
+in chunks.
 
 Rounded to 16 digits, J'J holds no eigenvalue below n eps trace(J'J). A recurrent network near the
-edge of stability has a trace so large (1e15 over the 66667 samples of the first paper's task) that
-most of what regularisation weighs lies below that line, and the number of weights that count would
-be a rank of floating point. R holds the singular values of J themselves, down to eps times the
+edge of stability has a very large trace: 1e15 over the 66667 samples of the first paper's task.
+Most of the regularised directions lie below that line, and the number of effective weights would be
+a rank of floating point. R holds the singular values of J themselves, down to eps times the
 largest: twice as many digits.
 
-Rows are added to J'J as they are while it can hold all that matters, eigenvalues down to `finest`.
-From there on they are added in the coordinates of the root so far,
+Rows are added to J'J directly while its rounding leaves all eigenvalues down to `finest`. From
+there on they are added in the coordinates of the root so far,
+
     K = J_chunk R^-1,   G = I + sum of K'K,   J'J = R' G R,
+
 where no direction is small: the Cholesky factor of G is as good as that of a well-conditioned
 matrix (the preconditioned Cholesky QR of Yamamoto, Nakatsukasa, Yanagisawa and Fukaya 2015, ETNA
-44, with what was summed so far as the preconditioner). Where G grows beyond `GROWN` the root takes
-it up, R := chol(G)' R, G := I; a chunk that alone is larger is taken up by a QR decomposition
-(Golub and Van Loan 2013, Matrix Computations, 5.2). A chunk costs a triangular product more than
-its J'J; `benchmarks/elman_pass.py` measures it.
+44, with the sums so far as the preconditioner). Where G grows beyond `GROWN` the root absorbs it, R
+:= chol(G)' R, G := I. A chunk that alone is larger is absorbed by a QR decomposition (Golub and Van
+Loan 2013, Matrix Computations, 5.2). A chunk costs a triangular product more than its J'J;
+`benchmarks/elman_pass.py` measures it.
 """
 
 from dataclasses import dataclass
@@ -113,14 +115,12 @@ class RootSums:
         return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
 
     def _is_resolved(self, square: Array) -> bool:
-        """Is the rounding error of J'J with this chunk small enough? (Not where it
-        is no number.)"""
+        """Whether the rounding error of J'J with this chunk is below its limit (not for NaN)."""
         trace = float(np.trace(self.jtj) + np.trace(square))
         return not self.n * np.finfo(float).eps * trace > self.lost
 
     def _begin_root(self) -> None:
-        """The root of the sum so far; weights that it does not determine are held by what may be
-        lost."""
+        """The root of the sum so far. Directions without data are held by the admissible error."""
         self.jtj[np.diag_indices(self.n)] += self.lost
         self._set_root(cholesky(self.jtj, check_finite=False))
         self.along = solve_triangular(self.root, self.jte, trans="T", check_finite=False)

@@ -61,8 +61,8 @@ PAPER_ITERATIONS = 5000
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a plain simulation, those of every recording from the washout on, and the sum of
-    their squares; features: what the output was linear in, where it is in something."""
+    """Errors of a plain simulation for every recording from the washout on, and the sum of their
+    squares. features: regressors of the linear weights, where there are any."""
 
     each: tuple[Array, ...]
     features: tuple[Array, ...] = ()
@@ -263,8 +263,8 @@ def check_problem(problem: TrainingProblem, iterations: int, starts: int, seed: 
 
 
 def fingerprint(problem: TrainingProblem, seed: int, starts: int) -> str:
-    """Identifies what a checkpoint belongs to; how long to train, and on how many cores, is not
-    part of it."""
+    """Identify the training of a checkpoint. The length of the training and the number of cores are
+    not part of it."""
     digest = hashlib.sha256()
     for u, t in problem.records:
         # With the shape, because the same bytes can be cut into other columns.

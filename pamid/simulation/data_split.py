@@ -75,12 +75,14 @@ class Span:
 
 @dataclass(frozen=True)
 class DataSplit:
-    """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
-    and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
-    states may depart from what a window before has led to (SI); timescale_s: how long the
-    recordings remember, as far as they are long enough for it and errors of the state do not grow
-    too fast, of which every horizon is a multiple; correlation_s: the same whatever their length,
-    of which times of effects are."""
+    """Recordings of one rig, divided into a fitted and a held-out part.
+
+    channels: outputs that are both fitted and held out somewhere and that move in one of the
+    recordings; noise: their white noise (SI); jump: possible deviation of the rig's states from
+    their prediction by the window before (SI); timescale_s: correlation time, limited by the length
+    of the recordings and by the growth of state errors, the unit of every horizon; correlation_s:
+    the correlation time without these limits, the unit of effects' times.
+    """
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -96,8 +98,8 @@ class DataSplit:
     doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may take up
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
-        """Tracks for this assembly; parameters the recordings know are held in each. Models with
-        the same inputs share the samples, which are most of what many models would hold."""
+        """Tracks for this assembly; known parameters of a recording are held in each. Models with
+        the same inputs share the samples, most of the memory of many models."""
         tracks, inputs = list[Track](), (assembly.traced.inputs, *assembly.rig.optional.items())
         role = self.held_out if held_out else self.fit
         samples = sum(s.stop - s.start for s in role)

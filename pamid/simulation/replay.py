@@ -56,10 +56,9 @@ class Replay:
     """A model run over a track, its lead-in included.
 
     full_track, full_outputs (samples x channels, SI), full_windows: lead-in included; noise: of the
-    sensors, per channel (SI);
-    carried, starts: the rig's states to which the window before has led and at which the window was
-    entered (windows x states); finite: nothing of what is scored became unstable; per_run: scored
-    windows that one run covers.
+    sensors, per channel (SI); carried: the rig's states at the end of the window before (windows x
+    states); starts: the states at which the window was entered (windows x states); finite: whether
+    every scored sample is; per_run: scored windows that one run covers.
     """
 
     full_track: Track

@@ -1,8 +1,8 @@
-"""Tracks cut into windows, and one window simulated from a start state with its sensitivities: what
-multiple shooting, replays and smoothing have in common.
+"""Tracks cut into windows, and one window simulated from a start state with its sensitivities: the
+common part of multiple shooting, replays and smoothing.
 
-The rig's own states are set anew at the start of each window; what effects remember (plays, lags,
-creep) is carried on from the window before, because no window by itself shows it.
+The rig's own states are set anew at the start of each window. Memories of effects (plays, lags,
+creep) are carried on from the window before, because no window by itself shows them.
 """
 
 from __future__ import annotations

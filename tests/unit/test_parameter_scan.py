@@ -149,7 +149,7 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     at[place] = 0.0
     assert told.starts is not None and told.stepping is not None
     weights = base.fit.weights
-    where = Scanned(problem, at, told.starts, weights, told.stepping, beside=True)
+    where = Scanned(problem, at, told.starts, weights, told.stepping, with_effect=True)
     best, *_ = scanned_values(where, where, place)
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
 
