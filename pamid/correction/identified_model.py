@@ -39,7 +39,7 @@ from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
 from pamid.model.registry import in_catalogue, name_of, noted_effects, noted_rig
 from pamid.model.rig import Rig
-from pamid.model.trace import Traced, beside, fed, signals_of
+from pamid.model.trace import Traced, prefixed_model, signals_of, with_input_replaced
 from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
@@ -153,10 +153,10 @@ class Identified:
                 cells=(*own.cells, *cells),
             )
         assert self.beside is not None
-        before = beside(self.beside[0].traced, own, BESIDE)
+        before = prefixed_model(self.beside[0].traced, own, BESIDE)
         value, cells = self.network.value(signals_of(before))
         value = to_si(value, split_column(self.network.trained.output_name)[1])
-        return fed(own, before, ADDED, value, cells)
+        return with_input_replaced(own, before, ADDED, value, cells)
 
     @cached_property
     def lowered(self) -> StateEquations:

@@ -156,11 +156,11 @@ def candidate_from(
     return CandidateModel(assembly, fitted, replays, runs, absolutes)
 
 
-def transferred(assembly: Assembly, *found: tuple[Assembly, Array]) -> Array:
+def transferred(assembly: Assembly, *sources: tuple[Assembly, Array]) -> Array:
     """The assembly's data-sheet values with the parameters it shares with other models taken from
     theirs; where several have one, the last."""
     out = assembly.values()
-    for source, p in found:
+    for source, p in sources:
         for key in source.keys.keys() & assembly.keys.keys():
             out[assembly.keys[key]] = p[source.keys[key]]
     return out

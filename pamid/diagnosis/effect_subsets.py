@@ -72,15 +72,15 @@ class Responding(ObjectWork[Screened, Response]):
             rows = linear_rows(*point, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
             shared = np.concatenate([np.ones(len(rows.away) - len(of_effect), bool), ~of_effect])
-            away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, of_effect)]
+            away, by_effect = rows.away[shared], rows.by_parameters[np.ix_(shared, of_effect)]
         # Equations are differentiated in lanes at little cost, so that only the effect's own
         # columns are formed.
         else:
-            away, by_own = moved_rows(*point, np.flatnonzero(of_effect))
+            away, by_effect = moved_rows(*point, np.flatnonzero(of_effect))
             sheet = s[~of_effect]
             away = np.concatenate([away, sheet])
-            by_own = np.concatenate([by_own, np.zeros((len(sheet), by_own.shape[1]))])
-        columns = np.column_stack([away - self.ground, by_own])
+            by_effect = np.concatenate([by_effect, np.zeros((len(sheet), by_effect.shape[1]))])
+        columns = np.column_stack([away - self.ground, by_effect])
         room = np.column_stack([scale.low - s, scale.high - s])[of_effect]
         return Response(
             columns - self.spanned @ (self.spanned.T @ columns),

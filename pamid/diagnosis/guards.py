@@ -48,10 +48,10 @@ class Guards:
     def objections(self, model: CandidateModel) -> tuple[str, ...]:
         """Why a model may not be named; empty where nothing speaks against it."""
         if model not in self._objections:
-            self._objections[model] = tuple(self._found(model))
+            self._objections[model] = tuple(self._reasons(model))
         return self._objections[model]
 
-    def _found(self, model: CandidateModel) -> list[str]:
+    def _reasons(self, model: CandidateModel) -> list[str]:
         reasons = []
         settings, base = self.search.settings, self.search.budget.baseline
         for a in _that_act(model):

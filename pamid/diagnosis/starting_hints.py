@@ -112,10 +112,10 @@ def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
         return None
     if any(value.op != "const" for value in at):
         return None
-    zero, at_one, two = (value.value for value in at)
-    slope = at_one - zero
+    zero, at_unit, two = (value.value for value in at)
+    slope = at_unit - zero
     # Three points distinguish a straight line from a curve of one bend.
-    straight = math.isclose(zero + two, 2.0 * at_one)
+    straight = math.isclose(zero + two, 2.0 * at_unit)
     return (zero, slope) if straight and slope != 0.0 else None
 
 

@@ -542,7 +542,7 @@ def sweep_windows(equations, memory, inputs, times, results, windows):  # type: 
             memory.buffer_S[:, :, column:] = 0.0
             for i in range(n):
                 S[i, column + i] = 1.0
-        own_times = Times(
+        window_times = Times(
             windows.time_s[w],
             times.period_s,
             times.substeps,
@@ -555,7 +555,7 @@ def sweep_windows(equations, memory, inputs, times, results, windows):  # type: 
             borrowed(equations),
             borrowed(memory),
             borrowed(inputs),
-            own_times,
+            window_times,
             borrowed(results),
             borrowed(work),
             (first, stop, at),

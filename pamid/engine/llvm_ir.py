@@ -115,7 +115,7 @@ class _FunctionWriter:
     """Lines of a function, as nodes are written one after the other.
 
     names, truths: the registers of the present part that hold a node, or whether it is not zero;
-    kept: places on the stack of nodes that later parts need.
+    stored: places on the stack of nodes that later parts need.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class _FunctionWriter:
         self.lines: list[str] = []
         self.names: dict[Expr, str] = {}
         self.truths: dict[Expr, str] = {}
-        self.kept: dict[Expr, int] = {}
+        self.stored: dict[Expr, int] = {}
         self.count, self.now = 0, 0
         self.last = max(parts.values(), default=0)
         # by another part; results are stored at the end
@@ -155,7 +155,7 @@ class _FunctionWriter:
                     else self._load(place, self.kind)
                 )
             else:
-                self.names[node] = self._load(f"%kept, i64 {self.kept[node]}", self.kind)
+                self.names[node] = self._load(f"%kept, i64 {self.stored[node]}", self.kind)
         return self.names[node]
 
     def _load(self, place: str, kind: ValueType) -> str:
@@ -206,8 +206,8 @@ class _FunctionWriter:
                 last = self.fresh(f"select {kind.truth} {last}, {unit}, {zero}")
             self.names[node] = last
         if node in self.wanted:
-            self.kept[node] = len(self.kept)
-            self.store(self.names[node], f"%kept, i64 {self.kept[node]}")
+            self.stored[node] = len(self.stored)
+            self.store(self.names[node], f"%kept, i64 {self.stored[node]}")
 
     def _enter(self, part: int) -> None:
         if part == self.now:
@@ -225,7 +225,7 @@ class _FunctionWriter:
         if not self.last:
             return "\n".join([*head, *self.lines, "ret void", "}"])
         head.append(f"%always = icmp ne i64 %a{len(SPACES)}, 0")
-        head.append(f"%kept = alloca {self.kind.name}, i64 {max(len(self.kept), 1)}")
+        head.append(f"%kept = alloca {self.kind.name}, i64 {max(len(self.stored), 1)}")
         return "\n".join([*head, *self.lines, "br label %end", "end:", "ret void", "}"])
 
 

@@ -55,8 +55,8 @@ class LibraryStep:
     parameters of their own; state_at, force_at: where the states and forces (float64) stand in
     data; reading_at: where the readings stand after a step; cleared_at: numbers that every exchange
     begins with at zero; leads_at: address of a number that is 1 for the step itself and 0 for those
-    from moved values, whose internal steps follow it (0: there is none); kept: what must live as
-    long as these.
+    from moved values, whose internal steps follow it (0: there is none); keep_alive: objects that
+    must live as long as these.
     """
 
     step: int
@@ -68,7 +68,7 @@ class LibraryStep:
     cleared_at: NDArray[np.int64]
     reading_at: NDArray[np.int64]
     leads_at: int
-    kept: tuple[Any, ...]
+    keep_alive: tuple[Any, ...]
 
 
 class Slopes(NamedTuple):
@@ -143,11 +143,11 @@ class Differences:
         other side as well, as near as rounding allows, and each is the one of the two by which less
         happens, as by the minmod limiter (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
         """
-        slopes = self._one_side(at, self.widths[at])
+        slopes = self._differences(at, self.widths[at])
         if not self.agree(at, slopes):
             # As near as possible, because the jump that was crossed lies within one width of the
             # point.
-            other = self._one_side(at, -THIN * self.widths[at])
+            other = self._differences(at, -THIN * self.widths[at])
             still = self._still(at)
             slopes = np.where(np.abs(other - still) < np.abs(slopes - still), other, slopes)
         return slopes
@@ -162,7 +162,7 @@ class Differences:
         off = self.behind(moved[None])[0] - self.after + slopes @ by
         return bool((np.abs(off) <= limits).all())
 
-    def _one_side(self, at: NDArray[np.intp], by: Array) -> Array:
+    def _differences(self, at: NDArray[np.intp], by: Array) -> Array:
         values = np.tile(self.plain, (len(at), 1))
         values[np.arange(len(at)), at] += by
         return (self.behind(values) - self.after).T / by

@@ -254,8 +254,8 @@ class SteppedProgram:
         nx, first = len(self.states), self.readings
         if isinstance(self.simulator, Carrier):  # nothing is known of what is inside
             inside = replace(memory.copy(), x=np.concatenate([np.zeros(first), memory.x]))
-            own = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s)
-            return own[first:, first:]
+            matrix = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s)
+            return matrix[first:, first:]
         none = np.full(len(self.parameters), -1, np.int64)
         wide = self.memory(memory.x, nx).S
         np.fill_diagonal(wide, 1.0)

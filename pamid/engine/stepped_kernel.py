@@ -270,7 +270,7 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _one_side(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
+def _differences(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
     """Fill columns of `slopes` (values, states + forces + moved parameters) by differences over
     these steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
@@ -310,10 +310,10 @@ def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
-    """Fill columns of `found` as `pamid.engine.simulator.Differences` does, where these steps of a
+    """Fill columns of `slopes` as `pamid.engine.simulator.Differences` does, where these steps of a
     difference are not zero."""
     at, n = x.shape[0] + f.shape[0], c.place.shape[0]
-    _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
+    _differences(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
     moved = 0
     for k in range(n):
         moved += steps[at + k] != 0.0
@@ -322,7 +322,7 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, slopes):
         return
     other = slopes.copy()
-    _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
+    _differences(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
     for j in range(plain.shape[0]):
         for i in range(slopes.shape[1]):
             still = 1.0 if i == j - plain.shape[0] + x.shape[0] else 0.0

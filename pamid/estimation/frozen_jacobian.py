@@ -172,9 +172,9 @@ class ChordShooting(MultipleShooting):
         first, lanes = 1 + len(added), 1 + len(added) + n
         values = self.p.copy()
         values[free] = self.scale.outside(s)
-        p, own_moves = moved_parameters(problem, values, added)
+        p, added_moves = moved_parameters(problem, values, added)
         p = np.concatenate([p, np.repeat(p[:, :1], n, 1)], 1)
-        moves = np.concatenate([own_moves, self.moves[i]])
+        moves = np.concatenate([added_moves, self.moves[i]])
         x = np.repeat(entered[:, :, None], lanes, 2)
         x[:, range(n), range(first, lanes)] += moves[len(added) :]
         Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)

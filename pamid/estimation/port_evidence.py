@@ -86,7 +86,7 @@ class _Smoothing(Work[Ports, LatentFit]):
 
     def __call__(self, item: Ports) -> Plain:
         smoother = self.smoother(item)
-        return {"found": (smoother.best if self.moving else smoother.rough).found}
+        return {"found": (smoother.best if self.moving else smoother.rough).score}
 
     def restored(self, item: Ports, plain: Plain) -> LatentFit:
         evidence, size, time_s = plain["found"]
@@ -120,9 +120,9 @@ def locate(
     }  # a value enters the equations there as it does here
     distinct = [name for name in names if twins[name] == name]
     known: dict[Ports, LatentFit] = {}
-    found_at = _gains_at(work, distinct, pool, known)
+    evidence_at = _gains_at(work, distinct, pool, known)
     # Ports with the same equations have the same evidence, and each smoothing costs several fits.
-    gains = {name: found_at[twins[name]] for name in names}
+    gains = {name: evidence_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
         # Ports are sorted by evidence, so that the first class within reach is led by the

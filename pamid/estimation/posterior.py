@@ -32,7 +32,7 @@ from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 FIT_ANEW = "Fit it anew with `pamid fit`."
-OWN_TIME = ":drift"  # background terms counted from a recording's own beginning
+CLOCK_TERMS = ":drift"  # background terms counted from a recording's own beginning
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class EarlierPosterior:
         """(place among the problem's free parameters, place here) of everything that is carried
         over."""
         keys = [problem.assembly.parameters[i].key for i in problem.free]
-        where = {key: i for i, key in enumerate(self.keys) if not key.endswith(OWN_TIME)}
+        where = {key: i for i, key in enumerate(self.keys) if not key.endswith(CLOCK_TERMS)}
         places = [(k, where[key]) for k, key in enumerate(keys) if key in where]
         for k, i in places:
             if self.log[i] != bool(problem.scale.log[k]):
@@ -123,18 +123,18 @@ class EarlierPosterior:
             "intervals may come out too narrow."
             for group in self.ridges
         ]
-        lost = [key for key in self.keys if key not in carried and not key.endswith(OWN_TIME)]
+        lost = [key for key in self.keys if key not in carried and not key.endswith(CLOCK_TERMS)]
         notes += (
             [f"Not carried over, for this fit does not have them free: {', '.join(lost)}."]
             if lost
             else []
         )
-        if any(key.endswith(OWN_TIME) for key in self.keys):
+        if any(key.endswith(CLOCK_TERMS) for key in self.keys):
             notes.append("Drifts belong to a recording's own time and begin anew.")
         fresh = [
             bounds[i].key
             for i in problem.free
-            if bounds[i].key not in carried and not bounds[i].key.endswith(OWN_TIME)
+            if bounds[i].key not in carried and not bounds[i].key.endswith(CLOCK_TERMS)
         ]
         return notes + (
             [f"New in this fit, with the data sheet's prior: {', '.join(fresh)}."] if fresh else []

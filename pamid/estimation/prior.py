@@ -68,7 +68,7 @@ class Prior:
         """s + ds, but straight in the prior's coordinates: a stiff ridge is not left by a long step
         along it."""
         x, turned = self.coordinates(s)
-        goal, solution = x + turned @ ds, s + ds  # Newton's method for x(found) = goal
+        goal, solution = x + turned @ ds, s + ds  # Newton's method for x(s) = goal
         for _ in range(NEWTON):
             x, turned = self.coordinates(solution)
             solution = solution - np.linalg.lstsq(turned, x - goal, rcond=None)[0]

@@ -87,9 +87,9 @@ def run_tracks(
         N, v = np.empty((count, unknowns, unknowns)), np.empty((count, unknowns))
         end, ends = np.empty((count, n)), np.empty((count, n, unknowns))
         whole, left = bool(track.seen.all()), np.empty_like(track.y)
-        own_root = np.where(track.seen, root, 0.0)
+        seen_root = np.where(track.seen, root, 0.0)
         simulated = runner.run_windows(
-            runner.memory(track_values), windows, starts[i], track_values, derivatives, own_root
+            runner.memory(track_values), windows, starts[i], track_values, derivatives, seen_root
         )
         for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
             # One window that runs away makes the cost infinite, so that the damping rule rejects

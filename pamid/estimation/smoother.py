@@ -137,7 +137,7 @@ class SlicedTrack:
         runner = self.keeping[moving]
         count, n, k = len(x), x.shape[1], len(slope)
         values, root, seen = runner.parameters(p), 1.0 / noise, runner.track.seen
-        own_root = root if seen.all() else np.where(seen, root, 0.0)
+        seen_root = root if seen.all() else np.where(seen, root, 0.0)
         first = 0 if moving else k
         D, B, S = np.zeros((count, n, n)), np.zeros((count, n, k)), np.zeros((count, n, k + n))
         gx, end, H, g, cost = (
@@ -149,7 +149,7 @@ class SlicedTrack:
         )
         by = np.concatenate([slope, np.ones(n)])[first:]
         A = np.zeros((0, k + n))
-        runs = runner.run_windows(runner.memory(values), self.slices, x, values, True, own_root)
+        runs = runner.run_windows(runner.memory(values), self.slices, x, values, True, seen_root)
         for i, (window, run) in enumerate(zip(self.slices, runs, strict=True)):
             if not run.fine:
                 return Linearisation(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], np.inf)
@@ -350,7 +350,7 @@ class Smoothed:
     moving: bool
 
     @property
-    def found(self) -> tuple[float, float, float]:
+    def score(self) -> tuple[float, float, float]:
         """(log evidence, size, time constant)"""
         return self.log_evidence, self.size, self.time_s
 
@@ -458,10 +458,10 @@ class Smoother:
         smallest, *larger = LATENT_SIZES
         start = self.smoothed(None, smallest, time_s, trusted=1.0, moving=False)
         rest = [self.smoothed(start, s, time_s, trusted=1.0, moving=False) for s in larger]
-        size = max([start, *rest], key=lambda one: one.found).size
+        size = max([start, *rest], key=lambda smoothed: smoothed.score).size
         there = self.smoothed(start, size, time_s, SMOOTHER_STEPS, moving=False)
         near = [self.smoothed(there, s, t, moving=False) for s, t in self._near(size)]
-        return max(near, key=lambda one: one.found)
+        return max(near, key=lambda smoothed: smoothed.score)
 
     @cached_property
     def best(self) -> Smoothed:
@@ -470,7 +470,7 @@ class Smoother:
         if not self.ports:
             return there
         near = [self.smoothed(there, s, t) for s, t in self._near(self.rough.size)]
-        return max(near, key=lambda one: one.found)
+        return max(near, key=lambda smoothed: smoothed.score)
 
     def smoothed(
         self,

@@ -284,13 +284,13 @@ class _NumberCache:
     """Named numbers, made again only where they differ from the last ones."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
-        self.names, self.last, self.made = names, list[float](), SimpleNamespace()
+        self.names, self.last, self.numbers = names, list[float](), SimpleNamespace()
 
     def of(self, values: list[float]) -> SimpleNamespace:
         if values != self.last:
             self.last = values
-            self.made = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
-        return self.made
+            self.numbers = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
+        return self.numbers
 
 
 class RigSimulator:

@@ -91,7 +91,7 @@ class _Tracer:
         self.rig, self.effects_at, self.controller = rig, effects_at, controller
         self.upper_bounds = upper_bounds
         self.passages: dict[tuple[str, str], Passage] = {}
-        self.own_rates: dict[str, Expr] = {}
+        self.effect_rates: dict[str, Expr] = {}
         self.inputs = list(self.rig.inputs)
         self.cells: list[Cell] = []
 
@@ -113,7 +113,7 @@ class _Tracer:
                 self._close(loop, outputs)
         self._every_port_used()
         return Traced(
-            {**rates, **self.own_rates},
+            {**rates, **self.effect_rates},
             outputs,
             tuple(self.cells),
             tuple(self.inputs),
@@ -250,7 +250,7 @@ class _Tracer:
                 f"{where_}: act() gives rates for {sorted(rates)}, its states are "
                 f"{[s.name for s in effect.states]}"
             )
-        self.own_rates |= {prefix + k: expression(v) for k, v in rates.items()}
+        self.effect_rates |= {prefix + k: expression(v) for k, v in rates.items()}
         return expression(after)
 
     def _close(self, loop: Loop, outputs: dict[str, Expr]) -> None:
@@ -318,7 +318,7 @@ def signals_of(traced: Traced) -> dict[str, Expr]:
     }
 
 
-def beside(model: Traced, other: Traced, prefix: str) -> Traced:
+def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
     """A model's equations with prefixed states and parameters, driven by the inputs of another
     one."""
     driven, roots = signals_of(other), [*model.rates.values(), *model.outputs.values()]
@@ -334,7 +334,9 @@ def beside(model: Traced, other: Traced, prefix: str) -> Traced:
     return Traced(rates, outputs, driven_cells, other.inputs, (), other.linear)
 
 
-def fed(driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
+def with_input_replaced(
+    driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]
+) -> Traced:
     """Both models as one: the outputs of the first, with this value in the place of one of its
     inputs."""
     put = {symbol("input", name): value}
