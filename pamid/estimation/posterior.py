@@ -103,7 +103,8 @@ class EarlierPosterior:
         for k, i in places:
             if self.log[i] != bool(problem.scale.log[k]):
                 raise FileError(
-                    f"{self.path}: the prior of {keys[k]!r} is of another kind than the rig's now.",
+                    f"{self.path}: the prior of {keys[k]!r} is logarithmic in only one of "
+                    "that fit and the rig.",
                     FIT_ANEW,
                 )
         return places
@@ -196,7 +197,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
     if not fit.converged:
         raise ConvergenceError(
             f"{path}: that fit did not converge ({fit.why or 'no reason given'}), so "
-            "nothing can be built on it.",
+            "it cannot be the prior of another fit.",
             "Fit it with other recordings first.",
         )
     if (posterior := fit.posterior) is None:

@@ -164,7 +164,7 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
     possible = [a for a in attachments(rig, effects.values()) if a.effect.name == name]
     if not possible:
         raise FileError(
-            f"effect {name!r} finds no place on rig {rig.name!r}: it takes "
+            f"effect {name!r} fits no port of rig {rig.name!r}: it needs "
             f"{needed_port(effects[name])}; the rig has "
             + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items())
         )

@@ -110,8 +110,8 @@ def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
                 )
             if ways.setdefault(column, way) != way:
                 raise FileError(
-                    f"{by[column].path} says that {column} is {ways[column]!r} in [between], "
-                    f"{recording.path} that it is {way!r}.",
+                    f"[between] {column} is {ways[column]!r} in {by[column].path}, but {way!r} in "
+                    f"{recording.path}.",
                     "Fit recordings of one kind together, or state it in the rig alone.",
                 )
             by[column] = recording

@@ -124,8 +124,8 @@ def _stepped(
     simulated = [e for e in traced.rates.values() if e.op == SIMULATED]
     if len(simulated) > len(equation_states):
         raise UsageError(
-            f"rig {rig.name!r} is stepped: it cannot be computed twice in one model",
-            "a correction at a port wants a rig with equations; one behind a channel does not",
+            f"rig {rig.name!r} is stepped: one model cannot contain it twice",
+            "a correction at a port needs a rig with equations; one of a channel does not",
         )
     goes_in: dict[str, Expr] = {}
     for node in simulated:

@@ -134,7 +134,7 @@ def resolved_rig(rig: RigLike | None) -> str | Rig | None:
     if isinstance(rig, os.PathLike):
         return as_file(rig)
     raise UsageError(
-        f"rig={rig!r:.60} is no rig.",
+        f"rig={rig!r:.60} is not a rig.",
         "Give a name (see `pamid rigs`), the path of a rig file, or a pamid.Rig.",
     )
 

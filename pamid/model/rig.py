@@ -350,7 +350,7 @@ def _check_inputs(rig: Rig, kind: str) -> None:
     for column, way in rig.between.items():
         if way not in BETWEEN and column not in read_before:
             raise FileError(
-                f"{kind}: between says {way!r} of {column!r}",
+                f"{kind}: between is {way!r} for the input {column!r}",
                 f'between = {{"{column}": "linear"}}, or "held"',
             )
     for column, limits in rig.ranges.items():

@@ -361,7 +361,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
         name = rig._named[0][int(np.argmax(first != repeated))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
-            "another call: it remembers something that is none of its states",
+            "another call: it keeps a memory that is not one of its states",
             "set everything from x at the beginning of step(), or declare it as a state",
             code="simulation",
         )

@@ -181,7 +181,7 @@ class _Tracer:
         lacking = [s for s in port.signals if s not in signals]
         if lacking:
             raise EquationError(
-                f"port {name!r} promises the signal {lacking[0]!r} but is not given it",
+                f"port {name!r} declares the signal {lacking[0]!r} but gets no value for it",
                 f"write port({name!r}, value, {lacking[0]}=...)",
             )
         value = expression(value)

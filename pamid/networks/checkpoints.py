@@ -102,7 +102,7 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _STORED)
         except KeyError as missing:
             raise FileError(
-                f"{path} is no whole checkpoint: {missing} is missing.", "Train afresh."
+                f"{path} is not a complete checkpoint: {missing} is missing.", "Train afresh."
             ) from None
         if (
             weights.shape != (n_weights,)
@@ -114,7 +114,9 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
         # comparison.
         counts = (numbers[:1], steps[:, 0], steps[:, -1])
         if not all(c.dtype.kind in "fiu" and np.isfinite(c).all() for c in counts):
-            raise FileError(f"{path}: attempt {k} counts in what is no number.", "Train afresh.")
+            raise FileError(
+                f"{path}: attempt {k} has counts that are not finite numbers.", "Train afresh."
+            )
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(TrainingStep._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
         attempts.append(

@@ -21,7 +21,7 @@ def channel_network_files(channel: str) -> tuple[str, ...]:
     """The files of a channel's network next to that of the run, relative to the run; FileError for
     a name that is no channel's."""
     if _CHANNEL.fullmatch(channel) is None:
-        raise FileError(f"{channel!r} is no name of a channel that could have a folder.")
+        raise FileError(f"{channel!r} is not a channel name that can name a folder.")
     return tuple(f"{NETWORKS_FOLDER}/{channel}/{name}" for name in NETWORK_FILES)
 
 

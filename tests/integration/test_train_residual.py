@@ -313,5 +313,5 @@ def test_networks_of_several_channels_live_side_by_side(
 
 @pytest.mark.parametrize("name", ["../up", "a/b", "", ".", "a b"])
 def test_no_other_folder_is_written_whatever_a_channel_is_called(name: str) -> None:
-    with pytest.raises(FileError, match="no name of a channel"):
+    with pytest.raises(FileError, match="not a channel name"):
         channel_network_files(name)
