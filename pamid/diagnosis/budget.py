@@ -76,7 +76,8 @@ class Budget:
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
     def error_text(self) -> str:
-        """Of every channel, in its unit: the error with the data sheet, refitted, the floor."""
+        """Text of every channel's error in its unit: with the data sheet, refitted, and the
+        floor."""
         before, after, floor = (
             seen_mean(errors) for errors in (self.data_sheet, self.baseline.absolutes, self.floor)
         )

@@ -38,8 +38,11 @@ SUBSET_ROWS = 8000  # residuals to which the rows are thinned
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Of one candidate, in the rows of the baseline: columns (rows, 1 + own parameters) are P D_e
-    and P T_e; room: how far a_e and b_e may go before a parameter leaves its range."""
+    """Response of one candidate in the rows of the baseline.
+
+    columns (rows, 1 + its parameters): P D_e and P T_e; room: bounds of a_e and b_e within the
+    ranges of its parameters.
+    """
 
     columns: Array
     room: Array  # (1 + own parameters, 2)
@@ -99,8 +102,8 @@ class Responding(ObjectWork[Screened, Response]):
 
 @dataclass(frozen=True, eq=False)
 class ScreenedResponses:
-    """Of all candidates. gram: inner products of all their columns; against: those with the
-    baseline's projected residual; places: every candidate's columns."""
+    """Responses of all candidates. gram: inner products of all their columns; against: those with
+    the baseline's projected residual; places: every candidate's columns."""
 
     screened: list[Screened]
     gram: Array

@@ -172,7 +172,7 @@ def _shown_unit(si: str) -> str:
 
 
 def _covariance(fit: Fit, places: list[int]) -> Array:
-    """Of fitted parameters at these places of the parameter vector (SI)."""
+    """Covariance of fitted parameters at these places of the parameter vector (SI)."""
     free = list(fit.problem.free)
     rows = [free.index(i) for i in places]
     # A fit works in prior spreads, on a logarithm for factors. The chain rule converts its

@@ -46,7 +46,7 @@ class Guards:
     _objections: dict[CandidateModel, tuple[str, ...]] = field(default_factory=dict)
 
     def objections(self, model: CandidateModel) -> tuple[str, ...]:
-        """Why a model may not be named; empty where nothing speaks against it."""
+        """Reasons against naming a model; empty without any."""
         if model not in self._objections:
             self._objections[model] = tuple(self._reasons(model))
         return self._objections[model]

@@ -100,7 +100,8 @@ def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[
 
 
 def _guessed(bound: Bound, end: str) -> bool:
-    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing?"""
+    """Whether this end of the range is a multiple of a typical magnitude, and not the amount
+    nothing."""
     if not bound.sized:
         return False
     return bound.high > 0.0 if end == "high" else bound.low != 0.0

@@ -260,7 +260,7 @@ def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> 
 
 
 def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
-    """Of these parameters those that a screening moves."""
+    """Those of these parameters that a screening moves."""
     return tuple(i for i in places if not held or not assembly.parameters[i].nuisance)
 
 

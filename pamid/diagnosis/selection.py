@@ -146,7 +146,7 @@ def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -
 
 
 def _size(assembly: Assembly) -> int:
-    """How many parameters are fitted."""
+    """Number of fitted parameters."""
     return sum(b.fitted for b in assembly.parameters)
 
 
@@ -330,8 +330,8 @@ def with_needed_ports(
 
 
 def _weakest(model: CandidateModel) -> list[Attachment]:
-    """Of effects at several ports those that ended at nothing, else the least certain one; one of
-    them is left."""
+    """Members of effects at several ports that ended at nothing, else the least certain one; one of
+    them stays."""
     shared = [added.members for added in model.additions if len(added.members) > 1]
     gone = [
         a

@@ -79,8 +79,8 @@ class LeastSquares(ABC, Generic[Point, Step]):
 
 @dataclass(frozen=True)
 class Iteration(Generic[Point]):
-    """Where an iteration stands: steps tried, those in a row that were calm; settled: it came to an
-    end before its steps were used up."""
+    """State of an iteration: steps tried, calm steps in a row; settled: whether it ended before its
+    steps were used up."""
 
     point: Point
     damping: float

@@ -36,7 +36,7 @@ _machines: dict[int, llvm.TargetMachine] = {}
 
 
 def cache_folder() -> Path:
-    """Where compiled models are kept: $PAMID_CACHE, else the user's cache folder."""
+    """Folder of compiled models: $PAMID_CACHE, else the user's cache folder."""
     chosen = os.environ.get("PAMID_CACHE")
     return Path(chosen) if chosen else user_cache() / "pamid"
 

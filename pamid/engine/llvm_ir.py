@@ -48,7 +48,7 @@ class ValueType:
 
     @property
     def alignment(self) -> str:
-        """Of a load or a store: NumPy aligns no array to a whole vector."""
+        """Alignment of a load or a store: NumPy aligns no array to a whole vector."""
         return "" if self.lanes == 1 else ", align 8"
 
     def constant(self, value: float) -> str:

@@ -38,7 +38,8 @@ def _settle() -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Can the folder, or the nearest above it that is there, be written, and by nobody else?"""
+    """Whether the folder, or the nearest existing one above it, can be written by this user
+    alone."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     return os.access(folder, os.W_OK | os.X_OK) and not is_shared(folder.lstat())

@@ -94,8 +94,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Stepping:
-    """How a sample is integrated: steps per sample, and whether the L-stable implicit step is
-    used."""
+    """Integration of a sample: steps per sample, and whether the L-stable implicit step is used."""
 
     substeps: int = 1
     implicit: bool = False
@@ -148,7 +147,7 @@ class EquationSteps:
         return 1
 
     def careful(self, substeps: int) -> Stepping:
-        """How a sample is stepped where explicit steps would have to be so many."""
+        """Stepping of a sample that would need this many explicit steps."""
         return Stepping(1, implicit=True)
 
 
@@ -506,7 +505,7 @@ class ModuleTexts(Protocol):
 
 @dataclass(frozen=True)
 class Layout:
-    """Where symbols stand: place in the array of their space, first column of each space among the
+    """Places of symbols: in the array of their space, first column of each space among the
     partials, and the parameters' first column (those before it are the rows of S)."""
 
     place: dict[tuple[str, str], int]

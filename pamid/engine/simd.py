@@ -153,7 +153,7 @@ class Vectors:
         return series
 
     def all_within(self, a: Any, bound: float) -> Any:
-        """Is |a| below the bound in every lane?"""
+        """Whether |a| is below the bound in every lane."""
         b = self.builder
         inside = b.and_(
             b.fcmp_ordered("<", a, self.constant(bound)),

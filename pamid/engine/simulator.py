@@ -116,7 +116,7 @@ class Differences:
 
     @cached_property
     def widths(self) -> Array:
-        """By how much each value is moved."""
+        """Widths by which the values are moved."""
         # A value of zero has no size of its own: states and forces then move by a share of a
         # typical one, a parameter by a share of one.
         sizes = np.concatenate([*self.simulator.sizes, self.p == 0.0])
@@ -153,8 +153,8 @@ class Differences:
         return slopes
 
     def agree(self, at: NDArray[np.intp], slopes: Array, widths: float = 1.0) -> bool:
-        """Do slopes predict the step with all these values moved down at once, by so many widths
-        of a difference?"""
+        """Whether slopes predict the step with all these values moved down at once, by so many
+        widths of a difference."""
         moved, by = self.plain.copy(), widths * self.widths[at]
         moved[at] -= by
         limits = SIDES_AGREE * np.abs(slopes - self._still(at)) @ by

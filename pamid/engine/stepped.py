@@ -123,8 +123,9 @@ class SteppedProgram:
         return max(1, int(np.ceil(period_s / self.simulator.longest_s - 1e-9)))
 
     def careful(self, substeps: int) -> Stepping:
-        """Where more exchanges are needed than an explicit step would take: the simulator has no
-        implicit one, so they are made, and the equations' own states are solved for."""
+        """Stepping where more exchanges are needed than an explicit step would take. The simulator
+        has no implicit step, so that all of them are made; the equations' own states are solved
+        for."""
         return Stepping(min(substeps, MOST_EXCHANGES), implicit=True)
 
     def memory(

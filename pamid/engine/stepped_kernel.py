@@ -291,8 +291,8 @@ def _differences(c, x, f, steps, models, plain, slopes):  # type: ignore[no-unty
 
 @njit(cache=True)
 def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
-    """Do slopes predict the step with everything moved to the other side? model: with the
-    parameters that are."""
+    """Whether slopes predict the step with everything moved to the other side. model: with moved
+    parameters."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     moved, readings = np.empty(plain.shape[0]), plain.shape[0] - nx
     _advance(c, model, x - steps[:nx], f - steps[nx:at], moved)
@@ -332,8 +332,8 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
-    """Have the slopes of a row by parameters as these are now: in proportion they stay as they
-    are. Mark in `far` (columns,) those by parameters that have moved too far for that."""
+    """Scale the slopes of a row to the present parameters. Mark in `far` (columns,) those by
+    parameters that have moved too far for that."""
     at = t.x.shape[1] + t.f.shape[1]
     for k in range(t.chosen.shape[0]):
         before, now = t.p[row, t.chosen[k]], t.p_now[t.chosen[k]]
@@ -368,8 +368,8 @@ def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-de
 
 @njit(cache=True)
 def _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
-    """Have slopes of a row that hold for a step from x under f; fill `plain` with where it leads.
-    pushed (forces,): by which slopes are needed; steps: of differences, by all."""
+    """Provide slopes of a row for a step from x under f, and fill `plain` with its result. pushed
+    (forces,): forces with slopes; steps: widths of all differences."""
     nx, nf, known = x.shape[0], f.shape[0], t.filled[row]
     lacking = np.zeros(steps.shape[0])
     for k in range(nf):

@@ -130,7 +130,7 @@ class _Drawing(Work[int, Array]):
 
 
 def background_pull(fitted: Fit) -> dict[str, float]:
-    """How far every background term stands, in tolerances, by its name and place (force_map_1)."""
+    """Deviation of every background term, in tolerances, by its name and place (force_map_1)."""
     terms = fitted.problem.assembly.background_terms
     strains: dict[str, list[float]] = {owner: [] for owner in terms}
     for i, b in enumerate(fitted.problem.assembly.parameters):

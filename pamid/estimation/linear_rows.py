@@ -144,7 +144,7 @@ def moved_rows(
 
 
 def _thinning(problem: Problem, most: int) -> int:
-    """Of how many samples one is used, for about `most` rows."""
+    """Stride of the samples for about `most` rows."""
     return max(1, -(-sum(t.y.size for t in problem.tracks) // most))
 
 

@@ -125,7 +125,7 @@ class ShootingPoint(NamedTuple):
 
 
 class _ShootingStep(NamedTuple):
-    """Of the scaled parameters and of every track's window starts; the reduced Hessian."""
+    """Step of the scaled parameters and of every track's window starts; the reduced Hessian."""
 
     s: Array
     starts: list[Array]
@@ -200,8 +200,8 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         return tuple(runner.known for runner in self.runners)
 
     def exactly(self, ended: Iteration[ShootingPoint], iterations: int) -> Iteration[ShootingPoint]:
-        """Where slopes were used again, on from where that has ended, with slopes of that point and
-        steps that are made, all of them; where it has used up its steps, that point as it is."""
+        """Continue a fit that has reused or predicted slopes, with new slopes and all steps made. A
+        fit that has used up its steps is only evaluated there."""
         if not any(known and known.counts[1] for known in self.known):
             return ended
         if not ended.settled:

@@ -46,7 +46,7 @@ class Problem:
         return Scale([a.parameters[i] for i in free], a.values()[free])
 
     def start(self) -> Array:
-        """Where a fit begins (SI): at the data sheet, or at an earlier fit's posterior."""
+        """Start of a fit (SI): the data sheet, or an earlier fit's posterior."""
         p = self.assembly.values()
         if self.prior is not None:
             p[list(self.free)] = self.scale.outside(self.prior.at)
@@ -54,7 +54,7 @@ class Problem:
 
     @cached_property
     def noise(self) -> Array:
-        """Of the sensors, per channel (SI)."""
+        """Noise of the sensors, per channel (SI)."""
         return noise_of(self.tracks, stated_noise(self.assembly.rig, self.assembly.program.outputs))
 
     @property
@@ -93,8 +93,8 @@ class Fit:
 
     @cached_property
     def left(self) -> tuple[Array, Array]:
-        """How many residuals were recorded per channel, and their mean square (SI, NaN of none); of
-        a fit that has not failed."""
+        """Number of recorded residuals per channel, and their mean square (SI, NaN without any);
+        for a fit that has not failed."""
         residuals = np.concatenate(self.residuals)
         return np.isfinite(residuals).sum(axis=0), seen_mean(residuals**2)
 
@@ -127,8 +127,8 @@ class Scale:
         return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
 
     def held(self, s: Array, g: Array) -> NDArray[np.bool_]:
-        """Which parameters are at a bound that a step against the gradient g would push them
-        through: the active set of a projected step (Nocedal and Wright (2006), ch. 16.7)."""
+        """Parameters at a bound that a step against the gradient g would cross: the active set of a
+        projected step (Nocedal and Wright (2006), ch. 16.7)."""
         at_bound: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
             (s >= self.high - 1e-12) & (g < 0)
         )

@@ -116,8 +116,8 @@ class SlicedTrack:
         return replace(self.runner, free=()).keeping(still), self.runner.keeping(moving)
 
     def simulate(self, x: Array, p: Array, noise: Array, moving: bool) -> Simulation:
-        """Where the slices end, and their squared error; p: parameters (SI); moving: are they
-        improved, too?"""
+        """States at the ends of the slices, and their squared error. p: parameters (SI); moving:
+        whether they are estimated as well."""
         runner = self.keeping[moving]
         values = runner.parameters(p)
         end, cost, whole = np.zeros_like(x), 0.0, bool(runner.track.seen.all())
@@ -325,8 +325,8 @@ class _SmoothingPoint(NamedTuple):
 
 
 class _SmoothingStep(NamedTuple):
-    """Of the parameters (in prior spreads) and of every track's states; what it promises to gain;
-    log determinant of the information against the priors'."""
+    """Step of the parameters (in prior spreads) and of every track's states; promised gain; log
+    determinant of the information against the priors'."""
 
     s: Array
     x: list[Array]

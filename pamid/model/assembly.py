@@ -175,7 +175,7 @@ class Assembly:
         )
 
     def knows(self, name: str) -> bool:
-        """Is there a parameter of this name? See `place_of`."""
+        """Whether there is a parameter of this name. See `place_of`."""
         try:
             self.place_of(name)
         except FileError:
@@ -219,8 +219,8 @@ class Assembly:
 
     @cached_property
     def keeps_memories(self) -> bool:
-        """Does an equation hold a play or a bristle? Its deflection is forgotten over travel, not
-        over time: a wide one keeps for good what it was at the beginning."""
+        """Whether an equation holds a play or a bristle. Its deflection fades over travel, not over
+        time: a wide one keeps its initial value for good."""
         t = self.traced
         cells = [e for c in t.cells for e in (c.update, c.joined) if isinstance(e, Expr)]
         return any(n.op in MEMORIES for n in walk([*t.rates.values(), *t.outputs.values(), *cells]))

@@ -54,7 +54,7 @@ class Addition:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of its members, which own its parameters."""
+        """Labels of its members, the owners of its parameters."""
         return tuple(a.label for a in self.members)
 
     @property
@@ -88,7 +88,7 @@ def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
 
 
 def fits(effect: type[Effect], port: Port) -> bool:
-    """Can the effect act at this port?"""
+    """Whether the effect can act at this port."""
     home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
     offered |= {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}

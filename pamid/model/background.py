@@ -50,7 +50,7 @@ class Background(Effect):
         )
 
     def pull(self, strains: Sequence[float]) -> float:
-        """How far it stands, in tolerances, its terms being so many of their own off."""
+        """Deviation in tolerances, from those of its terms."""
         return _largest(strains)
 
 

@@ -51,7 +51,7 @@ class Bound:
 
     @property
     def nuisance(self) -> bool:
-        """Does it belong to a tolerance-sized term of the background?"""
+        """Whether it belongs to a tolerance-sized term of the background."""
         return self.owner.startswith("background.")
 
 

@@ -162,7 +162,7 @@ def _integrals(roots: list[Expr]) -> set[Expr]:
 
 
 def _is_absolute(roots: list[Expr], shifted: Expr) -> bool:
-    """Does one of these depend on the value of a node, not on its changes alone?"""
+    """Whether one of these depends on the value of a node, not on its changes alone."""
     by: dict[Expr, Expr | None] = {}
     for node in walk(roots):
         by[node] = ONE if node is shifted else _shift(node, [by[a] for a in node.args])

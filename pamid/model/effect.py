@@ -157,7 +157,7 @@ class Effect:
 
     @classmethod
     def suits_unit(cls, unit: str) -> bool:
-        """Has its physics a meaning for a quantity in this SI unit?"""
+        """Whether its physics applies to a quantity in this SI unit."""
         return cls.unit in ("", unit) and unit not in cls.excluded_units
 
     @classmethod

@@ -80,7 +80,7 @@ class FreeFormEffect(Effect):
 
     @classmethod
     def placed(cls, low: float, high: float) -> dict[str, float]:
-        """Where its shapes lie (SI, by parameter), for a signal that goes from low to high."""
+        """Places of its shapes (SI, by parameter), for a signal that goes from low to high."""
         return {"middle": 0.5 * (low + high), "half": 0.5 * (high - low)}
 
     def curve(self, p: Any, low: float, high: float) -> FormShapes:

@@ -52,8 +52,8 @@ def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | 
 
 
 def _far(b: Bound, size: float) -> bool:
-    """Is the size beyond the largest bound, or below the smallest of bounds of one sign, by more
-    than the factor?"""
+    """Whether the size is beyond the largest bound, or below the smallest of bounds of one sign, by
+    more than the factor."""
     small, large = sorted((abs(b.low), abs(b.high)))
     below = b.low * b.high > 0.0 and size < small / IMPOSSIBLE_FACTOR
     return below or size > IMPOSSIBLE_FACTOR * large

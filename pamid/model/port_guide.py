@@ -155,8 +155,8 @@ def _of(rig: Rig, name: str) -> str:
 
 
 def _is_balance(passage: Passage) -> bool:
-    """Does what passes follow both what is offered of its own motion or store and something else:
-    what resists and what drives? A spring's force follows the former alone."""
+    """Whether the value follows both the port's own motion or store and something else: a balance
+    of resistance and drive. A spring's force follows the former alone."""
     zeros = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
     try:
         (rest,) = substitute([passage.value], zeros)
@@ -167,7 +167,7 @@ def _is_balance(passage: Passage) -> bool:
 
 
 def _is_whole(rig: Rig, name: str) -> bool:
-    """Is a rough map at this port one of what passes?"""
+    """Whether a rough map at this port is a share of its value."""
     stated = rig.background[name]
     terms = stated if isinstance(stated, (list, tuple)) else [stated]
     return any(isinstance(term, RoughMap) and term.of == "value" for term in terms)

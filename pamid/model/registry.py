@@ -163,7 +163,8 @@ def name_of(rig: str | Rig) -> str:
 
 
 def in_catalogue(name: str) -> bool:
-    """Does this word name a rig of the catalogue, or a variant of one? Nothing is run to tell."""
+    """Whether this word names a rig of the catalogue, or a variant of one. No file is run for
+    it."""
     return name.partition(":")[0] in rigs()
 
 

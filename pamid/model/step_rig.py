@@ -173,7 +173,7 @@ class StepRig(Rig):
 
     @cached_property
     def _named(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Of the states and of the parameters."""
+        """Names of the states and of the parameters."""
         return tuple(s.name for s in self.states), tuple(q.name for q in self.parameters)
 
     # ---- what the equations see ----------------------------------------------------------
@@ -183,7 +183,7 @@ class StepRig(Rig):
         raise FileError("there is none", "a rig that carries has carrier()")
 
     def far_runner(self) -> FarRunner | None:
-        """Where whole runs are made, if the simulation lives in a process of its own."""
+        """Runner of whole runs for a simulation in another process."""
         return None
 
     def rated(self) -> list[str]:
@@ -201,7 +201,7 @@ class StepRig(Rig):
         }
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        """Of every state's rate what it depends on; what it is, only the simulation knows."""
+        """Dependences of every state's rate. Only the simulation has its value."""
         if not (self.states or self.carries):
             raise FileError(
                 "there are no states, so nothing can be stepped",
@@ -228,7 +228,7 @@ class StepRig(Rig):
 
     @cached_property
     def _dependence(self) -> NDArray[np.bool_]:
-        """Which readings (rows) depend on which states, found by trying it."""
+        """Dependence of the readings (rows) on the states, found by trying it."""
         linked = np.zeros((len(self.readings), len(self.states)), bool)
         for x in _draws(self):
             n, size = len(x), self.sizes(())[0]
@@ -239,9 +239,10 @@ class StepRig(Rig):
         return linked
 
     def _links(self, into: tuple[str, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which states' rates (rows) depend on which states, and on what goes in: by differences
-        over two steps, at points about the start. What acts by way of another state fades with the
-        step and is none; what moves nothing there is taken to move everything."""
+        """Dependence of the states' rates (rows) on the states and on the forces: by differences
+        over two steps, at points about the start. An influence by way of another state fades with
+        the step and does not count; a value that moves nothing there is assumed to move everything.
+        """
         known: dict[tuple[str, ...], Any] = self.__dict__.setdefault("_known_links", {})
         if into in known:
             return known[into]  # type: ignore[no-any-return]
@@ -337,7 +338,7 @@ def _draws(rig: StepRig) -> list[Array]:
 
 
 def _there(slopes: Array) -> NDArray[np.bool_]:
-    """Which slopes are more than what rounding leaves, row by row."""
+    """Slopes above rounding, row by row."""
     size = np.abs(np.nan_to_num(slopes, nan=np.inf))
     largest = size.max(axis=1, initial=0.0, keepdims=True)
     return (size > THERE * largest) & (size > 0.0)

@@ -149,12 +149,12 @@ def solve_damped(matrix: Array, damping: float, right: Array) -> Array:
 
 
 def effective_samples(residual: ArrayLike) -> float:
-    """How many independent samples a correlated residual (N,) is worth: N / (1 + 2 sum of
+    """Number of independent samples in a correlated residual (N,): N / (1 + 2 sum of
     autocorrelations).
 
     The sum runs while neighbouring pairs of autocorrelations stay positive (Geyer 1992, Statistical
-    Science 7(4)). At 3 ms a residual changes little from sample to sample, and N overstates what
-    the record knows.
+    Science 7(4)). At 3 ms a residual changes little from sample to sample, and N overstates the
+    information in the record.
     """
     e = np.asarray(residual, dtype=np.float64)
     n = len(e)

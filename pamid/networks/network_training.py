@@ -96,8 +96,7 @@ class Training:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """How the training went, in plain numbers and words fit for strict JSON (None: not
-        finite)."""
+        """Course of the training in plain numbers and words, for strict JSON (None: not finite)."""
         last = {name: _finite(column[-1]) for name, column in self.trace.items() if len(column)}
         return {
             "why": self.why,
@@ -252,7 +251,8 @@ class _Race:
 
 
 def _ended(attempt: Attempt, gate: int) -> bool:
-    """Has it nothing to do up to this gate? Iterations that were used up once may be more now."""
+    """Whether it takes no step up to this gate. A start whose iterations were used up may have more
+    now."""
     # A start that has converged or diverged takes no step at any later gate.
     return bool(attempt.why and attempt.why != USED_UP) or (len(attempt.steps) > gate)
 

@@ -180,13 +180,13 @@ class DataSplit:
 
     @property
     def held_out_rests(self) -> bool:
-        """Does everything held out hardly move compared with the fitted part?"""
+        """Whether everything held out hardly moves compared with the fitted part."""
         moved = [(_motion(self.held_out, c), _motion(self.fit, c)) for c in self.channels]
         return all(held < QUIET * fitted for held, fitted in moved)
 
     @property
     def whole_held_out(self) -> bool:
-        """Are the held-out recordings others than those that are fitted?"""
+        """Whether the held-out recordings are others than the fitted ones."""
         return not {id(s.recording) for s in self.fit} & {id(s.recording) for s in self.held_out}
 
     @property
@@ -360,8 +360,8 @@ def _motion(spans: Sequence[Span], channel: str) -> float:
 
 
 def _rests(table: Array, edge: int) -> bool:
-    """Does all that moves in a recording, sent or measured (samples x signals), rest before this
-    sample, or from it on, beside the other part?"""
+    """Whether every moving signal of a recording, sent or measured (samples x signals), rests
+    before this sample, or from it on, compared with the other part."""
     moving = table.std(axis=0) > VISIBLE * noise_level(table)
     before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
     return bool(moving.any()) and bool(
@@ -370,8 +370,8 @@ def _rests(table: Array, edge: int) -> bool:
 
 
 def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
-    """By what recordings are put in order: when they move most, added up over the rig's columns,
-    which no unit and no sign changes, nor the order of the columns, nor one that is not used."""
+    """Sort key of a recording: the times of largest motion, summed over the rig's columns. It does
+    not depend on units and signs, on the order of the columns, nor on an unused one."""
     total = 0.0
     for name in sorted({*rig.inputs, *rig.outputs}):
         if recording.has(name):
@@ -416,7 +416,7 @@ def require_informative(rig: Rig, recording: Recording) -> set[str]:
 
 
 def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError | None]:
-    """Which of these signals change, and the error of the first that does not."""
+    """Those of these signals that change, and the error of the first that does not."""
     moving, still = set(), None
     for name in names:
         try:
@@ -493,7 +493,7 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
 
 
 def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
-    """How far the halves are from holding the same error, and the same share of their largest."""
+    """Difference of the halves in their error, and in their share of the largest one."""
     first, other = losses[chosen], losses[~chosen]
     return float(
         abs(np.log(first.mean() / other.mean())) + 0.5 * abs(np.log(first.max() / other.max()))

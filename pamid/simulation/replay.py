@@ -108,7 +108,7 @@ class Replay:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Which channels were recorded."""
+        """Mask of the recorded channels."""
         return self.full_track.seen
 
     @property

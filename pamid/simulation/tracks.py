@@ -51,7 +51,7 @@ class Track:
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
-        """Which channels were recorded."""
+        """Mask of the recorded channels."""
         return np.logical_not(np.isnan(self.y).any(axis=0))
 
     def part(self, start: int, stop: int, lead: int = 0) -> Track:

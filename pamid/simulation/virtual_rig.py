@@ -82,8 +82,8 @@ def form_remarks(rig: Rig, excitation: Recording, columns: Mapping[str, Array]) 
 
 
 def in_its_loop(rig: Rig, excitation: Recording) -> bool:
-    """Does the controller run? With the references of all loops and no command it does, with all
-    commands or nothing of either it does not. FileError for anything between."""
+    """Whether the controller runs: with the references of all loops and no command it does, with
+    all commands or nothing of either it does not. FileError for anything between."""
     commands = [q.command for q in rig.loops if excitation.has(q.command)]
     references = [q.reference for q in rig.loops if excitation.has(q.reference)]
     if len(commands) == len(rig.loops) or not commands and not references:

@@ -92,20 +92,20 @@ _SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}
 
 
 def _is_held_over_step(node: Expr) -> bool:
-    """Does the value stay put over a step?"""
+    """Whether the value is constant over a step."""
     used = symbols([node])
     return all(space != "state" for space, _ in used) and not used & _AT_STAGE
 
 
 def _is_driven(node: Expr) -> bool:
-    """Does the value move over a step with linear inputs alone, so that its end is known at its
-    start?"""
+    """Whether the value moves over a step with linear inputs alone, so that its end is known at its
+    start."""
     used = symbols([node])
     return all(space != "state" for space, _ in used) and bool(used & _AT_STAGE)
 
 
 def _is_settled(node: Expr) -> bool:
-    """Is the value the same at every step?"""
+    """Whether the value is the same at every step."""
     return all(
         space == "parameter" or (space, name) in _SAME_AT_EVERY_STEP
         for space, name in symbols([node])
@@ -149,7 +149,7 @@ class _Split:
 
 
 def _follows_straight(root: Expr, part: Expr) -> bool:
-    """Is the root a straight line over this part of it, or without it?"""
+    """Whether the root is a straight line over this part of it, or without it."""
     straight: dict[Expr, bool | None] = {}  # None: without it
     for node in walk([root]):
         followed = [straight[a] for a in node.args]
@@ -181,8 +181,7 @@ class _MemoryExpansion:
         return symbol("past", f"{name}_origin"), symbol("cell", f"{name}_origin")
 
     def follows_a_state(self, x: Expr) -> bool:
-        """Does x read a state, itself or in what its cells remember? Cells that are none of these,
-        a rig's own, are taken to."""
+        """Whether x reads a state, itself or through its cells. Cells of the rig are assumed to."""
         cells = {c.name: c for c in self.cells}
         seen: set[str] = set()
         todo = [x]
@@ -271,7 +270,7 @@ class _MemoryExpansion:
         return out
 
     def rise(self, name: str, x: Expr) -> tuple[Expr, Expr]:
-        """By how much a driven value rises over this step, and where it ended the one before."""
+        """Rise of a driven value over this step, and its value at the end of the one before."""
         rises = _at_step_end(x) - x
         ended = symbol("past", f"{name}_input") + symbol("past", f"{name}_rise")
         self.cells += [Cell(f"{name}_rise", rises, rises), Cell(f"{name}_ended", ended, x)]

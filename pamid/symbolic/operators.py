@@ -275,5 +275,5 @@ OPERATORS: dict[str, Operator] = {operator.name: operator for operator in _TABLE
 
 
 def is_comparison(name: str) -> bool:
-    """Is a node of this name a comparison: true or false, counted as 1 or 0?"""
+    """Whether a node of this name is a comparison: true or false, counted as 1 or 0."""
     return name in OPERATORS and OPERATORS[name].is_comparison

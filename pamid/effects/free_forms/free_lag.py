@@ -59,7 +59,7 @@ class FreeLag(FreeFormEffect):
         return {}
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        """Of the value itself."""
+        """Shapes of the value itself."""
         single = [lag(x, pace * p.span) for pace in PACES]
         double = [lag(s, pace * p.span) for s, pace in zip(single, PACES, strict=True)]
         return [s - x for s in (*single, *double)]
