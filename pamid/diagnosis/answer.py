@@ -265,9 +265,10 @@ def _learnt() -> dict[str, Any]:
 def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, float]:
     """95 % interval of the share of the error that is removed on a fresh recording.
 
-    before, after: losses per window (n,), n >= 2. The bootstrap interval of these windows and,
-    added in squares on the logarithm of the error ratio, the spread from recording to recording,
-    as measured on the calibration cases in proportion to the root of the share.
+    before, after: losses per window (n,), n >= 2. The bootstrap interval of these windows is
+    widened by the spread from recording to recording, added in squares on the logarithm of the
+    error ratio. That spread was measured on the calibration cases, in proportion to the root of the
+    share.
     """
     # Windows of one recording share its operating point, so that their bootstrap is too narrow for
     # a fresh recording.

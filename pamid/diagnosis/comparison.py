@@ -6,8 +6,8 @@ With the mean absolute error e_wc of a model in window w and channel c, and the 
     share removed = sum_w (loss_w(reference) - loss_w(model)) / sum_w (loss_w(baseline) - floor)
 
 The share is one of the gap between the baseline and the noise floor. Its standard error is that of
-the paired ratio to what the reference leaves above the floor, by a circular block bootstrap over
-windows: an effect that removes the same share of that in every window is certain although the
+the paired ratio to the reference's loss above the floor, by a circular block bootstrap over
+windows. An effect that removes the same share in every window is therefore certain although the
 windows differ. Diebold and Mariano (1995), JBES 13:253, for paired losses; Politis and Romano
 (1992) for the bootstrap. A model need not be true to be compared: no true one may be among the
 candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, ch. 6).

@@ -350,8 +350,9 @@ def _with_rivals(
     located: PortEvidence,
     selection: Selection,
 ) -> Selection:
-    """The selection with, for every effect, the model without it and those that do as well with
-    another one in its place, or with the same one at a port that the recordings do not separate."""
+    """The selection with the alternatives to every effect: the model without it, and models that do
+    as well with another one in its place or with the same one at a port that the recordings do not
+    separate."""
     best, steps = selection.best, selection.steps
     without: dict[str, CandidateModel] = {}
     instead: dict[str, tuple[CandidateModel, ...]] = {}

@@ -4,14 +4,14 @@ With residuals r(x), Jacobian J and cost |r|^2, a step d from x solves
 
     (J'J + lambda diag(J'J)) d = -J'r
 
-(Marquardt's scaling: d does not depend on the units of x). A step that lowers the cost is taken and
-lambda falls, so that the next one is closer to Gauss-Newton's; one that does not is given up and
-lambda rises, so that the next one is shorter and turns to steepest descent.
+(Marquardt's scaling: d does not depend on the units of x). A step that lowers the cost is taken,
+and lambda falls: the next step is closer to Gauss-Newton's. Any other step is rejected, and lambda
+rises: the next step is shorter and turns to steepest descent.
 
 Marquardt (1963), SIAM J. Appl. Math. 11(2), 431-441; Nocedal and Wright (2006), Numerical
 Optimization, 2nd ed., ch. 10.3. Multiple shooting (estimation), initial states (simulation) and the
-smoother (diagnosis) differ in their points, in how they solve for the step (dense, or bordered
-block-tridiagonal), in bounds and in what they call settled; the iteration is this one.
+smoother (diagnosis) share this iteration. They differ in their points, in the solution for the step
+(dense, or bordered block-tridiagonal), in bounds and in the criterion of their end.
 """
 
 from __future__ import annotations

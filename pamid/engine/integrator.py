@@ -10,9 +10,9 @@ the start of every sample it reads the outputs, and it moves the states by one s
 
 with every input held over the sample or linear in time over it (`pamid.symbolic.memory_cells`
 writes the latter with the ticks `part` and `along`, which are set for every stage). On request it
-carries exact forward sensitivities of that recursion (not of the differential equation): with z =
-(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp,
-so that they are the derivative of what was computed.
+carries exact forward sensitivities of that recursion, not of the differential equation. With z =
+(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp.
+They are the derivative of the computed values.
 
     Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
     Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3
@@ -20,8 +20,8 @@ so that they are the derivative of what was computed.
     Hairer and Wanner (1996), Solving Ordinary Differential Equations II
 
 Steps are of one length throughout a run. A step control would choose other steps for other
-parameters, so that outputs jump between neighbouring ones and have no derivative; that steps are
-short enough is seen to outside (`choose_stepping` before a fit, `rechecked` after it).
+parameters, so that outputs jump between neighbouring ones and have no derivative. The length of the
+steps is checked outside (`choose_stepping` before a fit, `rechecked` after it).
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """LLVM IR to addresses of machine code, through a cache on disk.
 
-The cache holds object files named by the sha256 of everything that went into them, each led by its
-own digest: a file that is damaged, half-written or from another machine is compiled again, never
-loaded. Deleting the folder is always safe, and two processes may share it (files are replaced
-whole).
+The cache holds object files named by the sha256 of all their inputs, each led by its own digest. A
+file that is damaged, half-written or from another machine is compiled again, never loaded. Deleting
+the folder is always safe, and two processes may share it (files are replaced whole).
 
-What is loaded runs, and a digest of itself vouches for nothing that somebody else has written:
-folder and file must be no links, belong to the user or root, and be writable by nobody else.
-Otherwise models are compiled in memory, which costs time and nothing else.
+Loaded code runs, and its own digest is no protection against another author. Folder and file must
+not be links, must belong to the user or root, and must be writable by nobody else. Otherwise models
+are compiled in memory, which costs time and nothing else.
 """
 
 from __future__ import annotations

@@ -94,10 +94,10 @@ def function_text(
 ) -> str:
     """LLVM IR of one function that stores `roots` to out[0], out[1], ...
 
-    index(space, name) is the place of a symbol in its array. part: operations of a part: a part
-    hands on in memory what others need and keeps nothing in registers, without which what LLVM
-    takes to distribute them grows faster than the function; None is one part. kind: of the values
-    in all arrays but those that lanes share, which hold doubles.
+    index(space, name) is the place of a symbol in its array. part: operations of a part; None is
+    one part. Parts exchange values in memory and share no registers, because LLVM's time to
+    allocate registers grows faster than the function. kind: of the values in all arrays but those
+    that lanes share, which hold doubles.
     """
     order = walk(roots)
     # constants and symbols are at hand everywhere

@@ -137,11 +137,11 @@ class Differences:
     def slopes(self, at: NDArray[np.intp]) -> Array:
         """Slopes (rows, places) by forward differences at these places.
 
-        One more copy has all of them moved to the other side. Where that is not what the slopes
-        foretell a jump lies between, as where a contact closes, and a difference across it is the
-        jump over the width of the difference, whatever that is. Such slopes are worked out on the
-        other side as well, as near as rounding allows, and each is the one of the two by which less
-        happens, as by the minmod limiter (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
+        One more copy has all of them moved to the other side. Where the slopes do not predict it, a
+        jump lies between, as where a contact closes. A difference across it is the jump over the
+        arbitrary width of the difference. Such slopes are computed on the other side as well, as
+        near as rounding allows. The smaller action of the two is taken, as by the minmod limiter
+        (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
         """
         slopes = self._differences(at, self.widths[at])
         if not self.agree(at, slopes):

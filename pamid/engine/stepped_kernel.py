@@ -1,11 +1,10 @@
 """The run of a stepped program whose simulator is a function of a library in C: one loop that is
 compiled, in place of calls from Python in every sample.
 
-An exchange is that of `pamid.engine.stepped`, with slopes by differences over
-copies, or those that are known (`pamid.engine.known_slopes`, the same rule in the same order); the
-copies are one structure of the library, set anew for each of them. numba takes its
-cache of this file's functions for stale by the stamp of this file alone: touch it where `sweep`
-changes what it is given.
+An exchange is that of `pamid.engine.stepped`, with slopes by differences over copies, or known
+slopes (`pamid.engine.known_slopes`, the same rule in the same order). The copies are one structure
+of the library, set anew for each of them. numba takes its cache of this file's functions for stale
+by the stamp of this file alone: touch it where `sweep` changes what it is given.
 """
 
 from __future__ import annotations

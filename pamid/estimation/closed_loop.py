@@ -62,9 +62,8 @@ def _has_loop(rig: Rig, r: Recording) -> bool:
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
-    """MAE of the model in its own loop over the held-out part, with the band a 0.1 % change of
-    conductance-like (logarithmic) parameters moves it by; None where no recording was made in a
-    closed loop."""
+    """MAE of the model in its own loop over the held-out part, with its band under a 0.1 % change
+    of conductance-like (logarithmic) parameters. None without a recording in a closed loop."""
     runs = {"data_sheet": g.assembly.data_sheet(), "refitted": g.fit.p}
     errors: dict[str, dict[str, list[float]]] = {}
     for span in g.evidence.held_out:

@@ -8,16 +8,16 @@ its state at the end, a fit minimises
     |s|^2 + sum_w |W (y_w(s, x_w) - measured)|^2 + sum_w |L (x_(w+1) - f_w(s, x_w))|^2
 
 which is -2 log of the posterior density up to a constant. In Bock's multiple shooting continuity is
-a constraint (L infinite); here L is finite, the inverse of what a state may depart per window, so
-that a slow drift of an integrating state does not drown everything else. The normal equations in
-x_w are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
+a constraint (L infinite). Here L is finite, the inverse of a state's admissible jump per window, so
+that a slow drift of an integrating state does not dominate the cost. The normal equations in x_w
+are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
 equations as there are parameters. Bock (1983), in Numerical Treatment of Inverse Problems in
 Differential and Integral Equations, Birkhaeuser, 95-121; Bock and Plitt (1984), IFAC Proc. 17(2),
 1603-1608.
 
-W follows the residuals' own size and correlation time, not the sensor noise alone (see
-`residual_weights`): where a model is wrong its residuals are large and alike for a long time, and
-each sample counted as independent would overrule every prior.
+W follows the size and correlation time of the residuals, not the sensor noise alone (see
+`residual_weights`). A wrong model has large residuals that are correlated for a long time. Counted
+as independent, its samples would overrule every prior.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ class _ShootingStep(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
     """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
-    which the free ones are replaced; runners: of the tracks, which may keep slopes of what is
-    stepped from point to point; probe: the last point is not differentiated."""
+    which the free ones are replaced; runners: of the tracks, which may keep a simulator's slopes
+    from point to point; probe: the last point is not differentiated."""
 
     problem: Problem
     p: Array

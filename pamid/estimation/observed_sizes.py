@@ -78,8 +78,8 @@ class Push(Effect):
 def _push_that_moves(
     evidence: DataSplit, port: str, starts: tuple[np.ndarray, ...], stepping: Stepping
 ) -> float:
-    """The constant value (SI) at a port that would move an output as far, over the windows, as it
-    was recorded to move; of several outputs the one that it takes least for. 0 where it moves none.
+    """The least constant value (SI) at a port that would move any output over the windows as far as
+    it was recorded to move. 0 where it moves none.
 
     starts: of every track, the rig's states at its windows' starts.
     """

@@ -6,9 +6,9 @@ by Laplace's approximation (`pamid.estimation.smoother`), is maximised over a gr
 
     v(g) = max_(s,T) log p(y | d_g ~ OU(s, T)) - log p(y | no latent value)   [nats]
 
-A port at which a small, slow value explains every channel has more evidence than one whose value
-has to follow each sensor's error by itself: the evidence charges for size and speed. Rogers,
-Worden and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
+The evidence penalises size and speed. A port at which a small, slow value explains every channel
+has more evidence than one whose value has to follow each sensor's error by itself. Rogers, Worden
+and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
 180:109426, for latent forces; Kass and Raftery (1995), JASA 90:773, for the scale of nats.
 
 The two classes of ports with most evidence share what both together explain by their Shapley values

@@ -1,10 +1,10 @@
 """The posterior of a fit, written to its fit.json, and read by a later fit of the same rig as its
 prior.
 
-The cost is -2 log posterior, so near its minimum the scaled parameters are normal with covariance
-C = H^-1, H its reduced half Hessian (Laplace's approximation: Gelman et al. (2013), Bayesian Data
-Analysis, 3rd ed., ch. 4.1). The data sheet's prior is N(0, I) in these units; the recordings alone
-therefore hold the information C^-1 - I, which is what a later fit adds to its own data sheet's.
+The cost is -2 log posterior, so near its minimum the scaled parameters are normal with covariance C
+= H^-1, H its reduced half Hessian (Laplace's approximation: Gelman et al. (2013), Bayesian Data
+Analysis, 3rd ed., ch. 4.1). The data sheet's prior is N(0, I) in these units. The recordings alone
+therefore hold the information C^-1 - I, which a later fit adds to that of its data sheet.
 
 All free parameters are carried with their full covariance: after a gravity test only combinations
 are known. Numbers stand in prior spreads around each parameter's centre (logarithms where the prior

@@ -69,12 +69,12 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     """The fit, or the one that begins at the parameters found with windows of a quarter of its own,
     where that leaves clearly less.
 
-    A motion that touches something is another one after every impact: over a long window the misfit
-    has a minimum for every order of impacts, over a short one there are few of them. An arm whose
-    payload is not in the model falls another way, and the misfit of a long window has a narrow,
-    curved valley in which the fit does not converge. Growing windows are the usual way past
-    (Ribeiro, Tiels, Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of
-    nonlinear system identification).
+    A motion with contacts changes after every impact. Over a long window the misfit has a minimum
+    for every order of impacts, over a short one there are few of them. An arm whose payload is not
+    in the model falls another way, and the misfit of a long window has a narrow, curved valley in
+    which the fit does not converge. Growing windows are the usual way past (Ribeiro, Tiels,
+    Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of nonlinear system
+    identification).
     """
     problem = fitted.problem
     period = max(problem.tracks, key=len).period_s
@@ -112,9 +112,9 @@ def is_failed(fitted: Fit) -> bool:
 
 
 def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
-    """The best of several fits that begin at parameters drawn from the priors (and at the data
-    sheet), each with a few steps, the best of them to its end; the fit itself where none is better.
-    noise: of the sensors, per channel (SI)."""
+    """The best of several fits that begin at draws from the priors and at the data sheet. Each
+    takes a few steps, and the best one is completed; the fit itself where none is better. noise: of
+    the sensors, per channel (SI)."""
     problem, scale = fitted.problem, fitted.problem.scale
     random = np.random.default_rng(seed)
     weights = fitted.weights

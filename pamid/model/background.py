@@ -153,8 +153,8 @@ class RoughMap(Background):
 
     with one prior for all c_i, so that its root mean square is the tolerance: a smooth random
     function by the first terms of its trigonometric series (Wahba 1990, Spline Models for
-    Observational Data, chapter 2). One of them may be all of it, as the slots of a motor are one
-    wave: what is within REACH is the root mean square, and the single term may go as far as that.
+    Observational Data, chapter 2). A single term may be all of it, as the slots of a motor are one
+    wave. REACH therefore bounds the root mean square, and a single term may reach that bound.
 
     over      "value", what passes, or a signal of the port, as far as the recordings reach
     of        "value", or a signal in the same unit of which the curve is a share: where what passes

@@ -45,9 +45,9 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
 
 
 def released(rig: Rig, free: Mapping[str, float]) -> Rig:
-    """The rig with these parameters fitted, which it holds, and known within these standard
-    deviations (in the unit of the name); a name of `Rig.on_request` adds parameters, known within
-    so many of their spreads. FileError for a name that it does not have."""
+    """The rig with these held parameters fitted, with these standard deviations as priors (in the
+    unit of the name). A name of `Rig.on_request` adds parameters, with a prior of so many spreads.
+    FileError for a name that it does not have."""
     if not free:
         return rig
     names = (*(p.outside_name for p in rig.parameters), *rig.on_request)
@@ -87,9 +87,9 @@ def _with_parameters(rig: Rig, parameters: tuple[Parameter, ...]) -> Rig:
 
 
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
-    """The rig in the form that the recordings need, unless one has been decided; with inputs held
-    or linear, outputs read before the command of their row, and parameters released, as the
-    recordings' TOML files say; FileError where two of them differ: a model is fitted one way."""
+    """The rig in the form that the recordings need, unless it has one. Inputs are held or linear,
+    outputs read before the command of their row, and parameters released, as the recordings' TOML
+    files state. FileError where two of them differ."""
     recordings = list(recordings)
     if rig.forms is not None and not rig.form:
         rig = rig.forms.suiting(recordings) or rig

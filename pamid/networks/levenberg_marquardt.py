@@ -163,8 +163,8 @@ def levenberg_marquardt_steps(
 def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Point | None:
     """Normal equations at the attempt's weights.
 
-    `errors` are those of a plain simulation: the pass with derivatives adds up in another order,
-    and a step must be judged by the same arithmetic before and after, to the last bit.
+    `errors` are those of a plain simulation. The pass with derivatives adds up in another order,
+    and a step must be compared by the same arithmetic before and after, to the last bit.
     """
     point = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
     if point is None:

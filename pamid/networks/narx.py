@@ -132,15 +132,15 @@ class Narx(Network):
     def initial(self, seed: int) -> Array:
         """Random start, for inputs and target scaled into [-1, 1].
 
-        Dense random weights; where the recursion they make of the output would remember for longer
-        than `LONGEST_TIME_CONSTANT`, the feedback is weakened until it does not, so that the free
-        run and its sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants
-        sampled at 3 ms (10000 samples, held random levels), 4 starts each, 100 steps. The first,
-        with a saturated input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10
-        units: 4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to
-        1.3e-3 to 1.5e-3 (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the
-        grid of taps sets the floor. Starts of which half the units are a linear recursion with
-        drawn poles came no lower.
+        Dense random weights. Where their recursion of the output has a time constant above
+        `LONGEST_TIME_CONSTANT`, the feedback is weakened, so that the free run and its
+        sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants sampled at 3 ms
+        (10000 samples, held random levels), 4 starts each, 100 steps. The first, with a saturated
+        input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10 units: 4e-5 to
+        1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to 1.5e-3
+        (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the grid of taps
+        sets the floor. Starts of which half the units are a linear recursion with drawn poles came
+        no lower.
         """
         layers = self.layers(np.random.default_rng(seed).uniform(-1.0, 1.0, self.n_weights))
         # of variance 1 / (number of taps), so that what a unit sees adds up to size one

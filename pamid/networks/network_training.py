@@ -1,9 +1,9 @@
 """Training: full-batch Levenberg-Marquardt with Bayesian regularisation, for any network of this
 package.
 
-The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core
-each, as a race: at the iterations `GATES` the worse half of those still running is stopped, and the
-last one has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
+The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core each,
+as a race. At the iterations `GATES` the worse half of the running ones is stopped, and the last one
+has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
 """
 
 import math
@@ -142,11 +142,11 @@ def train(
     a zero state. Start s begins at `network.start(..., seed + s)`; the starts race (module), the
     winner takes at most `iterations` steps and is kept. The first `washout` samples of every
     recording are simulated but not counted. `regularise=False` is plain least squares (alpha 0,
-    beta 1); `independent` lets alpha and beta count only the independent samples that the errors
-    are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after
-    every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`:
-    cores used; the result does not depend on it. `engine`: computes the passes of all starts that
-    are running in one batch (batch.py); the sums differ from the network's own in the last digits.
+    beta 1). With `independent`, alpha and beta count only the independent samples of the errors: at
+    3 ms far fewer, and more regularisation. `progress(step, start)` is called after every step;
+    KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used;
+    the result does not depend on it. `engine`: computes the passes of all starts that are running
+    in one batch (batch.py); the sums differ from the network's own in the last digits.
 
     `plain`: by the textbook's steps from a random start, as the first paper trained; the damping
     that goes with it is `PAPER_DAMPING`.

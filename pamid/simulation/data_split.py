@@ -128,12 +128,11 @@ class DataSplit:
     def excerpt(self, fitted: float, held_out: float) -> DataSplit:
         """The same with evenly spread stretches of long recordings.
 
-        The cost of a search among models then does not grow with the recordings. Every sample of
-        a stretch counts fully: gradients, covariances and errors are consistent, those of a
-        shorter recording. Thinned rows of a Jacobian would save a quarter of a step at most,
-        because sensitivities are a recursion over all samples; and their J'r is not the gradient
-        of the cost of all samples unless the residuals are smooth, which those of a correct model
-        are not.
+        The cost of a search among models then does not grow with the recordings. Every sample of a
+        stretch counts fully: gradients, covariances and errors are consistent, those of a shorter
+        recording. Thinned rows of a Jacobian would save a quarter of a step at most, because
+        sensitivities are a recursion over all samples. Their J'r is the gradient of the full cost
+        only for smooth residuals, and those of a correct model are not smooth.
 
         Parameters
         ----------
@@ -464,10 +463,10 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
     """One half of the held-out windows (True): either half reports of what the other would choose.
     losses: of the model without effects, one per window.
 
-    Pairs of neighbouring windows go to either half together. Of many ways to deal them out, in
-    which the halves are as large as each other, the one whose halves hold most nearly the same
-    error and the same largest error: a transient that falls into one half alone would make one of
-    the choices blind to it. What the effects do plays no part.
+    Pairs of neighbouring windows go to either half together. Of many divisions into halves of one
+    size, the one whose halves hold most nearly the same error and the same largest error. A
+    transient in one half alone would make one of the choices blind to it. What the effects do plays
+    no part.
     """
     count = sum(len(r.windows) for r in replays)
     # both parts are spread over everything held out, so that neither is of other conditions; in

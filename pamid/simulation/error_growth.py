@@ -1,7 +1,7 @@
 """Time over which a model multiplies the errors of its state.
 
 A fit follows the derivatives of a window's outputs by the state at its start. Where errors grow
-exponentially, as in an undamped arm, the outputs soon are no linear function of that state, and the
+exponentially, as in an undamped arm, the outputs soon depend on that state nonlinearly, and the
 misfit has many minima (Ribeiro, Tiels, Umenberger, Schoen and Aguirre 2020, Automatica 121). With
 
     a_j(t) = max over t' <= t of |W dy(t')/dx_j|

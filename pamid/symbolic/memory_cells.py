@@ -30,9 +30,9 @@ of the one before, and h its length:
     Dahl (1968), A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1
     Franklin, Powell and Workman (1998), Digital Control of Dynamic Systems, 4.3.2
 
-Where the state is set anew between two windows of a recording, deflections of what follows a state
-stay as they are: memories are stored relative to the signal, so that a corrected position is not
-taken for a motion. What follows recorded inputs alone is not corrected there and goes on moving.
+Where the state is set anew between two windows of a recording, deflections that follow a state stay
+as they are. Memories are stored relative to the signal, so that a corrected position is not taken
+for a motion. Deflections that follow recorded inputs alone go on moving there.
 """
 
 from __future__ import annotations
