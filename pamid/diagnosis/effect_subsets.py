@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.screening import Screened, ScreeningBaseline
+from pamid.diagnosis.screening import ScreenedCandidate, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
 from pamid.model.attachment import Addition
@@ -49,7 +49,7 @@ class Response:
 
 
 @dataclass(frozen=True, eq=False)
-class Responding(ObjectWork[Screened, Response]):
+class ResponseWork(ObjectWork[ScreenedCandidate, Response]):
     """The response of a screened candidate. ground: the baseline's rows; spanned: orthonormal
     columns that span the effect of its parameters and window starts."""
 
@@ -59,7 +59,7 @@ class Responding(ObjectWork[Screened, Response]):
     ground: Array
     spanned: Array
 
-    def result(self, item: Screened) -> Response:
+    def result(self, item: ScreenedCandidate) -> Response:
         assembly, p = item.ended
         assert item.stepping is not None
         problem = self.reference.problem(self.evidence, assembly)
@@ -90,13 +90,13 @@ class Responding(ObjectWork[Screened, Response]):
             np.concatenate([[[0.0, np.inf]], room]),
         )
 
-    def plain_form(self, item: Screened, result: Response) -> Plain:
+    def plain_form(self, item: ScreenedCandidate, result: Response) -> Plain:
         return {"columns": result.columns, "room": result.room}
 
-    def restored(self, item: Screened, plain: Plain) -> Response:
+    def restored(self, item: ScreenedCandidate, plain: Plain) -> Response:
         return Response(plain["columns"], plain["room"])
 
-    def name(self, item: Screened) -> str:
+    def name(self, item: ScreenedCandidate) -> str:
         return item.added.label
 
 
@@ -105,7 +105,7 @@ class ScreenedResponses:
     """Responses of all candidates. gram: inner products of all their columns; against: those with
     the baseline's projected residual; places: every candidate's columns."""
 
-    screened: list[Screened]
+    screened: list[ScreenedCandidate]
     gram: Array
     against: Array
     room: Array
@@ -134,7 +134,10 @@ class ScreenedResponses:
 
 
 def responses_of(
-    evidence: DataSplit, reference: ScreeningBaseline, screened: list[Screened], pool: WorkerPool
+    evidence: DataSplit,
+    reference: ScreeningBaseline,
+    screened: list[ScreenedCandidate],
+    pool: WorkerPool,
 ) -> ScreenedResponses:
     """Responses of all screened candidates, each linearised where its screening has ended."""
     base = reference.baseline
@@ -149,7 +152,7 @@ def responses_of(
         known=reference.known,
     )
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
-    responses = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
+    responses = pool.run(ResponseWork(evidence, reference, ground.away, spanned), screened)
     finite = [
         (s, r)
         for s, r in zip(screened, responses, strict=True)
@@ -170,7 +173,7 @@ def responses_of(
 class Subset:
     """Candidates that may act together. gain: see the module, in the unit of a fit's cost."""
 
-    members: tuple[Screened, ...]
+    members: tuple[ScreenedCandidate, ...]
     gain: float
 
     @property

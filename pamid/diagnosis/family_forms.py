@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, Share
-from pamid.diagnosis.search import RefitStart, Refitting, Search
+from pamid.diagnosis.search import RefitStart, RefitWork, Search
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.problem import Fit
@@ -103,7 +103,7 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
         if len(a.ports) == 1 and a.ports[0] in ports
         if (span := _span(a, rig, reached)) is not None
     ]
-    work = Refitting(search.evidence, best.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, best.fit, search.budget.sizes)
     models = search.pool.run(work, starts, search.progress)
     return [c for c in models if not isinstance(c, Failed) and c.finite]
 

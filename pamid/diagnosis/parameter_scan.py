@@ -37,7 +37,7 @@ SCAN_CHECKED, SCAN_STARTS = 24, 2
 SCAN_SAMPLES = 4000  # on which all values are tried
 
 
-class Scanned(NamedTuple):
+class ScanPart(NamedTuple):
     """Part of the recordings for a scan.
 
     Windows with their starts (states per track), and the parameters (SI) of the model without the
@@ -55,7 +55,7 @@ class Scanned(NamedTuple):
     with_effect: bool = False
 
 
-def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
+def scanned_values(part: ScanPart, whole: ScanPart, place: int) -> list[float]:
     """Values (SI) of the parameter in this place with the least misfit on the whole, the best
     first.
 
@@ -71,7 +71,7 @@ def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
     return _least(whole, place, best, SCAN_STARTS).tolist()
 
 
-def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
+def _least(where: ScanPart, place: int, values: Array, count: int) -> Array:
     """So many of these values, the least misfit first.
 
     Amounts of the same effect stay at their null, or where they were found, and are projected out
@@ -100,7 +100,7 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
 
 
 def _misfits(
-    where: Scanned,
+    where: ScanPart,
     at: Array,
     place: int,
     values: Array,
@@ -149,7 +149,7 @@ class _Orthogonal(NamedTuple):
 
 
 def _side_by_side(
-    where: Scanned, at: Array, place: int, values: Array, amounts: tuple[int, ...]
+    where: ScanPart, at: Array, place: int, values: Array, amounts: tuple[int, ...]
 ) -> tuple[Array, Array]:
     """Weighted residuals of all windows in a row (rows, values), and their differences by the
     amounts (rows, values, amounts): each value has a lane, and one more for each amount."""
@@ -192,7 +192,7 @@ def _side_by_side(
     return joined[:, :, 0], (joined[:, :, 1:] - joined[:, :, :1]) / steps
 
 
-def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list[Array]]:
+def _linearised(where: ScanPart, problem: Problem, p: Array) -> tuple[Array, list[Array]]:
     """Weighted residuals of all windows in a row, and of each window the derivatives of the outputs
     by the free parameters and its start; infinite residuals where the model does not stay
     finite."""
@@ -211,7 +211,7 @@ def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list
     return np.concatenate(rows), parts
 
 
-def _scanned_windows(where: Scanned, track: Track) -> list[Window]:
+def _scanned_windows(where: ScanPart, track: Track) -> list[Window]:
     """The first windows of a track that have no more samples than its share, two at least."""
     windows = where.problem.windows(track)
     if where.most is None:

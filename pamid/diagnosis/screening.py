@@ -26,7 +26,7 @@ from pamid.diagnosis.candidate_model import (
     transferred,
     window_starts_from,
 )
-from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, Scanned, scanned_values
+from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, ScanPart, scanned_values
 from pamid.diagnosis.ranges import as_wide
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
@@ -58,7 +58,7 @@ SHEET_ADVANTAGE = 1.05
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedCandidate:
     """A candidate with its best start.
 
     gain: drop of the training cost (nats) against the baseline after these steps; p, starts,
@@ -75,7 +75,7 @@ class Screened:
     p: Array | None = None
     starts: tuple[Array, ...] = ()
     stepping: Stepping | None = None
-    rival: Screened | None = None
+    rival: ScreenedCandidate | None = None
     promised: float = -np.inf
 
     @property
@@ -284,20 +284,20 @@ def screen(
     added: Addition,
     sizes: Sizes,
     hints: GapHints,
-) -> Screened:
+) -> ScreenedCandidate:
     """Gain of one candidate after the first steps from the best of its starting points."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
         assembly = reference.extended_model(evidence, added, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
-        return Screened(added, None, {}, -np.inf, str(error))
+        return ScreenedCandidate(added, None, {}, -np.inf, str(error))
     # The baseline's states fit its own error. They are the best guess where the candidate reads
     # states the same way.
     starts = window_starts_from(baseline.fit, assembly).starts and reference.starts
     # A chord step with the baseline's Jacobian needs no derivatives. It is good enough to rank
     # starting points near the baseline.
-    by_chords = _Probing(reference, problem, reference.frozen)
+    by_chords = _Probe(reference, problem, reference.frozen)
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
     points += _scanned_at_null(reference, evidence, problem, starts, added)
@@ -316,17 +316,19 @@ def screen(
         ends.append(_screened(reference, added, first, *probed))
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):
-        return Screened(added, assembly, {}, -np.inf, "unstable at every starting value")
+        return ScreenedCandidate(added, assembly, {}, -np.inf, "unstable at every starting value")
     # an outdated Jacobian may lead away from the better starting point, of which it promises most
     rival = max(ends, key=lambda s: s.promised)
     better = rival is not best and np.isfinite(rival.gain) and rival.promised > best.gain
     return replace(best, rival=rival if better else None)
 
 
-def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screened) -> Screened:
+def advance(
+    evidence: DataSplit, reference: ScreeningBaseline, screened: ScreenedCandidate
+) -> ScreenedCandidate:
     """A candidate after further steps with exact derivatives, where they lower its cost."""
     added, (assembly, _) = screened.added, screened.ended
-    exact = _Probing(reference, reference.problem(evidence, assembly), None)
+    exact = _Probe(reference, reference.problem(evidence, assembly), None)
     steps, best = reference.settings.screen_steps, replace(screened, rival=None)
     fits: list[Fit] = []
     for start in (screened, *filter(None, [screened.rival])):
@@ -351,8 +353,8 @@ def _screened(
     first: dict[str, float],
     fitted: Fit,
     predicted_cost: float,
-) -> Screened:
-    return Screened(
+) -> ScreenedCandidate:
+    return ScreenedCandidate(
         added,
         fitted.problem.assembly,
         first,
@@ -379,10 +381,10 @@ def _scanned_at_null(
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    part = Scanned(problem, p, starts, base.weights, reference.stepping, SCAN_SAMPLES)
+    part = ScanPart(problem, p, starts, base.weights, reference.stepping, SCAN_SAMPLES)
     all_of_it = Problem(assembly, tracks, problem.free)
     fitted = transferred(assembly, (reference.baseline.assembly, base.p))
-    whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)
+    whole = ScanPart(all_of_it, fitted, base.starts, base.weights, reference.stepping)
     return [
         {assembly.parameters[i].key: value}
         for i in wanted
@@ -407,7 +409,7 @@ def _shaping(problem: Problem, added: Addition) -> bool:
 
 
 def _scanned_with_effect(
-    reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probing
+    reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probe
 ) -> Fit:
     """The fit, or a better one from another value of a scanned parameter.
 
@@ -421,7 +423,7 @@ def _scanned_with_effect(
         return fitted
     best = fitted
     for i in wanted:
-        where = Scanned(
+        where = ScanPart(
             problem,
             fitted.p,
             fitted.starts,
@@ -448,7 +450,7 @@ class _Probed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Probing:
+class _Probe:
     """Fits of a few steps each: chord steps with the baseline's Jacobian, or exact ones where
     `frozen` is None."""
 
@@ -494,14 +496,14 @@ class _Probing:
         return _Probed(shooting.fit(iterate(shooting, begun, steps)), predicted)
 
 
-def by_gain(screened: Iterable[Screened]) -> list[Screened]:
+def by_gain(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
     """The largest gain, or the prospect of it, first; among equal ones by name."""
     return sorted(screened, key=lambda s: (-s.prospect, s.added.label))
 
 
 def advancing(
-    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
-) -> list[Screened]:
+    family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
+) -> list[ScreenedCandidate]:
     """Return the candidates that take further steps: twice as many leaders as are refitted and, on
     top of the baseline, the best of every further family.
 
@@ -512,8 +514,8 @@ def advancing(
 
 
 def promising(
-    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
-) -> list[Screened]:
+    family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
+) -> list[ScreenedCandidate]:
     """Return the candidates to refit: the leaders by gain and, on top of the baseline, the best of
     every further family that helps.
 
@@ -525,11 +527,11 @@ def promising(
 
 def _leaders(
     family_of: dict[str, str],
-    screened: list[Screened],
+    screened: list[ScreenedCandidate],
     reference: ScreeningBaseline,
     times: int,
     least: float,
-) -> list[Screened]:
+) -> list[ScreenedCandidate]:
     """The first by gain, and the best of every further family that gains more than `least`."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)

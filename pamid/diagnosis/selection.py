@@ -24,7 +24,7 @@ from pamid.diagnosis.ranges import amount_z, as_wide, vanished
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
-    Refitting,
+    RefitWork,
     Round,
     Search,
     refit_screened,
@@ -228,7 +228,7 @@ def _larger(
         lambda a, b: not set(a.ports) & _alike(b, located),
     )
     starts = [_joint_start(search, s, best, singles) for s in subsets if s.labels not in known]
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
     return [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
 
@@ -290,7 +290,7 @@ def refitted_with(
     if not attached:
         return search.budget.baseline
     assembly = model_with(search.evidence, attached, search.budget.sizes)
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     start = _start_from(attached, assembly, [(c.assembly, c.fit.p) for c in sources])
     return search.pool.one(work, start)
 

@@ -82,12 +82,12 @@ def bootstrap(
 
     Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
     Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
-    draws = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count), progress)
+    draws = (pool or WorkerPool(jobs)).run(_BootstrapWork(fitted, seed), range(count), progress)
     return np.array([draw for draw in draws if not isinstance(draw, Failed)])
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawing(Work[int, Array]):
+class _BootstrapWork(Work[int, Array]):
     """A refit to one drawing; items are their numbers."""
 
     what = "bootstrap draw"

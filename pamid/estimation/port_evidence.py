@@ -71,7 +71,7 @@ class PortEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _Smoothing(Work[Ports, LatentFit]):
+class _SmoothingWork(Work[Ports, LatentFit]):
     """The log evidence for latent values at ports (none: of the model as it is) with their most
     likely size and time constant; moving: do the parameters?"""
 
@@ -109,7 +109,7 @@ def locate(
     With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the
     leading classes only.
     """
-    work = _Smoothing(evidence, base, True)
+    work = _SmoothingWork(evidence, base, True)
     names = ports or list(evidence.rig.ports)
     smoothers = {name: work.smoother((name,)) for name in names}
     twins = {
@@ -151,7 +151,7 @@ def locate(
 
 
 def _gains_at(
-    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, LatentFit]
+    work: _SmoothingWork, names: list[str], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many ports only those that stand out with the
     parameters held are evaluated with the parameters moving."""
@@ -168,7 +168,7 @@ def _gains_at(
 
 
 def _gains(
-    work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, LatentFit]
+    work: _SmoothingWork, items: list[Ports], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> list[float]:
     """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
     unstable, or the job failed.

@@ -335,7 +335,7 @@ class _SmoothingStep(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class SmoothingResult:
     """Result of smoothing with latent values of a size and time constant: log evidence (nats, up to
     a constant shared by all ports), parameters in prior spreads (k,), per track the states at the
     start of every slice (slices x states), and the data linearised about them; moving: by the
@@ -447,7 +447,7 @@ class Smoother:
         return [(s, t) for s in near for t in self.times_s]
 
     @cached_property
-    def rough(self) -> Smoothed:
+    def rough(self) -> SmoothingResult:
         """The most likely size and time constant of a coarse grid, as `best`, but with the
         parameters held: several times as fast."""
         time_s = self.times_s[0]
@@ -464,7 +464,7 @@ class Smoother:
         return max(near, key=lambda smoothed: smoothed.score)
 
     @cached_property
-    def best(self) -> Smoothed:
+    def best(self) -> SmoothingResult:
         """The most likely size and time constant of a coarse grid."""
         there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, SMOOTHER_STEPS)
         if not self.ports:
@@ -474,13 +474,13 @@ class Smoother:
 
     def smoothed(
         self,
-        start: Smoothed | None,
+        start: SmoothingResult | None,
         size: float,
         time_s: float,
         rounds: int = 0,
         trusted: float = SMOOTHER_TRUSTED,
         moving: bool = True,
-    ) -> Smoothed:
+    ) -> SmoothingResult:
         """Smooth with values of this size and time constant, from where an earlier smoothing ended
         (None: from the fit's replays).
 
@@ -503,7 +503,7 @@ class Smoother:
         # the quadratic's own minimum stands in for another iteration, up to a share of the cost
         log_evidence = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
         log_evidence = log_evidence if np.isfinite(log_evidence) else -np.inf
-        return Smoothed(log_evidence, size, time_s, point.s, point.x, point.data, moving)
+        return SmoothingResult(log_evidence, size, time_s, point.s, point.x, point.data, moving)
 
     def _priors(self, x: tuple[Array, ...], size: float, time_s: float) -> list[TrajectoryPrior]:
         return [
