@@ -41,7 +41,7 @@ def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else None
 
 
-def as_wide(assembly: Assembly, *others: Assembly) -> Assembly:
+def with_ranges_of(assembly: Assembly, *others: Assembly) -> Assembly:
     """The model with the ranges to which those of its parameters were widened in others."""
     ranges = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
     return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else assembly

@@ -27,7 +27,7 @@ from pamid.diagnosis.candidate_model import (
     window_starts_from,
 )
 from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, ScanPart, scanned_values
-from pamid.diagnosis.ranges import as_wide
+from pamid.diagnosis.ranges import with_ranges_of
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.damped_gauss_newton import iterate
@@ -233,7 +233,7 @@ class ScreeningBaseline:
     def extended_model(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
         """The baseline with a candidate; ranges widened for the baseline stay wide."""
         assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
-        return as_wide(assembly, self.baseline.assembly)
+        return with_ranges_of(assembly, self.baseline.assembly)
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(

@@ -20,7 +20,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.effect_subsets import ScreenedResponses, Subset, best_subsets, responses_of
 from pamid.diagnosis.guards import Guards
-from pamid.diagnosis.ranges import amount_z, as_wide, vanished
+from pamid.diagnosis.ranges import amount_z, vanished, with_ranges_of
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
@@ -276,7 +276,7 @@ def _start_from(
     attached: tuple[Attachment, ...], assembly: Assembly, sources: Sequence[tuple[Assembly, Array]]
 ) -> RefitStart:
     """A model refitted from the parameters of others, in ranges as wide as theirs."""
-    wide = as_wide(assembly, *(other for other, _ in sources))
+    wide = with_ranges_of(assembly, *(other for other, _ in sources))
     return RefitStart(
         attached, transferred(wide, *sources), ranges=dict(wide.ranges), assembly=assembly
     )

@@ -257,8 +257,8 @@ class KnownSlopes:
         """Predict a step from x under f with p; None beyond the checked distance."""
         if self.prediction_limit == 0.0 or not self._in_reach(row, f, p):
             return None
-        dz, (base, reach, bend) = self._moved(row, x, f, p), self.trust[row]
-        way = self._way(row, dz, level)
+        dz, (base, reach, bend) = self._difference(row, x, f, p), self.trust[row]
+        way = self._distance(row, dz, level)
         # The error of a linear prediction grows with the square of the distance, here from the
         # point of the slopes.
         near = way == 0.0 or bend * (2.0 * base + way) * way <= self.prediction_limit
@@ -271,15 +271,17 @@ class KnownSlopes:
         """Compare a step that was made with its prediction, and update the trust."""
         if self.prediction_limit == 0.0 or not self._in_reach(row, f, p):
             return
-        dz = self._moved(row, x, f, p)
-        way, base = self._way(row, dz, level), self.trust[row, 0]
+        dz = self._difference(row, x, f, p)
+        way, base = self._distance(row, dz, level), self.trust[row, 0]
         if 0.0 < way < np.inf:
-            missed = _most(np.abs(after - self.last_after[row] - self.slopes[row] @ dz), level)
+            missed = _largest_in_levels(
+                np.abs(after - self.last_after[row] - self.slopes[row] @ dz), level
+            )
             self.trust[row, 1:] = way, missed / ((2.0 * base + way) * way)
         point = np.concatenate([x, f, p])
         self.last[row], self.last_after[row] = point, after
         away = np.concatenate([x - self.x[row], f - self.f[row], (p - self.p[row])[self.chosen]])
-        self.trust[row, 0] = self._way(row, away, level)
+        self.trust[row, 0] = self._distance(row, away, level)
 
     def _in_reach(self, row: int, f: Array, p: Array) -> bool:
         """Whether the row has slopes by every force and parameter that moved, none of them far."""
@@ -295,7 +297,7 @@ class KnownSlopes:
         """Parameters that moved by more than `FAR`."""
         return np.asarray(np.abs(p - self.p[row]) > FAR * np.abs(self.p[row]))
 
-    def _moved(self, row: int, x: Array, f: Array, p: Array) -> Array:
+    def _difference(self, row: int, x: Array, f: Array, p: Array) -> Array:
         """Difference from the point where the step was last made."""
         at = len(x) + len(f)
         dz = np.concatenate([x, f, p]) - self.last[row]
@@ -307,11 +309,11 @@ class KnownSlopes:
         acted[len(acted) - nx :, :nx] -= np.eye(nx)
         return np.asarray(np.abs(acted) @ np.abs(dz))
 
-    def _way(self, row: int, dz: Array, level: Array) -> float:
-        return _most(self._differently(row, dz), level)
+    def _distance(self, row: int, dz: Array, level: Array) -> float:
+        return _largest_in_levels(self._differently(row, dz), level)
 
 
-def _most(size: Array, level: Array) -> float:
+def _largest_in_levels(size: Array, level: Array) -> float:
     """Largest size in levels; infinite for a value without a level that is not zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.where(size == 0.0, 0.0, size / level).max(initial=0.0))

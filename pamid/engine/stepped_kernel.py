@@ -144,7 +144,7 @@ def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
+def _difference(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
     """Fill dz (states + forces + chosen parameters): from there to x under f."""
     nx, nf = x.shape[0], f.shape[0]
     for i in range(nx):
@@ -167,7 +167,7 @@ def _linear_change(t, row, j, dz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _more(most, size, level):  # type: ignore[no-untyped-def]
+def _larger_in_levels(most, size, level):  # type: ignore[no-untyped-def]
     """The larger of `most` and the size in levels; infinite for a value without a level that is not
     zero."""
     if size == 0.0:
@@ -176,11 +176,11 @@ def _more(most, size, level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _way(t, row, dz):  # type: ignore[no-untyped-def]
+def _distance(t, row, dz):  # type: ignore[no-untyped-def]
     """Largest change of the action, in levels."""
     largest = 0.0
     for j in range(t.level.shape[0]):
-        largest = _more(largest, _linear_change(t, row, j, dz)[1], t.level[j])
+        largest = _larger_in_levels(largest, _linear_change(t, row, j, dz)[1], t.level[j])
     return largest
 
 
@@ -191,8 +191,8 @@ def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
-    _moved(t, x, f, last[:nx], last[nx:at], last[at:], dz)
-    way = _way(t, row, dz)
+    _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    way = _distance(t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
     # neither is so of what is no number
     near = way == 0.0 or bend * (2.0 * base + way) * way <= t.prediction_limit
@@ -210,21 +210,21 @@ def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
-    _moved(t, x, f, last[:nx], last[nx:at], last[at:], dz)
-    way, base = _way(t, row, dz), t.trust[row, 0]
+    _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    way, base = _distance(t, row, dz), t.trust[row, 0]
     if 0.0 < way < np.inf:
         missed = 0.0
         for j in range(plain.shape[0]):
             off = abs(plain[j] - t.last_after[row, j] - _linear_change(t, row, j, dz)[0])
-            missed = _more(missed, off, t.level[j])
+            missed = _larger_in_levels(missed, off, t.level[j])
         t.trust[row, 1] = way
         t.trust[row, 2] = missed / ((2.0 * base + way) * way)
     last[:nx] = x
     last[nx:at] = f
     last[at:] = t.p_now
     t.last_after[row] = plain
-    _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
-    t.trust[row, 0] = _way(t, row, dz)
+    _difference(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    t.trust[row, 0] = _distance(t, row, dz)
 
 
 @njit(cache=True)
@@ -234,7 +234,7 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
     if not _in_reach(t, row, f):
         return False, False
     dz, acts = np.empty(t.slopes.shape[2]), True
-    _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    _difference(t, x, f, t.x[row], t.f[row], t.p[row], dz)
     readings = plain.shape[0] - x.shape[0]
     for j in range(plain.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
@@ -269,7 +269,7 @@ def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _differences(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
+def _forward_differences(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
     """Fill columns of `slopes` (values, states + forces + moved parameters) by differences over
     these steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
@@ -312,7 +312,7 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     """Fill columns of `slopes` as `pamid.engine.simulator.Differences` does, where these steps of a
     difference are not zero."""
     at, n = x.shape[0] + f.shape[0], c.place.shape[0]
-    _differences(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
+    _forward_differences(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
     moved = 0
     for k in range(n):
         moved += steps[at + k] != 0.0
@@ -321,7 +321,7 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, slopes):
         return
     other = slopes.copy()
-    _differences(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
+    _forward_differences(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
     for j in range(plain.shape[0]):
         for i in range(slopes.shape[1]):
             still = 1.0 if i == j - plain.shape[0] + x.shape[0] else 0.0

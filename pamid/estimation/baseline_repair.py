@@ -74,7 +74,7 @@ def relative_error(replays: Sequence[Replay], reference: Sequence[Replay]) -> fl
     return float(np.nanmean(error / other))
 
 
-def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
+def repaired(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
     """Return the refit, or the best attempt to mend one that predicts worse than the data sheet.
 
     Parameters

@@ -16,7 +16,7 @@ from pamid.estimation.identifiable_combinations import combinations_of, reported
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
-from pamid.estimation.quantities import agreed
+from pamid.estimation.quantities import reported_values
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import between_of
 from pamid.recording.recording import Recording
@@ -105,7 +105,9 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
     model = result.FittedModel(
         effects=tuple(attachment.label for attachment in a.attachments),
         stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),
-        values={b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
+        values={
+            b.key: float(v) for b, v in zip(a.parameters, reported_values(fitted), strict=True)
+        },
     )
     if a.rig.form:
         model = model.model_copy(update={"form": a.rig.form})

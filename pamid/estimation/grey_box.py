@@ -13,7 +13,7 @@ from pamid.base.progress import Progress, Settled, silent
 from pamid.base.units import NONE, column_size, split_column
 from pamid.estimation.baseline_repair import (
     Refit,
-    mended,
+    repaired,
     without_harmful_background,
 )
 from pamid.estimation.intervals import bootstrap, estimates
@@ -134,7 +134,7 @@ def fit_model(
     if earlier is None:
         # Not with an earlier posterior: the data sheet is then no longer the prior that the fit
         # has to beat.
-        refit = mended(without_harmful_background(refit), sheet, seed)
+        refit = repaired(without_harmful_background(refit), sheet, seed)
     if refit.fit is not fitted:
         evidence, assembly, fitted = refit.evidence, refit.assembly, refit.fit
         held = evidence.tracks(assembly, held_out=True)

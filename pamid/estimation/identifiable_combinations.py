@@ -24,7 +24,14 @@ from numpy.typing import NDArray
 
 from pamid.estimation.intervals import NORMAL_95, SETTLED, estimates, word_for
 from pamid.estimation.problem import Fit
-from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, declared_quantities
+from pamid.estimation.quantities import (
+    NEW,
+    Quantity,
+    Space,
+    Terms,
+    declared_quantities,
+    reported_values,
+)
 from pamid.model.bound_parameter import Bound
 from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import Combination, Tie
@@ -46,7 +53,7 @@ def combinations_of(
 ) -> tuple[dict[str, Combination], tuple[Tie, ...]]:
     """Declared combinations that hold a fitted parameter, and the groups of parameters determined
     only in combination."""
-    space = Space(fitted.problem, agreed(fitted), fitted.covariance)
+    space = Space(fitted.problem, reported_values(fitted), fitted.covariance)
     declared = declared_quantities(space, fitted.problem.assembly)
     combinations = {q.name: _combination(space, q, draws, True) for q in declared}
     ties = []
@@ -76,7 +83,7 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
     inner = {b.full_name: (b, e) for b, e in reported.items() if b.inner}
     if not inner:
         return reported
-    space = Space(fitted.problem, agreed(fitted), fitted.covariance)
+    space = Space(fitted.problem, reported_values(fitted), fitted.covariance)
     for q in declared_quantities(space, fitted.problem.assembly):
         c = _combination(space, replace(q, slope_prior=q.slope), draws, True)
         members = [inner[name] for name in c.members if name in inner]

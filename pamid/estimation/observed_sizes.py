@@ -58,7 +58,7 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
     sizes = port_sizes(plain, runs) | sizes | time
     pushed = {
         (name, "value"): _push_that_moves(evidence, name, starts, stepping)
-        for name in unsized(evidence, sizes)
+        for name in ports_without_size(evidence, sizes)
     }
     return sizes | {key: size for key, size in pushed.items() if size}
 
@@ -108,7 +108,7 @@ def _push_that_moves(
     return float(needed.min(initial=np.inf)) if needed.size else 0.0
 
 
-def unsized(evidence: DataSplit, sizes: Sizes) -> list[str]:
+def ports_without_size(evidence: DataSplit, sizes: Sizes) -> list[str]:
     """Ports whose value no recording moves and the rig states no size for: effects there are sized
     by 1 SI unit, which may be far off."""
     rig = evidence.rig

@@ -26,7 +26,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, Run
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
-from pamid.estimation.quantities import agreed, straight
+from pamid.estimation.quantities import reported_values, straight_coordinates
 from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 
@@ -82,7 +82,10 @@ class EarlierPosterior:
         ) / np.outer(stretch, stretch)
         covariance: Array = np.linalg.inv(np.eye(size) + information).astype(np.float64, copy=False)
         return Prior.about(
-            at, information, gradient, straight(problem, self._values(problem, at), covariance)
+            at,
+            information,
+            gradient,
+            straight_coordinates(problem, self._values(problem, at), covariance),
         )
 
     def _values(self, problem: Problem, at: Array) -> Array:
@@ -171,7 +174,7 @@ def posterior_of(fitted: Fit) -> result.Posterior:
     )
     others = {
         b.key: float(v)
-        for i, (b, v) in enumerate(zip(bounds, agreed(fitted), strict=True))
+        for i, (b, v) in enumerate(zip(bounds, reported_values(fitted), strict=True))
         if i not in free and not b.owner
     }
     return result.Posterior(

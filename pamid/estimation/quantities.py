@@ -156,7 +156,7 @@ def declared(assembly: Assembly) -> dict[str, Measure]:
     return {name: measure(name) for name in read(assembly.values())}
 
 
-def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
+def straight_coordinates(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     """Coordinates in which the ridges of a posterior (SI, scaled) are straight.
 
     These are the scaled parameters, as many as possible replaced by the rig's combinations, by
@@ -213,7 +213,7 @@ def declared_quantities(space: Space, assembly: Assembly) -> list[Quantity]:
     return [q for q in quantities if q.slope.any()]
 
 
-def agreed(fitted: Fit) -> Array:
+def reported_values(fitted: Fit) -> Array:
     """All parameters (SI) as fitted; those that every recording states alike as stated."""
     p, tracks = fitted.p.copy(), fitted.problem.tracks
     for i in set.intersection(*(set(t.known) for t in tracks)):

@@ -235,7 +235,7 @@ class StepRig(Rig):
             by = DIFFERENCE * np.maximum(np.abs(x), size)
             moved = x + np.concatenate([np.zeros((1, n)), np.diag(by)])
             rows = self.reads(moved, _sheet(self, 1 + n))
-            linked |= _there((rows[1:] - rows[0]).T / by * size)
+            linked |= _above_rounding((rows[1:] - rows[0]).T / by * size)
         return linked
 
     def _links(self, into: tuple[str, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -262,7 +262,7 @@ class StepRig(Rig):
                 by[:, :n] -= np.eye(n)
                 rates.append(np.abs(by / h * sizes))
             whole, quarter = rates
-            linked |= _there(quarter) & (quarter > BY_WAY * whole)
+            linked |= _above_rounding(quarter) & (quarter > BY_WAY * whole)
         linked[:, n:] |= ~linked[:, n:].any(axis=0)
         known[into] = linked[:, :n], linked[:, n:]
         return linked[:, :n], linked[:, n:]
@@ -337,7 +337,7 @@ def _draws(rig: StepRig) -> list[Array]:
     return [start, *(start + 0.3 * rig.sizes(())[0] * away)]
 
 
-def _there(slopes: Array) -> NDArray[np.bool_]:
+def _above_rounding(slopes: Array) -> NDArray[np.bool_]:
     """Slopes above rounding, row by row."""
     size = np.abs(np.nan_to_num(slopes, nan=np.inf))
     largest = size.max(axis=1, initial=0.0, keepdims=True)

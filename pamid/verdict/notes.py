@@ -16,7 +16,7 @@ from pamid.diagnosis.ranges import at_bounds
 from pamid.estimation.identifiable_combinations import reported_parameters
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.lagged_linear import lagged_share
-from pamid.estimation.observed_sizes import unsized
+from pamid.estimation.observed_sizes import ports_without_size
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.no_place import no_place_words, no_places
@@ -401,7 +401,7 @@ def _left_out(d: Diagnosis) -> list[str]:
 
 
 def _sizes(d: Diagnosis) -> list[str]:
-    bare = unsized(d.evidence, d.budget.sizes)
+    bare = ports_without_size(d.evidence, d.budget.sizes)
     if not bare:
         return []
     which = f"port {bare[0]}" if len(bare) == 1 else f"ports {', '.join(bare)}"
