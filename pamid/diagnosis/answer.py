@@ -117,7 +117,7 @@ def answer(
     # complete model.
     elif leader is not None and _is_open(comparison, leader):
         verdict = "cannot-tell"
-    # A curve at a port takes up what no equation of the catalogue does: a cause exists, without a
+    # A curve at a port absorbs more than any equation of the catalogue: a cause exists, without a
     # name.
     elif forms:
         verdict = "unknown-effect"

@@ -122,7 +122,7 @@ def duplicated_terms(
     }
     if not places or not null:
         return ()
-    # what the effect remembers is the effect's, too: gone with it
+    # memories of the effect vanish with it
     null |= {
         symbol(space, name): expression(0.0)
         for space, name in symbols([q.result for q in passed])

@@ -119,7 +119,7 @@ def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
         for bound, value in zip(model.assembly.parameters, model.fit.p, strict=True)
         if bound.owner == label and bound.null is not None
     ]
-    # a fit puts what is pressed against its bound exactly there
+    # a fit puts a parameter that presses against its bound exactly there
     gone = [bound for bound, value in amounts if value == bound.null]
     # One amount at nothing is usual, for instance a force in one direction only, unless the effect
     # is defined by it.

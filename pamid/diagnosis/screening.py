@@ -52,7 +52,7 @@ FEWEST_SCREENED = 3  # windows of every recording
 # cost falls wherever the effect helps
 TRACE = 0.1
 ADVANCED = 2  # times as many candidates as are refitted take the further steps
-SCAN_GAIN = 0.1  # share of the cost that pulses remove before what shapes them is scanned
+SCAN_GAIN = 0.1  # share of the cost that pulses remove before their shape is scanned
 # cost ratio to the data sheet's parameters, from which on a baseline is screened from these
 SHEET_ADVANTAGE = 1.05
 
@@ -301,7 +301,7 @@ def screen(
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
     points += _scanned_at_null(reference, evidence, problem, starts, added)
-    # what acts beyond a limit only has many minima, which few steps or outdated derivatives miss
+    # an effect beyond a limit has many minima, which few steps or outdated derivatives miss
     more = steps + reference.settings.screen_steps
     probes = [(first, by_chords, steps) for first in points]
     probes += [(first, exact, more) for first in hinted]

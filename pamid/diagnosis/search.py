@@ -251,7 +251,7 @@ def screened_candidates(
     leading = advancing(families, list(screened.values()), reference)
     further = run(_AdvanceWork(evidence, reference), leading, progress)
     screened |= {s.added.label: s for s in further if not isinstance(s, Failed)}
-    # of a candidate that was left behind no gain is known but what it has reached
+    # a candidate that was left behind has the gain that it has reached, and no promise
     ended = [replace(s, rival=None) for s in screened.values()]
     return ended, promising(families, ended, reference)
 

@@ -216,7 +216,7 @@ def _larger(
                 )
             )
         ]
-        # the lines of the gap's spectrum, and over the position, are those of what is left by now
+        # the lines of the gap's spectrum, and over the position, are those of the present remainder
         hints = gather_hints(search.evidence, best)
         models = run_round(replace(search, hints=hints), best, others).models
     known = {frozenset(a.label for a in c.attached) for c in models}

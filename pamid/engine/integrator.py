@@ -43,7 +43,7 @@ DAMPED, LAST_STEP = 1e-3, 1e-9
 RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow one another
 
 
-# ---- what the functions are given --------------------------------------------------------------
+# ---- arguments of the functions ----------------------------------------------------------------
 # Arrays are C-contiguous, float64 by default; nx states, nc cells, ns sensitivity
 # columns. The classes stand in this file because numba takes its cache of these functions for stale
 # by the stamp of this file alone; they keep their names because the cache refers to them by name.

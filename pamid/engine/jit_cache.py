@@ -90,7 +90,7 @@ def _read(path: Path) -> bytes | None:
     """The code in a file of the cache; None where there is none that can be believed."""
     try:
         _require_private(path.parent)
-        # what is looked at is what is read, whatever becomes of the name meanwhile; a pipe must not
+        # the open file is checked and read, whatever becomes of its name meanwhile; a pipe must not
         # block
         flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
         with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:

@@ -62,9 +62,9 @@ from pamid.engine.simulator import SLOPE_ROUNDING
 
 Array = NDArray[np.float64]
 
-STILL_HOLDS = 0.1  # of what a step does: a change that leaves slopes as they were
+STILL_HOLDS = 0.1  # of a step's action: a change within which slopes hold
 FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
-PREDICTION_LIMIT = 1e-3  # of a level: what a step may be off that is not made
+PREDICTION_LIMIT = 1e-3  # of a level: largest error of a predicted step
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept
 
 
@@ -252,7 +252,7 @@ class KnownSlopes:
         acts = np.abs(change) <= STILL_HOLDS * level + tiny
         return bool(moves.all()), bool(moves.all() and (acts.all() or not len(self.chosen)))
 
-    @np.errstate(all="ignore")  # what is no number is not trusted
+    @np.errstate(all="ignore")  # NaN is not trusted
     def predict_step(self, row: int, x: Array, f: Array, p: Array, level: Array) -> Array | None:
         """Predict a step from x under f with p; None beyond the checked distance."""
         if self.prediction_limit == 0.0 or not self._in_reach(row, f, p):

@@ -17,8 +17,8 @@ DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 
 # of such a difference, where it lies across a jump: the square root of what rounding leaves of a
 # value is the least one worth having (Nocedal and Wright (2006), ch. 8.1)
 THIN = float(np.sqrt(np.finfo(float).eps)) / DIFFERENCE
-SIDES_AGREE = 0.1  # of what a step does: curvature leaves 1e-6 of it, a jump ten times as much
-SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
+SIDES_AGREE = 0.1  # of a step's action: curvature leaves 1e-6 of it, a jump ten times as much
+SLOPE_ROUNDING = 1e-9  # of a value's size: rounding error of a slope by differences
 # widths of a difference by which a probe of known slopes goes: to a tenth curvature does not count
 # there, and rounding counts less
 PROBED = 10.0

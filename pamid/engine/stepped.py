@@ -253,7 +253,7 @@ class SteppedProgram:
         """Equivalent of df/dx (nx x nx): the Jacobian of the equations' own states, and (A - I)/h
         of the simulator's, with the A by which a step of h moves deviations on."""
         nx, first = len(self.states), self.readings
-        if isinstance(self.simulator, Carrier):  # nothing is known of what is inside
+        if isinstance(self.simulator, Carrier):  # its states are hidden
             inside = replace(memory.copy(), x=np.concatenate([np.zeros(first), memory.x]))
             matrix = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s)
             return matrix[first:, first:]
@@ -316,7 +316,7 @@ class _Course:
     p: Array
     columns: NDArray[np.int64] | None
     known: KnownSlopes | None = None
-    level: Array = field(default_factory=lambda: np.zeros(0))  # of what is known, along the run
+    level: Array = field(default_factory=lambda: np.zeros(0))  # of the known slopes, along the run
 
     def __post_init__(self) -> None:
         q = self.program

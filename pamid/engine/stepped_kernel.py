@@ -194,7 +194,7 @@ def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
     _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
     way = _distance(t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
-    # neither is so of what is no number
+    # NaN fails the comparison
     near = way == 0.0 or bend * (2.0 * base + way) * way <= t.prediction_limit
     if not (near and way <= reach):
         return False
@@ -240,7 +240,7 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
         change = plain[j] - t.after[row, j]
         shift, differently = _linear_change(t, row, j, dz)
-        # neither is so of what is no number
+        # NaN fails the comparison
         if not abs(change - shift) <= t.same * differently + tiny:
             return False, False
         moved = dz[j - readings] if j >= readings else 0.0
@@ -301,7 +301,7 @@ def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def
             predicted -= slopes[j, i] * steps[i]
             diagonal = i == j - readings
             differently += abs((slopes[j, i] - 1.0 if diagonal else slopes[j, i]) * steps[i])
-        # neither is so of what is no number
+        # NaN fails the comparison
         if not abs(moved[j] - predicted) <= c.same * differently + c.rounded * abs(plain[j]):
             return False
     return True

@@ -39,7 +39,7 @@ from pamid.simulation.tracks import Track
 Array = NDArray[np.float64]
 
 COARSE = 0.2  # noise standard deviations by which doubled sub-steps may change an output
-# of that change: what doubling them once more may leave; a method of order 1 leaves half
+# of that change: largest share after doubling once more; a method of order 1 leaves half
 SETTLING = 0.75
 
 

@@ -168,7 +168,7 @@ def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Arra
     factor = splu((S.T @ S + diags_array(np.full(rows.start_count, STARTS_RIDGE))).tocsc())
     parameters = rows.by_parameters[:, ~held]
     left = np.column_stack([parameters, columns])
-    for _ in range(2):  # the second time for what rounding has left
+    for _ in range(2):  # the second time against rounding
         left -= S @ factor.solve(S.T @ left)
     spanned, left = orthonormal_span(left[:, : parameters.shape[1]]), left[:, -columns.shape[1] :]
     return np.asarray(left - spanned @ (spanned.T @ left))

@@ -88,7 +88,7 @@ class Fit:
     # per track: samples x channels, model - measured
     residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
-    # per track: slopes of what is stepped, for a fit that goes on from here
+    # per track: slopes of a simulator, for a fit that goes on from here
     known: tuple[KnownSlopes | None, ...] = field(repr=False, compare=False, default=())
 
     @cached_property

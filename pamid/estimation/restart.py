@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SHORTER = 0.25  # of a window: where a fit begins that long windows would trap
 RESTARTS = 4  # starting parameters drawn from the priors for a fit that failed
 DRAW_STEPS = 8  # that each is given
-# of the cost: what a fit from new starts must come below for the old one to have been a trap
+# of the cost: a fit from new starts below it shows that the old one was a trap
 TRAPPED = 0.5
 PROBE_STEPS = 3  # that show whether the cost falls
 REWEIGHT_ROUNDS = 2  # of weights that follow the residuals

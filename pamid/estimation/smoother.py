@@ -581,7 +581,7 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
             log_det += float(np.linalg.slogdet(A)[1])
         ds = np.clip(s + ds, scale.low, scale.high) - s
         states = [-(dx + X @ ds) for _, X, dx in parts]
-        # what the quadratic promises, g'H^-1 g, by blocks: that of the parameters, with the reduced
+        # promise of the quadratic, g'H^-1 g, by blocks: that of the parameters, with the reduced
         # gradient, and that of the states
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
         return _SmoothingStep(ds, states, gain, log_det)

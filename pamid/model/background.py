@@ -19,13 +19,13 @@ from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, cos, where
 
-LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
+LEVEL = 0.3  # of the tolerance: deviation of a single place as a whole
 HALF_WARM = 0.3  # of the longest recording: default time constant of the warm-up
 FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
 ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
-ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of what is reached
+ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of the range
 BEYOND_SIZE = 1.25  # of the size of a signal (95th percentile): where a rough curve ends
-REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
+REACH = 3.0  # tolerances that bound a nuisance term: beyond lies structure
 
 
 class Background(Effect):

@@ -54,8 +54,8 @@ class FreeFormEffect(Effect):
     """Base of all free forms: `shapes` are the functions, `act` adds them up."""
 
     along: ClassVar[str] = ""  # the signal that its curve is drawn over
-    shown: ClassVar[str] = ""  # what its curve shows
-    known_by: ClassVar[str] = ""  # what its family has in common, in words
+    shown: ClassVar[str] = ""  # quantity of its curve
+    known_by: ClassVar[str] = ""  # common property of its family, in words
     subtracted: ClassVar[bool] = True  # its curve is taken off the value; else it is added
 
     @classmethod

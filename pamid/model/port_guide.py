@@ -62,7 +62,7 @@ GUIDE = {
     ),
 }
 
-#: what a signal of the catalogue stands for
+#: meaning of a signal of the catalogue
 SIGNALS = {
     "position": "the coordinate along which the port counts; its zero is free",
     "velocity": "the rate of `position`; where it is offered, `position` need not be",

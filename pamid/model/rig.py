@@ -168,10 +168,10 @@ class Rig:
     inputs: ClassVar[dict[str, str]] = {}
     # inputs that may be missing in a recording, with their value
     optional: ClassVar[dict[str, float]] = {}
-    # what an input does between two samples: "held" (the default) or "linear"; a recording's TOML
+    # course of an input between two samples: "held" (the default) or "linear"; a recording's TOML
     # may say otherwise under [between]; an output may be "before": read before its row's command
     between: ClassVar[dict[str, str]] = {}
-    # what an input can be, in the unit of its column: (lowest, highest)
+    # range of an input, in the unit of its column: (lowest, highest)
     ranges: ClassVar[dict[str, tuple[float, float]]] = {}
     outputs: ClassVar[dict[str, str]] = {}
     ports: ClassVar[dict[str, Port]] = {}
@@ -194,7 +194,7 @@ class Rig:
     timescale_s: ClassVar[float | None] = None
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
-    # what an excitation swings about where that is not 0, column's unit
+    # centre of an excitation where that is not 0, column's unit
     centre: ClassVar[dict[str, float]] = {}
     # usual shortest and longest time at one level of an excitation, s
     hold_s: ClassVar[tuple[float, float]] = (0.4, 1.6)
@@ -209,7 +209,7 @@ class Rig:
     changeable: ClassVar[dict[str, float]] = {}
     # input for a force or torque from outside -> its usual highest value, column's unit
     external: ClassVar[dict[str, float]] = {}
-    # what the rate of change of an output is called, by the output without its unit
+    # name of an output's rate of change, by the output without its unit
     rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
     # what a robot's log calls a column, and how long the vectors are that such logs hold
     log_names: ClassVar[dict[str, LogName]] = {}

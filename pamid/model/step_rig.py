@@ -53,7 +53,7 @@ from pamid.symbolic.vocabulary import Number
 Array = NDArray[np.float64]
 
 SIMULATED = "simulated"  # the operator of values that only a simulation has
-TRIED_POINTS = 4  # points at which it is tried what depends on what
+TRIED_POINTS = 4  # points at which dependences are tried
 # of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
 # there at all, of the largest in its row
 BY_WAY, THERE = 0.5, 1e-5
@@ -69,9 +69,9 @@ class StepRig(Rig):
     written_as = {"rates": "drive"}
     # the simulation keeps its states to itself, and there are readings alone: `carrier`
     carries: ClassVar[bool] = False
-    # what `read` returns: name -> SI unit
+    # values of `read`: name -> SI unit
     readings: ClassVar[dict[str, str]] = {}
-    # longest time, s, over which what goes in is held; a sample where that is shorter
+    # longest time, s, over which forces are held; a sample where that is shorter
     exchange_s: ClassVar[float] = float("inf")
     # typical magnitude (SI) of a state, or of what goes in, where it is far from 1: differences
     # are taken over a millionth of it
@@ -176,7 +176,7 @@ class StepRig(Rig):
         """Names of the states and of the parameters."""
         return tuple(s.name for s in self.states), tuple(q.name for q in self.parameters)
 
-    # ---- what the equations see ----------------------------------------------------------
+    # ---- signals of the equations --------------------------------------------------------
 
     def carrier(self) -> Carrier:
         """Simulator that steps where the rig `carries`."""

@@ -318,7 +318,7 @@ class Anfis(Network):
                     # set.
                     others = tuple(j for j in range(self.inputs) if j != k)
                     # y = sum over rules of share x plane, the shares a softmax: dy/d log m_i is
-                    # what the rules with set i contribute, less their share of y
+                    # the contribution of the rules with set i, less their share of y
                     by_log = grid.sum(axis=others) - shares * y  # dy/d log membership, (sets, n)
                     np.multiply(slopes, by_log[:, None, :], out=premise[k])
                 self._fill(

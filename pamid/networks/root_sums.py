@@ -28,7 +28,7 @@ from scipy.linalg import cholesky, qr, solve_triangular
 
 Array = NDArray[np.float64]
 
-# share of `finest` that may be lost: what it could move gamma by, per weight
+# share of `finest` that may be lost: its possible influence on gamma, per weight
 LOST = 1e-4
 # largest trace of G beyond its start: it keeps eps times this, relative to every direction
 GROWN = 1e7
@@ -102,7 +102,7 @@ class RootSums:
         elif np.isfinite(rows).all() and np.isfinite(error).all():
             self._take_up()
             self._decompose(rows, error)
-        else:  # an overflow: it shows in what is handed out
+        else:  # an overflow: it shows in the result
             self.sse = np.inf
 
     def spectrum(self) -> Spectrum | None:

@@ -55,11 +55,11 @@ FEW_WINDOWS, LEAST_WINDOWS = 12, 6  # wanted where the envelope counts, and to f
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
 ALIKE_DIGITS = 9  # decimals to which recordings and ways of dealing are compared
 VISIBLE = 3.0  # times its noise: a signal that moves
-# of the first half's motion: what is left in the second half of a motion that dies away
+# of the first half's motion: the rest in the second half of a motion that dies away
 DECAYED = 0.5
-# of a state's spread: what a model may be off by in a state that nothing measures, per window
+# of a state's spread: possible error of a model in an unmeasured state, per window
 STATE_JUMP = 0.01
-STRETCHES = 3  # of what is fitted of a long recording, and of what is held out
+STRETCHES = 3  # of the fitted part of a long recording, and of the held-out part
 # correlation times of a stretch at least: 8 windows of a fit; 16 windows of full length to judge by
 LEAST_FITTED, LEAST_HELD_OUT = 20.0, 61.0
 
@@ -92,7 +92,7 @@ class DataSplit:
     jump: Array
     timescale_s: float
     correlation_s: float
-    lead_most: float = np.inf  # correlation times before a held-out part, for what keeps memories
+    lead_most: float = np.inf  # correlation times before a held-out part, for models with memories
     per_run: int = 1  # held-out windows that a model predicts from one estimated state
     left_out: tuple[IdleTerm, ...] = ()  # background terms that the fitted recordings leave open
     doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may take up

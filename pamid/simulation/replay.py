@@ -184,7 +184,7 @@ def replay_track(
         if not fine or not np.isfinite(memory.x).all():
             finite = finite and ahead
             Y = np.where(np.isfinite(Y), Y, 0.0)
-            # what the effects remember has run away, too: it begins anew
+            # memories of the effects have run away, too: they begin anew
             memory = runner.memory(values)
         full_outputs[window.start : window.stop] = Y
     return Replay(track, full_outputs, full_windows, carried, starts, finite, noise, per_run)

@@ -61,7 +61,7 @@ class Cell:
     start: Expr
     sampled: bool = False
     joined: Expr | None = None  # the update where the state was set anew
-    # > 0: a delay line of that length; `update` is what goes in, `seconds` the delay
+    # > 0: a delay line of that length; `update` is its input, `seconds` the delay
     buffer_s: float = 0.0
     seconds: Expr | None = None
 
@@ -84,10 +84,8 @@ class StateEquations:
     cells: tuple[Cell, ...]  # in the order they have to be updated
 
 
-_AT_STAGE = {
-    ("tick", "part"),
-    ("tick", "along"),
-}  # what moves within a step in addition to the states
+# symbols that move within a step in addition to the states
+_AT_STAGE = {("tick", "part"), ("tick", "along")}
 _SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}
 
 
