@@ -31,7 +31,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings

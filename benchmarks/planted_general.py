@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named

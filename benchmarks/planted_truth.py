@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named

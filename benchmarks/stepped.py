@@ -1,6 +1,6 @@
 """What stepping costs: the pendulum on a cart of the tests, with equations and stepped by Python, a
 leg with contacts stepped by MuJoCo; CPU microseconds per sample and exchange: plain, with slopes,
-with slopes that are known from a run before, and foretold by them.
+with slopes known from an earlier run, and with steps predicted by them.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/stepped.py
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.engine.known_slopes import FORETOLD
+from pamid.engine.known_slopes import PREDICTION_LIMIT
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
@@ -29,9 +29,9 @@ ROUNDS = 3
 
 
 def cost(
-    rig: Rig, u: np.ndarray, slopes: bool = False, foretold: float | None = None
+    rig: Rig, u: np.ndarray, slopes: bool = False, limit: float | None = None
 ) -> tuple[float, int]:
-    """CPU microseconds per sample, the least of some rounds, and the number of slopes; foretold:
+    """CPU microseconds per sample, the least of some rounds, and the number of slopes; limit:
     slopes are kept, and how far a step may be off that is not made."""
     a = Assembly(rig).for_fitting()
     program = a.program
@@ -40,9 +40,9 @@ def cost(
     columns = np.full(len(p), -1, np.int64)
     columns[free] = np.arange(len(free))
     wide = len(free) + n if slopes else 0
-    room = None if foretold is None else program.room(len(u), 1, columns)
+    room = None if limit is None else program.room(len(u), 1, columns)
     if room is not None:
-        program = program.knowing(replace(room, foretold=foretold))
+        program = program.with_slopes(replace(room, prediction_limit=limit))
     best = np.inf
     for _ in range(ROUNDS + 1):  # the first one compiles
         memory = program.memory(a.start(p), wide, period_s=rig.period_s)
@@ -73,7 +73,7 @@ def main() -> None:
         )
         for name, rig, u in rigs:
             plain, (full, wide) = cost(rig, u)[0], cost(rig, u, slopes=True)
-            known, told = (cost(rig, u, True, off)[0] for off in (0.0, FORETOLD))
+            known, told = (cost(rig, u, True, off)[0] for off in (0.0, PREDICTION_LIMIT))
             print(f"{name:34s} {plain:8.1f} {full:8.1f} {known:8.1f} {told:8.1f}  {wide}")
 
 

@@ -18,7 +18,7 @@ from pamid.base.files import PathLike, write_together
 from pamid.base.progress import Progress, ShowProgress, progress_steps
 from pamid.base.run_folder import Run
 from pamid.model.effect import Effect
-from pamid.model.registry import RigLike, code_files, name_of, rig_given
+from pamid.model.registry import RigLike, code_files, name_of, resolved_rig
 from pamid.parallel.jobs import WorkerPool
 
 
@@ -39,7 +39,7 @@ def open_run(
         The folder is not a run, holds no result, or is damaged.
     """
     Run.open(Path(folder))
-    return result_of(RunHome(Path(folder)), rig_given(rig), effects_given(effects))
+    return result_of(RunHome(Path(folder)), resolved_rig(rig), effects_given(effects))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pamid.checks.inspection_words import inspection_text
 from pamid.checks.recording_quality import QualityIssue
 from pamid.checks.rig_ports import checked_ports
 from pamid.model.effect import Effect
-from pamid.model.registry import RigLike, rig_given
+from pamid.model.registry import RigLike, resolved_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.schemas.rig_map import RigMap
@@ -154,7 +154,7 @@ def check(
         looked_at = Path(subject)
     elif not isinstance(subject, type):
         looked_at = recording_given(subject)
-    inspection = inspect(looked_at, rig_given(rig))
+    inspection = inspect(looked_at, resolved_rig(rig))
     content = inspection.said
     return CheckResult(
         content["file"],

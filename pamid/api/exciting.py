@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pamid.base.errors import UsageError
-from pamid.model.registry import RigLike, name_of, rig_given, rig_named
+from pamid.model.registry import RigLike, name_of, resolved_rig, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.rigs.muscle_experiments import (
@@ -117,7 +117,7 @@ def within_limits(
 
 
 def _made(rig: RigLike) -> Rig:
-    named = rig_given(rig)
+    named = resolved_rig(rig)
     if named is None:
         raise UsageError("There is no rig.", "Name the one that is to be excited.")
     return rig_named(named)

@@ -18,7 +18,7 @@ from pamid.checks.inspection import require_sound
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.known_bounds import CURE
-from pamid.model.registry import RigLike, as_file, catalogue_rig, rig_given, rig_named, rig_of
+from pamid.model.registry import RigLike, as_file, catalogue_rig, resolved_rig, rig_named, rig_of
 from pamid.model.rig import Rig
 from pamid.recording.recording import (
     EXACT_DIGITS,
@@ -114,7 +114,7 @@ def evidence_of(
 
     check: refuse recordings with which any fit is nonsense.
     """
-    named = rig_given(rig)
+    named = resolved_rig(rig)
     model = rig_named(named) if named else None
     fitted, judged = recordings_given(recordings), recordings_given(held_out)
     if not fitted:

@@ -11,7 +11,7 @@ from pamid.api.modelled import recorded
 from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import ShowProgress, progress_steps
-from pamid.model.registry import RigLike, effects_with, rig_given, rig_named, rig_of
+from pamid.model.registry import RigLike, effects_with, resolved_rig, rig_named, rig_of
 from pamid.planning.detectable_effects import EffectPower, Power, experiment_power
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 from pamid.schemas import power_file as said
@@ -189,7 +189,7 @@ def power(
         Files, data or arguments are wrong.
     """
     source = recording_given(excitation, "excitation")
-    virtual = rig_given(rig) or rig_of([source])
+    virtual = resolved_rig(rig) or rig_of([source])
     simulated = simulate_virtual_rig(virtual, source, (), dict(known or {}), {}, noise, seed)
     recording = recorded(source, simulated, SIGNIFICANT_DIGITS, None)
     split = split_recordings(rig_named(virtual), [recording], [])

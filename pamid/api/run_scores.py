@@ -21,7 +21,7 @@ from pamid.api.results import FitResult
 from pamid.base.errors import UsageError
 from pamid.base.files import PathLike
 from pamid.correction.run_score import RunScore, score_run
-from pamid.model.registry import RigLike, catalogue_rig, in_catalogue, rig_given
+from pamid.model.registry import RigLike, catalogue_rig, in_catalogue, resolved_rig
 from pamid.report.recording_errors import recording_errors_text
 from pamid.schemas.score_file import RecordingError, ScoreFile
 
@@ -96,7 +96,7 @@ def score(
     given = recordings_given(recordings)
     if not given:
         raise UsageError("There is no recording to judge by.", "Give at least one.")
-    named, own = rig_given(rig), effects_given(effects)
+    named, own = resolved_rig(rig), effects_given(effects)
     if isinstance(run, FitResult):
         named, own = named or run.code[0], own or run.code[1]
     folder = run.folder if isinstance(run, FitResult) else Path(run)

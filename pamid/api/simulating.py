@@ -10,7 +10,7 @@ from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
 from pamid.api.results import FitResult
 from pamid.base.errors import UsageError
 from pamid.base.files import PathLike, require_new
-from pamid.model.registry import RigLike, rig_given, rig_of
+from pamid.model.registry import RigLike, resolved_rig, rig_of
 from pamid.recording.recording import SIGNIFICANT_DIGITS, Recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -77,7 +77,7 @@ def simulate(
     if model is None:
         if which != "best":
             raise UsageError("--which belongs to --model RUN.")
-        virtual = rig_given(rig) or rig_of([source])
+        virtual = resolved_rig(rig) or rig_of([source])
         simulated = simulate_virtual_rig(virtual, source, named, stated, hidden, noise, seed)
         return recorded(source, simulated, SIGNIFICANT_DIGITS, target)
     for effect in named:
@@ -91,7 +91,7 @@ def simulate(
         model.folder if isinstance(model, FitResult) else Path(model),
         source,
         which=which,
-        rig=rig_given(rig) or own[0],
+        rig=resolved_rig(rig) or own[0],
         effects=named or own[1],
         known=stated,
         parameters=hidden,

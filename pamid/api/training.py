@@ -37,7 +37,7 @@ from pamid.correction.residual_data import (
     ResidualData,
     read_residual_data,
 )
-from pamid.model.registry import RigLike, rig_given
+from pamid.model.registry import RigLike, resolved_rig
 from pamid.model.rig import Rig
 from pamid.networks.network_training import TrainingStep
 from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
@@ -208,7 +208,7 @@ def train_residual(
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
     folder = Run.open(home.folder)
     leftover = read_residual_data(home.folder, channel, tuple(inputs), on=on, replay=at != "output")
-    trainer = _trainer(run, home.folder, at, on, rig_given(rig))
+    trainer = _trainer(run, home.folder, at, on, resolved_rig(rig))
     folder.begin_step(
         command=command or ["pamid.train_residual", str(home.folder)],
         seed=seed,

@@ -37,9 +37,9 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
-from pamid.model.registry import effects_again, in_catalogue, name_of, rig_again
+from pamid.model.registry import in_catalogue, name_of, noted_effects, noted_rig
 from pamid.model.rig import Rig
-from pamid.model.trace import Traced, beside, fed, signals_of
+from pamid.model.trace import Traced, prefixed_model, signals_of, with_input_replaced
 from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
@@ -153,10 +153,10 @@ class Identified:
                 cells=(*own.cells, *cells),
             )
         assert self.beside is not None
-        before = beside(self.beside[0].traced, own, BESIDE)
+        before = prefixed_model(self.beside[0].traced, own, BESIDE)
         value, cells = self.network.value(signals_of(before))
         value = to_si(value, split_column(self.network.trained.output_name)[1])
-        return fed(own, before, ADDED, value, cells)
+        return with_input_replaced(own, before, ADDED, value, cells)
 
     @cached_property
     def lowered(self) -> StateEquations:
@@ -357,13 +357,13 @@ def load_identified(
     with _sound(path):
         noted = {str(input_["path"]): str(input_["sha256"]) for input_ in record["inputs"]}
         source = str(record["options"].get("rig") or fit.rig)
-        if (rig_object := rig_again(source, rig, noted)).name != fit.rig:
+        if (rig_object := noted_rig(source, rig, noted)).name != fit.rig:
             raise FileError(
                 f"The run is of the rig {fit.rig!r}, not of {rig_object.name!r}.",
                 "Name its own.",
                 code="rig",
             )
-        catalogue = effects_again(
+        catalogue = noted_effects(
             tuple(map(str, record["options"].get("effects", ()))), effects, noted
         )
         on_causes = chosen == "cause" or (chosen == "network" and trained_on == CAUSES)

@@ -35,8 +35,8 @@ from pamid.networks.network import Network
 from pamid.networks.network_folders import (
     NETWORK_FILES,
     TRACE_FILE,
-    network_files_beside,
-    networks_beside,
+    channel_network_files,
+    channel_networks,
 )
 from pamid.networks.network_training import StepProgress, Training
 from pamid.networks.trained_network import (
@@ -242,7 +242,7 @@ def write_network(
     """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in
     residual.csv; returns network.json. An earlier network of another channel is kept beside it."""
     others = keep_others(run, about, trained.output_name)
-    stale = set(networks_beside(run.folder)) - others
+    stale = set(channel_networks(run.folder)) - others
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
@@ -259,7 +259,7 @@ def write_network(
             ),
         }
     )
-    run.remove(*(file for channel in stale for file in network_files_beside(channel)))
+    run.remove(*(file for channel in stale for file in channel_network_files(channel)))
     return content
 
 
@@ -275,10 +275,10 @@ def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
         if not at_output or about["enters"] != "output":
             return set()
         before = load_network(run.folder).output_name
-        others = {*networks_beside(run.folder), before} - {channel}
+        others = {*channel_networks(run.folder), before} - {channel}
         if before in others:
             data = [read_data(run.folder / name, WEIGHTS) for name in NETWORK_FILES]
-            files = run.claim(*network_files_beside(before))
+            files = run.claim(*channel_network_files(before))
             write_together(dict(zip(files, data, strict=True)))
     except FileError:
         return set()

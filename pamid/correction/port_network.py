@@ -60,7 +60,7 @@ from pamid.estimation.smoother import SMOOTHER_STEPS, Latent, Smoother, size_at
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
-from pamid.model.registry import all_effects, rig_again
+from pamid.model.registry import all_effects, noted_rig
 from pamid.model.rig import Rig
 from pamid.networks.network_training import Training
 from pamid.networks.trained_network import TrainedNetwork
@@ -198,7 +198,7 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
         for one in (path, str(Path(path).with_suffix(".toml"))):
             if one in known:
                 _require_unchanged(_place(folder, one), known[one], folder)
-    rig_object = in_form(rig_again(name, rig, known), saved, folder / FIT_FILE)
+    rig_object = in_form(noted_rig(name, rig, known), saved, folder / FIT_FILE)
     recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(
         rig_object,

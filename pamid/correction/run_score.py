@@ -32,7 +32,7 @@ from pamid.correction.port_network import ADDED
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
-from pamid.networks.network_folders import networks_beside
+from pamid.networks.network_folders import channel_networks
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
 from pamid.schemas.fit_file import FitFile, RecordingUsed
@@ -122,7 +122,7 @@ def _models_of(
         own = named["with_network"].network
         others = {
             channel: network_beside(named, place, fit.channels)
-            for channel, place in networks_beside(folder).items()
+            for channel, place in channel_networks(folder).items()
             if own is not None and channel != own.channel
         }
     return _Models(refitted, named, tuple(fit.channels), others)

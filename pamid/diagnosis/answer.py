@@ -38,9 +38,9 @@ Array = NDArray[np.float64]
 class NamedCause:
     """An effect of the answer.
 
-    model    that it is part of
+    model    model with the effect
     removes  share of the gap that it removes next to the others
-    figures  of which its probability is made
+    figures  features of its probability
     or_at    groups of ports at which its family does as well
     instead  families that do as well in its place
     """
@@ -75,7 +75,7 @@ class Answer:
 
     @property
     def left_over(self) -> bool:
-        """Is a material part of the gap left, with the causes or because there is none?"""
+        """Whether a material part of the gap remains, with the causes or for want of any."""
         return self.verdict == "unknown-effect" or (self.verdict in CAUSED and self.material_rest)
 
 
@@ -86,9 +86,11 @@ def answer(
     forms: Sequence[FreeForm],
     set_aside: Collection[str] = (),
 ) -> Answer:
-    """The answer to a selection. forms: curves at ports that remove a material share of what it
-    leaves; ranking: models of single effects, the best first; set_aside: labels of those that
-    physics objects to."""
+    """Return the answer to a selection.
+
+    forms: curves at ports that remove a material share of the remainder; ranking: models of single
+    effects, the best first; set_aside: labels with a physical objection.
+    """
     settings, best = comparison.budget.settings, selection.best
     causes = tuple(_cause(comparison, selection, a, ranking, set_aside) for a in best.attached)
     share_left = comparison.removed(best).rest.share
@@ -97,6 +99,8 @@ def answer(
     single = selection.instead.get(best.attached[0].label, ()) if len(best.additions) == 1 else ()
     others = [c for c in single if not _same_effect(c, best)]
     if others:
+        # Families in a tie are alternatives that a measurement could separate. A long list of them
+        # is no guidance, unless all predict the same: then it is one finding under several names.
         tied = [best, *others]
         if len(tied) > settings.tied_most and not comparison.predict_the_same(tied):
             verdict, causes = "cannot-tell", ()
@@ -109,8 +113,12 @@ def answer(
             )
     elif causes:
         verdict = "partly-explained" if rest else "explained"
+    # A share off zero that misses the required certainty is neither a cause nor proof of a
+    # complete model.
     elif leader is not None and _is_open(comparison, leader):
         verdict = "cannot-tell"
+    # A curve at a port absorbs more than any equation of the catalogue: a cause exists, without a
+    # name.
     elif forms:
         verdict = "unknown-effect"
     elif comparison.floors(comparison.budget.baseline) > settings.unexplained_floors:
@@ -119,13 +127,15 @@ def answer(
     else:
         verdict = "no-structural-gap"
     if not causes:
+        # The figures of the answer belong to the model it names, not to a selection that was
+        # withdrawn.
         best, rest = comparison.budget.baseline, bool(forms)
     floors = comparison.floors(best)
     return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
 
 
 def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool:
-    """Is it the same effect at another port, or of the same family?"""
+    """Whether two models have the same effect at different ports, or effects of one family."""
     names = {a.effect.name for a in candidate_model.attached}
     return names == {a.effect.name for a in other.attached} or families_of(
         candidate_model
@@ -133,7 +143,8 @@ def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool
 
 
 def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
-    """Is the leader's share material, and its interval off zero, but by too few standard errors?"""
+    """Whether the leader's share is material with an interval off zero, at too few standard
+    errors."""
     settings, removed = comparison.budget.settings, comparison.removed(leader)
     return removed.share >= settings.material_share and (
         removed.low > 0.0 and removed.z < settings.standard_errors
@@ -155,10 +166,12 @@ def _cause(
     whole = selection.without.get(added.label, base)
     # an alternative counts as a whole, a cause next to the others
     below = whole if alternative else selection.without.get(a.label, base)
-    rig, own = model.assembly.rig, a.group(model.assembly.rig)
+    rig, group = model.assembly.rig, a.group(model.assembly.rig)
     rivals = list(selection.instead.get(a.label, ()))
     if len(model.additions) == 1:
         others = (c for c in ranking if c is not model and c.label not in set_aside)
+        # A single effect was compared with every candidate of the round, not only with the
+        # confidence set.
         rivals = [c for c in others if comparison.is_tied(c, model)]
     placed = [
         k.group(rig)
@@ -181,7 +194,7 @@ def _cause(
         comparison.removed(model, below),
         # the same effect at several ports is one finding
         features(comparison, model, whole, ranking),
-        tuple(g for g in dict.fromkeys(placed) if g != own),
+        tuple(g for g in dict.fromkeys(placed) if g != group),
         tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
     )
 
@@ -203,13 +216,18 @@ def features(
     removed = comparison.removed(model, below)
     families = families_of(model)
     others = (c for c in ranking if not families_of(c) & families)
+    # A second law of the same family is no competitor: the family would be named in either case.
     rival = next(others, comparison.budget.baseline)
     lead = comparison.removed(model, rival).z
+    # The ratio is one to what the reference leaves above the floor. That of the worse model is the
+    # larger one and cannot vanish.
     if comparison.loss(rival).sum() < comparison.loss(model).sum():
         lead = -comparison.removed(rival, model).z
     rest = comparison.removed(model).rest.share
     windows = len(comparison.loss(model))
     return {
+        # Clipped and on logarithms: a logistic function is linear in its figures, and one extreme
+        # recording would otherwise decide its weights.
         "removed": float(np.clip(removed.share, -0.2, 1.0)),
         "rest": float(np.clip(rest, 0.0, 1.0)),
         "floors": float(np.log10(np.clip(comparison.floors(model), 1.0, 1000.0))),
@@ -247,11 +265,16 @@ def _learnt() -> dict[str, Any]:
 def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, float]:
     """95 % interval of the share of the error that is removed on a fresh recording.
 
-    before, after: losses per window (n,), n >= 2. The bootstrap interval of these windows and,
-    added in squares on the logarithm of the error ratio, the spread from recording to recording,
-    as measured on the calibration cases in proportion to the root of the share.
+    before, after: losses per window (n,), n >= 2. The bootstrap interval of these windows is
+    widened by the spread from recording to recording, added in squares on the logarithm of the
+    error ratio. That spread was measured on the calibration cases, in proportion to the root of the
+    share.
     """
+    # Windows of one recording share its operating point, so that their bootstrap is too narrow for
+    # a fresh recording.
     low, high = shrinkage_interval(before, after, seed=seed)
+    # On logarithms the error ratio cannot become negative, and two independent spreads add in
+    # squares.
     middle = np.log(max(float(after.sum() / before.sum()), 1e-9))
     edges = np.log(np.maximum([1.0 - high, 1.0 - low], 1e-9))
     other = float(_learnt()["spread"]) * np.sqrt(max(1.0 - np.exp(middle), 0.0))

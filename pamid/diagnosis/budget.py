@@ -31,8 +31,10 @@ HORIZONS = (8, 4, 2)  # windows that one run covers, where it cannot cover a who
 @dataclass(frozen=True)
 class Budget:
     """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline,
-    floor; evidence: with the horizon over which these are taken; settings: of the diagnosis that it
-    is part of."""
+    floor.
+
+    evidence: with the horizon of these errors; settings: of the diagnosis.
+    """
 
     model: GreyBox
     evidence: DataSplit
@@ -47,8 +49,8 @@ class Budget:
 
     @property
     def short(self) -> Array | None:
-        """Errors of the baseline where a start is estimated in every window; None where they are
-        those of the budget."""
+        """Errors of the baseline with a start estimated in every window; None where these are the
+        errors of the budget."""
         return None if self.evidence.per_run == 1 else _losses(self.baseline.replays)
 
     @property
@@ -63,6 +65,8 @@ class Budget:
 
     def shrinkage(self, absolutes: Array) -> float:
         """1 - error/baseline error, channels weighed by their floors."""
+        # Channels have different units. In units of their floors, a volt and a newton count by
+        # what the sensor can resolve.
         floor = seen_mean(self.floor)
         before = np.nansum(seen_mean(self.baseline.absolutes) / floor)
         return float(1.0 - np.nansum(seen_mean(absolutes) / floor) / before)
@@ -72,9 +76,10 @@ class Budget:
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
     def error_text(self) -> str:
-        """Of every channel, in its unit: the error with the data sheet, refitted, the floor."""
+        """Text of every channel's error in its unit: with the data sheet, refitted, and the
+        floor."""
         before, after, floor = (
-            seen_mean(one) for one in (self.data_sheet, self.baseline.absolutes, self.floor)
+            seen_mean(errors) for errors in (self.data_sheet, self.baseline.absolutes, self.floor)
         )
         return "; ".join(
             f"{name} {column_size(name, before[k]):.3g} -> {column_size(name, after[k]):.3g} "
@@ -87,7 +92,10 @@ def gap_budget(
     evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress, settings: Settings
 ) -> Budget:
     """The baseline, fitted (parameters and background) and replayed, with the noise floor."""
+    # Parameters are fitted before the gap is measured. An error of a data sheet is not a missing
+    # effect.
     model = pool.one(_Baseline(evidence, progress), seed)
+    # Every share of the gap is relative to the baseline, so that nothing can be compared without.
     if not model.fit.residuals:
         raise ConvergenceError(
             f"The model could not be fitted: {model.fit.why}.",
@@ -125,6 +133,7 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
     state, or preserves it, runs over whole recordings. Where the longer horizon shows no more of
     the gap (`horizon_gain`), single windows are kept: they are more independent.
     """
+    # Windows of the fit are the fallback: every model that could be fitted is finite over them.
     short = _budget_of(model, 1, seed, settings)
     if short is None:
         raise AssertionError("replays of single windows are those of the fit")
@@ -138,6 +147,7 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
                 "State a shorter horizon, or none: pamid then chooses one.",
             )
         return stated
+    # The longest horizon first: an error of the equations shows more the longer a run is.
     for per_run in (WHOLE, *HORIZONS):
         longer = _budget_of(model, per_run, seed, settings)
         if longer is None:
@@ -145,6 +155,8 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
         floor, floor_short = seen_mean(longer.floor), seen_mean(short.floor)
         if np.nanmax(floor / floor_short) > settings.horizon_floor or errors_add_up(longer, short):
             continue
+        # Both errors are divided by their own floors, because the floor grows with the horizon as
+        # well.
         visible = np.nanmean(seen_mean(longer.baseline.absolutes) / floor)
         visible_short = np.nanmean(seen_mean(short.baseline.absolutes) / floor_short)
         return longer if visible > settings.horizon_gain * visible_short else short

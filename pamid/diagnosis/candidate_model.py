@@ -34,9 +34,12 @@ REWEIGHT_ROUNDS, REWEIGHT_FACTOR = 2, 1.2
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
-    """A model that was fitted and replayed. replays: with a start estimated in every window; runs:
-    over the horizon of the comparison, the same where that is one window; absolutes: mean absolute
-    error of the runs per held-out window and channel (SI), NaN where a channel was not recorded."""
+    """A model that was fitted and replayed.
+
+    replays: with a start estimated in every window; runs: over the horizon of the comparison, the
+    same where that is one window; absolutes: mean absolute error of the runs per held-out window
+    and channel (SI), NaN where a channel was not recorded.
+    """
 
     assembly: Assembly
     fit: Fit
@@ -105,18 +108,18 @@ class CandidateModel:
 
 
 def slopes_along(runner: Runner, p: Array, r: Replay) -> tuple[KnownSlopes | None, ...]:
-    """Slopes along a replay of what steps by itself, by its states alone and by the parameters,
-    too, for smoothings along it to begin with; none of equations."""
+    """Slopes of a simulator's steps along a replay, by its states alone and by the parameters as
+    well, as a start for smoothings. None for equations."""
     slopes = []
-    for own in (replace(runner, free=()).keeping(), runner.keeping()):
-        if own.known is not None:
-            values = own.parameters(p)
-            memory = own.memory(values)
+    for keeping in (replace(runner, free=()).keeping(), runner.keeping()):
+        if keeping.known is not None:
+            values = keeping.parameters(p)
+            memory = keeping.memory(values)
             for window, x in zip(r.windows, r.entered, strict=True):
-                own.enter(memory, x)
-                if not own.run(memory, window, values, True)[2]:
-                    memory = own.memory(values)
-        slopes.append(own.known)
+                keeping.enter(memory, x)
+                if not keeping.run(memory, window, values, True)[2]:
+                    memory = keeping.memory(values)
+        slopes.append(keeping.known)
     return tuple(slopes)
 
 
@@ -153,11 +156,11 @@ def candidate_from(
     return CandidateModel(assembly, fitted, replays, runs, absolutes)
 
 
-def transferred(assembly: Assembly, *found: tuple[Assembly, Array]) -> Array:
+def transferred(assembly: Assembly, *sources: tuple[Assembly, Array]) -> Array:
     """The assembly's data-sheet values with the parameters it shares with other models taken from
     theirs; where several have one, the last."""
     out = assembly.values()
-    for source, p in found:
+    for source, p in sources:
         for key in source.keys.keys() & assembly.keys.keys():
             out[assembly.keys[key]] = p[source.keys[key]]
     return out
@@ -170,29 +173,34 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
-class Beginning(NamedTuple):
-    """Where the windows of a fit begin: states per track (None: to be estimated), and how firmly
+class WindowBeginning(NamedTuple):
+    """Beginning of the windows of a fit: states per track (None: to be estimated), and how firmly
     they are tied to the window before."""
 
     starts: tuple[Array, ...] | None
     continuity: tuple[Array, ...]
 
 
-def begun_from(base: Fit, assembly: Assembly) -> Beginning:
-    """The windows' states that another model's fit has found, unless this model reads the size of a
-    state of which the other reads the sign: a fit then never leaves the signs that the other's
-    readings seemed to show, and they are estimated anew."""
+def window_starts_from(base: Fit, assembly: Assembly) -> WindowBeginning:
+    """States at the window starts, taken from another model's fit.
+
+    They are estimated anew where this model reads the size of a state and the other reads its sign.
+    A fit would otherwise never leave the signs of the other's readings.
+    """
     known = base.problem.assembly
     # trying the signs compiles the model; most effects leave the readings as they are
     if not assembly.reads_as(known) and set(assembly.even_states) - set(known.even_states):
-        return Beginning(None, ())
-    return Beginning(base.starts, base.continuity)
+        return WindowBeginning(None, ())
+    return WindowBeginning(base.starts, base.continuity)
 
 
 def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlopes | None, ...]:
-    """Slopes of what steps by itself where a fit has ended, for fits of other models of the same
-    rig along the same tracks; none of equations, which are differentiated at little cost. stepping:
-    of these fits (default: what the recordings ask for)."""
+    """Slopes of a simulator's steps along a fit, for fits of other models of the same rig along the
+    same tracks.
+
+    None for equations, which are differentiated at little cost. stepping: of these fits (default:
+    chosen by the recordings).
+    """
     if not fitted.problem.assembly.program.keeps_slopes or not fitted.starts:
         return ()
     shooting, _ = begin(
@@ -228,7 +236,9 @@ def refit(
     p = assembly.values() if p is None else p.copy()
     typical = p.copy()
     set_within_bounds(assembly, p, first or {})
-    begun = begun_from(base, assembly)
+    # Most effects are small corrections, so that the states of the base fit are a better start
+    # than new estimates.
+    begun = window_starts_from(base, assembly)
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
         fits = [fit_robustly(problem, p=q) for q in (p, typical)]
         return max(
@@ -248,14 +258,14 @@ def refit(
     for _ in range(REWEIGHT_ROUNDS):
         if not done.residuals:
             break
-        own = residual_weights(done.residuals, evidence.noise, problem.window)
-        if (own.root < REWEIGHT_FACTOR * done.weights.root).all():
+        weights = residual_weights(done.residuals, evidence.noise, problem.window)
+        if (weights.root < REWEIGHT_FACTOR * done.weights.root).all():
             break
         done = fit(
             problem,
             p=done.p,
             starts=done.starts,
-            weights=own,
+            weights=weights,
             stepping=done.stepping,
             known=done.known,
             exact=False,
@@ -270,7 +280,7 @@ def refit(
             weights=done.weights,
             stepping=done.stepping,
             continuity=done.continuity,
-            known=tuple(k and k.without_foretelling() for k in done.known),
+            known=tuple(k and k.without_prediction() for k in done.known),
             iterations=REFIT_ITERATIONS,
             tolerance=REFIT_TOLERANCE,
         )

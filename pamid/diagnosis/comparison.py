@@ -6,8 +6,8 @@ With the mean absolute error e_wc of a model in window w and channel c, and the 
     share removed = sum_w (loss_w(reference) - loss_w(model)) / sum_w (loss_w(baseline) - floor)
 
 The share is one of the gap between the baseline and the noise floor. Its standard error is that of
-the paired ratio to what the reference leaves above the floor, by a circular block bootstrap over
-windows: an effect that removes the same share of that in every window is certain although the
+the paired ratio to the reference's loss above the floor, by a circular block bootstrap over
+windows. An effect that removes the same share in every window is therefore certain although the
 windows differ. Diebold and Mariano (1995), JBES 13:253, for paired losses; Politis and Romano
 (1992) for the bootstrap. A model need not be true to be compared: no true one may be among the
 candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, ch. 6).
@@ -79,12 +79,15 @@ class Comparison:
         losses: of the model, where they are reported by windows that had no part in its choice.
         """
         before = self.loss(reference or self.budget.baseline)
-        own = before - self.budget.channel_losses(self.budget.floor)
+        gap = before - self.budget.channel_losses(self.budget.floor)
         after = self.loss(model) if losses is None else losses
-        if self.gap.sum() <= 0.0 or own.sum() <= 0.0 or len(before) < 2:
+        # A share of no gap is undefined, and a single window has no spread to judge it by.
+        if self.gap.sum() <= 0.0 or gap.sum() <= 0.0 or len(before) < 2:
             return NOTHING
-        scale = float(own.sum() / self.gap.sum())
-        share, error = (scale * x for x in paired_ratio(before - after, own, self.seed))
+        # The bootstrap runs on the ratio to what the reference leaves: numerator and denominator
+        # then vary together from window to window, and a proportional gain has nearly no error.
+        scale = float(gap.sum() / self.gap.sum())
+        share, error = (scale * x for x in paired_ratio(before - after, gap, self.seed))
         reach = NORMAL_95 * error
         return Share(
             min(share, 1.0), min(share - reach, 1.0), min(share + reach, 1.0), share / error
@@ -129,16 +132,18 @@ class Comparison:
         return sorted(models, key=lambda c: (float(self.loss(c).sum()), c.label))
 
     def predict_the_same(self, models: Sequence[CandidateModel]) -> bool:
-        """Whether the recordings cannot tell any of these models from the first of them.
+        """Whether the recordings cannot separate any of these models from the first of them.
 
         With predictions y_i and noise s_c of channel c, over the held-out samples that are scored,
 
             D(i, j) = max_c sqrt(mean_t ((y_i - y_j) / s_c)^2),
 
         i and j predict the same where D(i, j) < max(a min(D(i, 0), D(j, 0)), b): 0 is the baseline,
-        a and b are the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb what they
-        can of the difference, as in the T-criterion: Atkinson and Fedorov (1975), Biometrika 62:57.
+        a and b are the setting `alike_share` and ALIKE_NOISE. Refitted parameters absorb part of
+        the difference, as in the T-criterion: Atkinson and Fedorov (1975), Biometrika 62:57.
         """
+        # Predictions are compared, not losses: two models may have equal losses and still err in
+        # different places.
         noise, base = self.budget.model.evidence.noise, self.budget.baseline
 
         def distance(i: CandidateModel, j: CandidateModel) -> float:
@@ -162,6 +167,8 @@ class Comparison:
         Within a family the simplest member that is not worse stands for it. Empty where no model
         removes a material share.
         """
+        # Ties are counted against the best material model only. Ties among the others would chain
+        # models that are far apart.
         material = [c for c in self.ordered(models) if self.is_material(c, reference)]
         tied = [c for c in material if c is material[0] or self.is_tied(c, material[0])]
         leaders: dict[frozenset[str], CandidateModel] = {}
@@ -172,6 +179,8 @@ class Comparison:
     def simplest(self, best: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
         """The model with the fewest parameters among those of the same families that tie with
         the best of them."""
+        # The family is the finding. Its law with an extra parameter wins on noise alone, so that
+        # parsimony decides within it.
         family = [c for c in models if families_of(c) == families_of(best)]
         tied = [c for c in family if c is best or self.is_tied(c, best)]
         return min(tied, key=lambda c: c.free_count, default=best)

@@ -1,16 +1,15 @@
-"""Which effects might act together: best subsets of what the screened candidates change.
+"""Sets of effects that might act together: best subsets of the screened candidates' responses.
 
-Of every candidate e two things are known in the rows r of the baseline's least squares
-(`pamid.estimation.linear_rows`) where it was screened: what it changes at its best screened start,
-D_e = r(e) - r(baseline), and the derivatives T_e of that by its own parameters. With parameters and
-window starts projected out (P, onto what their derivatives cannot make), the gain of a set S of
-effects is to first order
+Every candidate e has two responses in the rows r of the baseline's least squares
+(`pamid.estimation.linear_rows`) where it was screened. D_e = r(e) - r(baseline) is the change at
+its best screened start, and T_e holds the derivatives of that by its own parameters. With
+parameters and window starts projected out by P, the gain of a set S of effects is to first order
 
     gain(S) = |P r|^2 - min [ |P (r + sum_e (a_e D_e + T_e b_e))|^2 + sum_e (a_e^2 + |b_e|^2) ]
 
-with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges; a_e^2 keeps what changed
-hardly anything from being blown up to all that is missing. It needs inner products alone, so that
-every pair is looked at; it only says which are refitted jointly, and held-out windows decide.
+with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges. The term a_e^2 keeps a small
+response from being scaled up to the whole gap. The gain needs inner products alone, so that every
+pair can be evaluated. It only selects the sets to refit jointly, and held-out windows decide.
 Frisch and Waugh (1933), Econometrica 1:387, for the projection; Miller (2002), Subset Selection in
 Regression, section 3.5, for subsets in the place of a greedy path.
 """
@@ -23,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.screening import Screened, ScreeningBaseline
+from pamid.diagnosis.screening import ScreenedCandidate, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
 from pamid.model.attachment import Addition
@@ -39,17 +38,20 @@ SUBSET_ROWS = 8000  # residuals to which the rows are thinned
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Of one candidate, in the rows of the baseline: columns (rows, 1 + own parameters) are P D_e
-    and P T_e; room: how far a_e and b_e may go before a parameter leaves its range."""
+    """Response of one candidate in the rows of the baseline.
+
+    columns (rows, 1 + its parameters): P D_e and P T_e; room: bounds of a_e and b_e within the
+    ranges of its parameters.
+    """
 
     columns: Array
     room: Array  # (1 + own parameters, 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Responding(ObjectWork[Screened, Response]):
+class ResponseWork(ObjectWork[ScreenedCandidate, Response]):
     """The response of a screened candidate. ground: the baseline's rows; spanned: orthonormal
-    columns that span what its parameters and window starts change."""
+    columns that span the effect of its parameters and window starts."""
 
     what = "response of"
     evidence: DataSplit
@@ -57,49 +59,53 @@ class Responding(ObjectWork[Screened, Response]):
     ground: Array
     spanned: Array
 
-    def result(self, item: Screened) -> Response:
+    def result(self, item: ScreenedCandidate) -> Response:
         assembly, p = item.ended
         assert item.stepping is not None
         problem = self.reference.problem(self.evidence, assembly)
         base = self.reference.baseline.fit
         labels, bounds = item.added.labels, assembly.parameters
-        own = np.array([bounds[i].owner in labels for i in problem.free], bool)
+        of_effect = np.array([bounds[i].owner in labels for i in problem.free], bool)
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
         point = problem, p, item.starts, base.weights, base.continuity, item.stepping, SUBSET_ROWS
+        # Derivatives of a rig that is stepped cost calls of its own code, so that those of the
+        # baseline are reused.
         if isinstance(assembly.rig, StepRig):
             rows = linear_rows(*point, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
-            shared = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
-            away, by_own = rows.away[shared], rows.by_parameters[np.ix_(shared, own)]
+            shared = np.concatenate([np.ones(len(rows.away) - len(of_effect), bool), ~of_effect])
+            away, by_effect = rows.away[shared], rows.by_parameters[np.ix_(shared, of_effect)]
+        # Equations are differentiated in lanes at little cost, so that only the effect's own
+        # columns are formed.
         else:
-            away, by_own = moved_rows(*point, np.flatnonzero(own))
-            sheet = s[~own]
+            away, by_effect = moved_rows(*point, np.flatnonzero(of_effect))
+            sheet = s[~of_effect]
             away = np.concatenate([away, sheet])
-            by_own = np.concatenate([by_own, np.zeros((len(sheet), by_own.shape[1]))])
-        columns = np.column_stack([away - self.ground, by_own])
-        room = np.column_stack([scale.low - s, scale.high - s])[own]
+            by_effect = np.concatenate([by_effect, np.zeros((len(sheet), by_effect.shape[1]))])
+        columns = np.column_stack([away - self.ground, by_effect])
+        room = np.column_stack([scale.low - s, scale.high - s])[of_effect]
         return Response(
             columns - self.spanned @ (self.spanned.T @ columns),
             np.concatenate([[[0.0, np.inf]], room]),
         )
 
-    def plain_form(self, item: Screened, result: Response) -> Plain:
+    def plain_form(self, item: ScreenedCandidate, result: Response) -> Plain:
         return {"columns": result.columns, "room": result.room}
 
-    def restored(self, item: Screened, plain: Plain) -> Response:
+    def restored(self, item: ScreenedCandidate, plain: Plain) -> Response:
         return Response(plain["columns"], plain["room"])
 
-    def name(self, item: Screened) -> str:
+    def name(self, item: ScreenedCandidate) -> str:
         return item.added.label
 
 
 @dataclass(frozen=True, eq=False)
 class ScreenedResponses:
-    """Of all candidates. gram: inner products of all their columns; against: those with the
-    baseline's projected residual; places: every candidate's columns."""
+    """Responses of all candidates. gram: inner products of all their columns; against: those with
+    the baseline's projected residual; places: every candidate's columns."""
 
-    screened: list[Screened]
+    screened: list[ScreenedCandidate]
     gram: Array
     against: Array
     room: Array
@@ -113,6 +119,8 @@ class ScreenedResponses:
         low, high = self.room[at].T
         x, free = np.zeros(len(at)), np.ones(len(at), bool)
         while free.any():
+            # Bounds matter here: without them a subset could gain by a negative amount of dry
+            # friction.
             held = A[np.ix_(free, ~free)] @ x[~free]
             # of least squares: where two columns are one to rounding, A is singular
             x[free] = -np.linalg.lstsq(A[np.ix_(free, free)], g[free] + held, rcond=None)[0]
@@ -126,9 +134,12 @@ class ScreenedResponses:
 
 
 def responses_of(
-    evidence: DataSplit, reference: ScreeningBaseline, screened: list[Screened], pool: WorkerPool
+    evidence: DataSplit,
+    reference: ScreeningBaseline,
+    screened: list[ScreenedCandidate],
+    pool: WorkerPool,
 ) -> ScreenedResponses:
-    """Of all screened candidates, each linearised where its screening has ended."""
+    """Responses of all screened candidates, each linearised where its screening has ended."""
     base = reference.baseline
     ground = linear_rows(
         reference.problem(evidence, base.assembly),
@@ -141,7 +152,7 @@ def responses_of(
         known=reference.known,
     )
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
-    responses = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
+    responses = pool.run(ResponseWork(evidence, reference, ground.away, spanned), screened)
     finite = [
         (s, r)
         for s, r in zip(screened, responses, strict=True)
@@ -160,10 +171,9 @@ def responses_of(
 
 @dataclass(frozen=True)
 class Subset:
-    """Candidates that may act together. gain: see above, in the unit of a fit's
-    cost."""
+    """Candidates that may act together. gain: see the module, in the unit of a fit's cost."""
 
-    members: tuple[Screened, ...]
+    members: tuple[ScreenedCandidate, ...]
     gain: float
 
     @property
@@ -178,21 +188,23 @@ def best_subsets(
     settings: Settings = DEFAULT,
     apart: Callable[[Addition, Addition], bool] = lambda a, b: False,
 ) -> list[Subset]:
-    """The best `size` (two or more) candidates of every combination of as many families, the
-    `subsets` best of these, as far as they gain something beyond fewer candidates and not next to
-    nothing against the first. A family is there twice where two of it stand `apart`, at places that
-    the recordings tell from each other: gaps at two joints.
+    """The best `size` (two or more) candidates of every combination of as many families.
 
-    Every pair is looked at; of larger sets those that add a candidate to one of the best that are
-    smaller by one.
+    Returns the `subsets` best of these that gain beyond fewer candidates, by a minimum share of the
+    best gain. A family occurs twice where two of it stand `apart`, at places that the recordings
+    separate, such as gaps at two joints. Every pair is evaluated; larger sets add a candidate to
+    one of the best smaller ones.
     """
+    # One law per family and place: two laws of friction at one joint are one cause.
     families = [family(s.added) for s in responses.screened]
     everyone = range(len(families))
 
     def at_once(i: int, j: int) -> bool:
-        one, rest = responses.screened[i].added, responses.screened[j].added
-        return families[i] != families[j] or apart(one, rest)
+        first, rest = responses.screened[i].added, responses.screened[j].added
+        return families[i] != families[j] or apart(first, rest)
 
+    # All single candidates stay, whatever they gain: two effects that cancel each other show no
+    # gain alone.
     leading: list[tuple[float, tuple[int, ...]]] = [(responses.gain((i,)), (i,)) for i in everyone]
     fewer = 0.0
     for _ in range(size - 1):
@@ -209,6 +221,8 @@ def best_subsets(
             gain = responses.gain(members)
             if names not in best or gain > best[names][0]:
                 best[names] = gain, members
+        # Indices break ties of equal gains, so that the result does not depend on the order of a
+        # set.
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
     # a share, no size in nats: the weights are those of the baseline's residuals, and where the
     # first effect removes nearly all of these, one that halves the rest gains a fraction of one

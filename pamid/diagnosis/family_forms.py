@@ -1,10 +1,9 @@
-"""Which family an effect outside the catalogue belongs to: the one whose free form takes up what
-is missing.
+"""Family of an effect outside the catalogue: the family whose free form absorbs the remainder.
 
-Free forms (`pamid.model.free_form`) have no law, only what a family has in common, so they take no
-part in the ranking of causes. Where a material part of the gap remains, those that fit the ports at
-which something is missing are fitted on top of the model, all parameters jointly, and compared with
-it on the same held-out windows.
+Free forms (`pamid.model.free_form`) have no law, only the common property of a family, so that they
+take no part in the ranking of causes. Where a material part of the gap remains, free forms that fit
+the ports with latent evidence are fitted on top of the model, all parameters jointly. They are
+compared with the model on the same held-out windows.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, Share
-from pamid.diagnosis.search import RefitStart, Refitting, Search
+from pamid.diagnosis.search import RefitStart, RefitWork, Search
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.problem import Fit
@@ -43,7 +42,7 @@ Reached = dict[tuple[str, str], Span]  # by port and signal
 
 @dataclass(frozen=True, eq=False)
 class FreeForm:
-    """A free form that takes up a material share of what a model leaves. removes: share of the
+    """A free form that absorbs a material share of a model's remainder. removes: share of the
     gap."""
 
     model: CandidateModel = field(repr=False)
@@ -72,10 +71,9 @@ class FreeForm:
 def free_forms(
     search: Search, comparison: Comparison, best: CandidateModel, ports: Sequence[str]
 ) -> list[FreeForm]:
-    """The free forms at these ports that remove a material share of what `best` leaves: the best
-    one and those that tie with it, the best first; none where none removes as much.
+    """Free forms at these ports that remove a material share of the remainder of `best`.
 
-    best: with effects or without.
+    The best one and those that tie with it, the best first. best: with effects or without.
     """
     models = [c for c in _fitted(search, best, ports) if comparison.is_material(c, best)]
     ordered = comparison.ordered(models)
@@ -101,10 +99,11 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
     starts = [
         _start(search, best, a, span)
         for a in determined_forms
+        # A curve is drawn over the signal of one port.
         if len(a.ports) == 1 and a.ports[0] in ports
         if (span := _span(a, rig, reached)) is not None
     ]
-    work = Refitting(search.evidence, best.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, best.fit, search.budget.sizes)
     models = search.pool.run(work, starts, search.progress)
     return [c for c in models if not isinstance(c, Failed) and c.finite]
 
@@ -113,6 +112,8 @@ def _start(search: Search, best: CandidateModel, a: Attachment, span: Span) -> R
     """At the model without the form, whose shapes are placed where the recordings went."""
     attached = (*best.attached, a)
     assembly = model_with(search.evidence, attached, search.budget.sizes)
+    # The form is to take up what the model leaves, so that the fit starts at this model and not at
+    # the data sheet.
     p = transferred(assembly, (best.assembly, best.fit.p))
     for name, value in _form(a).placed(*span).items():
         p[assembly.keys[f"{a.label}:{name}"]] = value
@@ -125,7 +126,7 @@ def _along(a: Attachment, port: Port) -> str:
 
 
 def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
-    """From where to where its curve goes; None where its signal is not offered, or rests."""
+    """Range of its curve; None where its signal is not offered, or rests."""
     name = a.ports[0]
     if _form(a).along == "time":
         return reached.get((name, "value"))
@@ -133,19 +134,20 @@ def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
 
 
 def curve_of(c: CandidateModel) -> FormCurve:
-    """The curve of a model's last effect, a free form, with the 95 % band of the fit's covariance,
-    over what the recordings reach, in the units people read."""
+    """Curve of a model's last effect, a free form, over the range of the recordings, with the 95 %
+    band of the fit's covariance, in display units."""
     a, fit = c.attached[-1], c.fit
     port, form = c.assembly.rig.ports[a.ports[0]], _form(a)
     along = _along(a, port)
     span = _span(a, c.assembly.rig, reached_at(c, a.ports))
     bounds = c.assembly.parameters
-    own = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
-    p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in own.items()})
+    places = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
+    p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in places.items()})
     shapes = form.curve(p, *(span or (0.0, 0.0)))
-    coefficients = np.array([fit.p[own[name]] for name in form.coefficients()])
+    coefficients = np.array([fit.p[places[name]] for name in form.coefficients()])
     y = shapes.base + shapes.columns @ coefficients
-    known = _covariance(fit, [own[name] for name in form.coefficients()])
+    known = _covariance(fit, [places[name] for name in form.coefficients()])
+    # The curve is linear in its coefficients, so that their covariance gives its variance exactly.
     variance = np.einsum("ij,jk,ik->i", shapes.columns, known, shapes.columns)
     half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
     shared = form.along == "time"  # a response is a share of the step
@@ -170,16 +172,18 @@ def _shown_unit(si: str) -> str:
 
 
 def _covariance(fit: Fit, places: list[int]) -> Array:
-    """Of fitted parameters at these places of the parameter vector (SI)."""
+    """Covariance of fitted parameters at these places of the parameter vector (SI)."""
     free = list(fit.problem.free)
     rows = [free.index(i) for i in places]
+    # A fit works in prior spreads, on a logarithm for factors. The chain rule converts its
+    # covariance to SI units.
     slope = fit.problem.scale.slope(fit.p[free])[rows]
     return np.asarray(fit.covariance[np.ix_(rows, rows)] * np.outer(slope, slope))
 
 
 def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:
-    """Between which values (SI) the values and signals at these ports lie over the windows of the
-    fit, but for outliers; of ports with several places over all of them."""
+    """Ranges (SI) of values and signals at these ports over the windows of the fit, without
+    outliers. Several places of a port are taken together."""
     assembly, fit = c.assembly, c.fit
     wanted: dict[tuple[str, str, str], Expr] = {
         (q.port, q.where, name): value
@@ -195,6 +199,8 @@ def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:
             for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
         ]
     )
+    # A single overshoot would stretch the curve over a range without data, where its coefficients
+    # are free.
     inside = [FORM_TAIL, 100.0 - FORM_TAIL]
     ends = np.percentile(rows[:, len(program.outputs) - len(wanted) :], inside, 0)
     reached: Reached = {}

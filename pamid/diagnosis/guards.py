@@ -1,13 +1,15 @@
 """Physical reasons for which a model is set aside, however well it predicts.
 
-A parameter ended at a bound that physics did not set; an amount ended at nothing, so that the model
-is a plainer one; a parameter ended where the effect is one of another family (hysteresis that slips
-at once is dry friction); the effect switches the input off; the effect duplicates a term of the
-rig. Where a rig has a term for the drag of its guide, viscous friction there is that term once
-more, and so is a damping that depends on the direction and came out the same in both. Such an
-effect takes up nothing that refitted parameters could not. Where the model with it is better all
-the same, something else changes with the term: a rough map, stated as a share of what passes the
-port, then applies to less.
+A parameter ended at a bound that physics did not set. An amount ended at nothing, so that the model
+is a plainer one. A parameter ended where the effect is one of another family (hysteresis that slips
+at once is dry friction). The effect switches the input off. The effect duplicates a term of the
+rig.
+
+Where a rig has a term for the drag of its guide, viscous friction there duplicates that term. So
+does a damping that depends on the direction and ended the same in both. Such an effect removes
+nothing that refitted parameters could not. If the model with it is better all the same, the term
+changes something else: a rough map, stated as a share of the value at the port, then applies to
+less.
 """
 
 from __future__ import annotations
@@ -44,12 +46,12 @@ class Guards:
     _objections: dict[CandidateModel, tuple[str, ...]] = field(default_factory=dict)
 
     def objections(self, model: CandidateModel) -> tuple[str, ...]:
-        """Why a model may not be named; empty where nothing speaks against it."""
+        """Reasons against naming a model; empty without any."""
         if model not in self._objections:
-            self._objections[model] = tuple(self._found(model))
+            self._objections[model] = tuple(self._reasons(model))
         return self._objections[model]
 
-    def _found(self, model: CandidateModel) -> list[str]:
+    def _reasons(self, model: CandidateModel) -> list[str]:
         reasons = []
         settings, base = self.search.settings, self.search.budget.baseline
         for a in _that_act(model):
@@ -73,6 +75,8 @@ class Guards:
         search, reason = self.search, "it predicts no better with the recorded inputs than without"
         if reason in self.objections(model):
             return True
+        # Free runs cost far more than the objections above, so that this test runs only for models
+        # that would be named.
         ignores = not explained_channels(search.budget, model, search.response, search.seed).any()
         if ignores:
             self._objections[model] = (*self.objections(model), reason)
@@ -80,8 +84,8 @@ class Guards:
 
 
 def _that_act(model: CandidateModel) -> list[Attachment]:
-    """The model's effects, of the same one at several ports those whose amounts did not end at
-    nothing: the others are no part of the model that is named."""
+    """The model's effects without those of an effect at several ports whose amounts ended at
+    nothing: they are no part of the model that is named."""
     acting_members: list[Attachment] = []
     for added in model.additions:
         acting = [a for a in added.members if not vanished(model, a.label)]
@@ -95,78 +99,92 @@ def _that_act(model: CandidateModel) -> list[Attachment]:
 def duplicated_terms(
     model: CandidateModel, label: str, base: CandidateModel, settings: Settings
 ) -> tuple[str, ...]:
-    """The rig's own fitted parameters, by their names outside, whose terms at the same port do what
-    one of the model's effects does there; empty where they do not.
+    """The rig's own fitted parameters whose terms at the same port duplicate one of the model's
+    effects; empty where none do.
 
-    With e(t) what the effect adds to the value that passes, d_j(t) the derivative of that value by
-    parameter j with the states as they are, along the fitted windows: what the best combination of
-    the d_j leaves of e is no more than `settings.own_terms` of it. A parameter that acts elsewhere,
-    too, does something else: what a pipe takes out of one tank comes into the next, what a leak
-    takes does not. Nor does one that would have to leave its data sheet for it: a ruler does not
-    err by a third. base: the model without effects; a parameter that ended at a bound there could
-    do no more, and does not count.
+    Let e(t) be the contribution of the effect to the value at the port, and d_j(t) the derivative
+    of that value by parameter j at fixed states, along the fitted windows. The terms duplicate the
+    effect where their best combination leaves at most `settings.own_terms` of e.
+
+    A parameter that also acts elsewhere does not count: the flow of a pipe out of one tank enters
+    the next, a leak does not. Nor does a parameter that would have to leave its data sheet: a ruler
+    does not err by a third. base: the model without effects; a parameter at a bound there was not
+    free to move, and does not count either.
     """
     (attached,) = (a for a in model.attached if a.label == label)
     passed = [q for q in model.assembly.traced.passages if q.port in attached.ports]
-    own = _own_parameters(model, passed, base)
+    places = _parameters_at_port(model, passed, base)
     bounds = model.assembly.parameters
     null = {
         symbol("parameter", b.key): expression(b.null)
         for b in bounds
         if b.owner == label and b.null is not None
     }
-    if not own or not null:
+    if not places or not null:
         return ()
-    # what the effect remembers is the effect's, too: gone with it
+    # memories of the effect vanish with it
     null |= {
         symbol(space, name): expression(0.0)
         for space, name in symbols([q.result for q in passed])
         if space == "state" and name.startswith(f"{label}.")
     }
-    added, terms = _along_fit(model, passed, null, own)
+    added, terms = _along_fit(model, passed, null, places)
     size = np.sqrt((terms**2).mean(axis=0))
-    own = [i for i, s in zip(own, size, strict=True) if s > 0.0]
+    places = [i for i, s in zip(places, size, strict=True) if s > 0.0]
     terms, size = terms[:, size > 0.0], size[size > 0.0]
     all_of_it = float(np.sqrt((added**2).mean()))
-    if not own or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
+    # An effect that adds nothing duplicates every term; `vanished` reports it.
+    if not places or not np.isfinite(all_of_it + size.sum()) or all_of_it == 0.0:
         return ()
+    # Terms differ by orders of magnitude in SI units. Unit columns keep the cutoff of small
+    # singular values from dropping a term that only has a small unit.
     weight = np.linalg.lstsq(terms / size, added, rcond=None)[0]
     left = float(np.sqrt(((added - terms / size @ weight) ** 2).mean()))
     least = settings.own_terms * all_of_it
-    if left > least or _leaves_its_prior(model, own, weight / size, settings):
+    if left > least or _leaves_its_prior(model, places, weight / size, settings):
         return ()
-    return tuple(bounds[i].name for i, w in zip(own, weight, strict=True) if abs(w) > least)
+    return tuple(bounds[i].name for i, w in zip(places, weight, strict=True) if abs(w) > least)
 
 
-def _own_parameters(
+def _parameters_at_port(
     model: CandidateModel, passed: list[Passage], base: CandidateModel
 ) -> list[int]:
     """Places of the rig's fitted parameters that act at the port of these passages alone, and ended
     at no bound without the effect."""
+    # An effect at two ports moves something from one to the other. No term of a single port does
+    # that.
     if len({q.port for q in passed}) != 1:
         return []
     bounds = model.assembly.parameters
     entering = {name for space, name in symbols([q.value for q in passed]) if space == "parameter"}
-    own = [i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering]
-    if not own:
+    places = [
+        i for i in model.fit.problem.free if not bounds[i].owner and bounds[i].key in entering
+    ]
+    if not places:
         return []
+    # Without the effect such a parameter wanted to go further and was not allowed to. The effect
+    # does then what the term could not.
     ended = {b.key for b, e in estimates(base.fit).items() if e.at_bound}
     other = ended | _acting_elsewhere(base.assembly.rig)[passed[0].port]
-    return [i for i in own if bounds[i].key not in other]
+    return [i for i in places if bounds[i].key not in other]
 
 
 def _along_fit(
-    model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], own: list[int]
+    model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], places: list[int]
 ) -> tuple[Array, Array]:
     """Contribution of the effect to these passages along the fit, and the derivatives of the values
     that enter them by these parameters (samples; samples x own)."""
     bounds, p = model.assembly.parameters, model.fit.p
     # relative: by which a parameter is moved to see its term
+    # Longer than the usual square root: a term that is linear in its parameter has no truncation
+    # error, and rounding of a large value would hide a small term.
     least = float(np.finfo(float).eps) ** 0.25
-    steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in own]
+    steps = [least * max(abs(float(p[i])), least * abs(bounds[i].high)) for i in places]
     moves = [
         {at: at + step}
-        for at, step in zip((symbol("parameter", bounds[i].key) for i in own), steps, strict=True)
+        for at, step in zip(
+            (symbol("parameter", bounds[i].key) for i in places), steps, strict=True
+        )
     ]
     wanted: list[Expr] = []
     for q in passed:
@@ -175,17 +193,20 @@ def _along_fit(
         for move, step in zip(moves, steps, strict=True):
             (moved,) = substitute([q.value], move)
             wanted.append((moved - q.value) * (1.0 / step))
-    rows = model.along_fit(wanted).reshape(-1, 1 + len(own))
+    rows = model.along_fit(wanted).reshape(-1, 1 + len(places))
     return rows[:, 0], rows[:, 1:]
 
 
-def _leaves_its_prior(model: CandidateModel, own: list[int], by: Array, settings: Settings) -> bool:
-    """Would one of these parameters, moved by so much (SI) from where the model has it, be farther
-    off its data sheet than what is called far off, and farther than it is?"""
+def _leaves_its_prior(
+    model: CandidateModel, places: list[int], by: Array, settings: Settings
+) -> bool:
+    """Whether one of these parameters, moved by so much (SI) from the fit, would be `far_off` its
+    data sheet and farther than it is."""
     scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
     before = scale.inside(p[free])
-    p[own] += by
+    p[places] += by
     after = scale.inside(p[free])
+    # A parameter that is far off already would be blamed for its distance, not for the effect's.
     most = np.maximum(settings.far_off, np.abs(before))
     return bool((np.abs(after) > most).any())
 
@@ -199,10 +220,10 @@ class _Closed(Effect):
         return 0.0
 
 
-@lru_cache(maxsize=64)  # asked of every effect that leads
+@lru_cache(maxsize=64)  # computed for every effect that leads
 def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
-    """By port: parameters that the rig's equations read beside what passes it. The port is closed
-    for this, not its value left out: what a sensor reads may act in the machine as well."""
+    """By port: parameters that the rig's equations read besides its value. The port is closed for
+    this, and its value stays: a reading of a sensor may act in the machine as well."""
     parameters = {}
     for closed in rig.ports:
 
@@ -211,7 +232,7 @@ def _acting_elsewhere(rig: Rig) -> dict[str, frozenset[str]]:
 
         try:
             rest = trace(rig, effects_at, {})
-        except FileError:  # not defined there: nothing can be said of the port
+        except FileError:  # not defined there: the port stays open
             rest = trace(rig, lambda *_: [], {})
         read = symbols([*rest.rates.values(), *rest.outputs.values()])
         parameters[closed] = frozenset(name for space, name in read if space == "parameter")

@@ -1,7 +1,10 @@
-"""Does a recording show this machine? The model's prediction with the recorded inputs is compared
-with that of the same model without them. An effect that switches an input off (a saturation, a
-dead zone, a gain of zero) may reproduce any smooth output by its free response, and explains
-nothing. Where no input moves, the comparison is with forecasts that need no model."""
+"""Test whether a recording shows this machine.
+
+The model's prediction with the recorded inputs is compared with that of the same model without
+them. An effect that switches an input off (a saturation, a dead zone, a gain of zero) may reproduce
+any smooth output by its free response, and explains nothing. Where no input moves, the comparison
+is with forecasts that need no model.
+"""
 
 from __future__ import annotations
 
@@ -39,6 +42,8 @@ def explained_channels(
     `_beats_extrapolation`.
     """
     if response is not None:
+        # Held-out data first: the fitted data have seen the model's parameters, and serve only
+        # where the inputs rest in the held-out part.
         if inputs_move([r.full_track for r in model.replays]):
             return _responding(budget, model, model.replays, seed)
         tracks = model.fit.problem.tracks
@@ -91,6 +96,8 @@ def _responding(
     responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
     if responding.all():  # the windows cost ten times as much as the free runs
         return responding
+    # A free response alone may beat the median, and a rectifier alone may beat the mean of its
+    # input. Only a model that beats all of these uses its inputs.
     middle = np.concatenate([_guesses(r)[0] for r in true])
     held, *shifted = (
         losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
@@ -163,6 +170,7 @@ def _free_run_errors(
             _free_run(model, t, start)
             for t in (track, *(_without_inputs(track, shift) for shift in shifts))
         ]
+        # The median minimises the absolute error, so that it is the hardest constant to beat.
         runs.insert(1, np.broadcast_to(np.median(track.y, axis=0), track.y.shape))
         total += [np.nansum(np.abs(track.y - run), axis=0) for run in runs]
     return total
@@ -184,11 +192,11 @@ def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bo
     absolutes = np.concatenate([r.losses() for r in model.replays])
     for c, floor in enumerate(seen_mean(budget.floor)):
         seen = ~np.isnan(absolutes[:, c])  # a recording may lack the channel
-        own, flat = absolutes[seen, c], middle[seen, c]
+        error, flat = absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
-        near = own.mean() < budget.settings.naive_near_floor * floor
-        if _is_better(own, flat, seed, budget.settings) and (
-            not started or near or _is_better(own, guess, seed, budget.settings)
+        near = error.mean() < budget.settings.naive_near_floor * floor
+        if _is_better(error, flat, seed, budget.settings) and (
+            not started or near or _is_better(error, guess, seed, budget.settings)
         ):
             return True
     return _follows(model, budget.settings)
@@ -199,6 +207,8 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     in any channel, in the held-out or in the fitted data."""
     held_out = [(r.track, r.entered[0]) for r in model.replays]
     fitted = [(t, x[0]) for t, x in zip(model.fit.problem.tracks, model.fit.starts, strict=True)]
+    # A slow machine may hardly move in the held-out part. Its fitted data still show whether the
+    # model follows.
     for begun in (held_out, fitted):
         free, flat = _free_run_errors(model, begun, ())
         if (free < settings.naive_plain * flat).any():
@@ -206,17 +216,20 @@ def _follows(model: CandidateModel, settings: Settings) -> bool:
     return False
 
 
-def _is_better(own: Array, guess: Array, seed: int, settings: Settings) -> bool:
-    """By the margin, with 95 % confidence, or by so much that a few windows show it; windows whose
-    guess is exact say nothing of a model."""
+def _is_better(error: Array, guess: Array, seed: int, settings: Settings) -> bool:
+    """Whether the error is smaller by the margin with 95 % confidence, or by so much that a few
+    windows show it. Windows with an exact guess have no weight."""
     most = 1.0 - settings.naive_margin
-    if guess.sum() <= 0.0 or own.sum() >= most * guess.sum():
+    if guess.sum() <= 0.0 or error.sum() >= most * guess.sum():
         return False
-    if own.sum() < settings.naive_plain * guess.sum():
+    # An interval of three or four windows is always wide. Half the error is a difference that
+    # needs no interval.
+    if error.sum() < settings.naive_plain * guess.sum():
         return True
+    # A ratio of losses needs a positive denominator in every resample.
     guess_error = guess + 1e-9 * guess.mean()
     # of few windows it is not shown that it explains nothing either
-    return bool(moving_block_interval(own, guess_error, seed=seed, widened=False)[1] < most)
+    return bool(moving_block_interval(error, guess_error, seed=seed, widened=False)[1] < most)
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:

@@ -37,11 +37,14 @@ SCAN_CHECKED, SCAN_STARTS = 24, 2
 SCAN_SAMPLES = 4000  # on which all values are tried
 
 
-class Scanned(NamedTuple):
-    """Where the misfit is asked: windows with their starts (states per track), and the parameters
-    (SI) of the model without the effect; most: samples, of which whole windows are asked, two at
-    least of every track; beside: these are of a model with the effect, whose other amounts count as
-    they are found there, not at their null."""
+class ScanPart(NamedTuple):
+    """Part of the recordings for a scan.
+
+    Windows with their starts (states per track), and the parameters (SI) of the model without the
+    effect; most: samples, in whole windows, at least two of every track; with_effect: the
+    parameters are of a model with the effect, whose other amounts stay at their values instead of
+    their null.
+    """
 
     problem: Problem
     p: Array
@@ -49,21 +52,26 @@ class Scanned(NamedTuple):
     weights: Weights
     stepping: Stepping
     most: int | None = None
-    beside: bool = False
+    with_effect: bool = False
 
 
-def scanned_values(part: Scanned, whole: Scanned, place: int) -> list[float]:
-    """The values (SI) of the parameter in this place with the least misfit on the whole, the best
-    first, where they leave less than the effect at its null; of those tried that are best on a part
-    of it."""
-    if part.problem.assembly.program.keeps_slopes:  # a run is dear there
+def scanned_values(part: ScanPart, whole: ScanPart, place: int) -> list[float]:
+    """Values (SI) of the parameter in this place with the least misfit on the whole, the best
+    first.
+
+    Only values that leave less than the effect at its null. Candidates are those that are best on a
+    part.
+    """
+    if part.problem.assembly.program.keeps_slopes:  # a run is expensive there
         return []
     grid = scan_grid(part.problem.assembly.parameters[place])
+    # Narrow minima need a fine grid, and a run of all windows per value would cost as much as a
+    # refit. The part rejects nearly all values.
     best = _least(part, place, grid, SCAN_CHECKED)
     return _least(whole, place, best, SCAN_STARTS).tolist()
 
 
-def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
+def _least(where: ScanPart, place: int, values: Array, count: int) -> Array:
     """So many of these values, the least misfit first.
 
     Amounts of the same effect stay at their null, or where they were found, and are projected out
@@ -73,31 +81,34 @@ def _least(where: Scanned, place: int, values: Array, count: int) -> Array:
     owned = [i for i in problem.free if assembly.parameters[i].owner == owner]
     amounts = tuple(i for i in owned if i != place)
     at = where.p.copy()
-    for i in [place] if where.beside else owned:
+    for i in [place] if where.with_effect else owned:
         null = assembly.parameters[i].null
         at[i] = at[i] if null is None else null
     common = replace(problem, free=tuple(i for i in problem.free if i not in owned))
     residual, slopes = _linearised(where, common, at)
     if not np.isfinite(residual).all() or not len(values):
         return values[:0]
+    # To first order one projection serves all values of the grid. Only the slopes by the amounts
+    # are formed at each value.
     free = _Orthogonal.to(slopes, len(common.free))
     least = float((free.part_of(residual[:, None]) ** 2).sum())
     parts = [values[k : k + LANES] for k in range(0, len(values), LANES)]
     misfits = np.concatenate([_misfits(where, at, place, v, amounts, free) for v in parts])
+    # Equal misfits keep the grid's order, which begins at the upper end of the range.
     order = np.argsort(misfits, kind="stable")[:count]
     return values[[i for i in order if misfits[i] < least]]
 
 
 def _misfits(
-    where: Scanned,
+    where: ScanPart,
     at: Array,
     place: int,
     values: Array,
     amounts: tuple[int, ...],
     free: _Orthogonal,
 ) -> Array:
-    """Squares of what is left of the residual at each of these values where what is free, and the
-    slopes by the amounts there, are projected out; infinite where the model blows up."""
+    """Squares of the residual at each of these values with the free directions, and the slopes by
+    the amounts there, projected out; infinite where the model blows up."""
     residuals, slopes = _side_by_side(where, at, place, values, amounts)
     finite = np.flatnonzero(np.isfinite(residuals).all(axis=0))
     misfits = np.full(len(values), np.inf)
@@ -119,6 +130,8 @@ class _Orthogonal(NamedTuple):
     @classmethod
     def to(cls, slopes: list[Array], shared: int) -> _Orthogonal:
         """slopes: of each window (its rows, shared parameters and then its start)."""
+        # A window's start acts on that window alone. The projection by blocks avoids a dense
+        # matrix of all starts.
         windows = [np.linalg.qr(part[:, shared:])[0] for part in slopes]
         alone = cls(windows, np.zeros((sum(map(len, slopes)), 0)))
         joined = alone.part_of(np.concatenate([part[:, :shared] for part in slopes]))
@@ -136,7 +149,7 @@ class _Orthogonal(NamedTuple):
 
 
 def _side_by_side(
-    where: Scanned, at: Array, place: int, values: Array, amounts: tuple[int, ...]
+    where: ScanPart, at: Array, place: int, values: Array, amounts: tuple[int, ...]
 ) -> tuple[Array, Array]:
     """Weighted residuals of all windows in a row (rows, values), and their differences by the
     amounts (rows, values, amounts): each value has a lane, and one more for each amount."""
@@ -149,13 +162,15 @@ def _side_by_side(
     for k, i in enumerate(amounts):
         b = bounds[i]
         size = DIFFERENCE * max(abs(at[i]), b.spread * (abs(at[i]) if b.log else 1.0))
+        # A step beyond the range might leave the region where the equation is defined.
         steps[k] = -size if at[i] + size > b.high else size
         p[i, k + 1 :: width] += steps[k]
     rows = []
     for track, x in zip(problem.tracks, where.starts, strict=True):
+        # Values that belong to a track replace those of the parameter vector in every lane.
         known = list(track.known)
         p[known] = track.p[known, None]
-        windows = _asked(where, track)
+        windows = _scanned_windows(where, track)
         edges = np.array([windows[0].start, *(w.stop for w in windows)])
         begun = np.stack([problem.assembly.start(q) for q in p.T], axis=1)
         memory = program.memory(begun, stepping=where.stepping, period_s=track.period_s)
@@ -177,7 +192,7 @@ def _side_by_side(
     return joined[:, :, 0], (joined[:, :, 1:] - joined[:, :, :1]) / steps
 
 
-def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list[Array]]:
+def _linearised(where: ScanPart, problem: Problem, p: Array) -> tuple[Array, list[Array]]:
     """Weighted residuals of all windows in a row, and of each window the derivatives of the outputs
     by the free parameters and its start; infinite residuals where the model does not stay
     finite."""
@@ -185,7 +200,7 @@ def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list
     for track, x in zip(problem.tracks, where.starts, strict=True):
         runner = Runner(problem.assembly, track, where.stepping, problem.free)
         values = runner.parameters(p)
-        root, windows = where.weights.root[track.seen], _asked(where, track)
+        root, windows = where.weights.root[track.seen], _scanned_windows(where, track)
         runs = runner.run_windows(runner.memory(values), windows, x[: len(windows)], values, True)
         for window, run in zip(windows, runs, strict=True):
             left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
@@ -196,7 +211,7 @@ def _linearised(where: Scanned, problem: Problem, p: Array) -> tuple[Array, list
     return np.concatenate(rows), parts
 
 
-def _asked(where: Scanned, track: Track) -> list[Window]:
+def _scanned_windows(where: ScanPart, track: Track) -> list[Window]:
     """The first windows of a track that have no more samples than its share, two at least."""
     windows = where.problem.windows(track)
     if where.most is None:

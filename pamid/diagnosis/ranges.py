@@ -2,12 +2,12 @@
 nothing.
 
 A range in multiples of a typical magnitude is a guess. Where a fit ends at its upper end (or at the
-lower one of a factor that makes the equation softer) the effect is fitted again over a wider one,
-and only what still ends there is at its bound. A range
-between two numbers without a unit (a share of 0 .. 1) is physics and stays.
+lower one of a factor that makes the equation softer) the effect is fitted again over a wider range.
+Only a parameter that still ends there is at its bound. A range between two numbers without a unit
+(a share of 0 .. 1) is physics and stays.
 
-An effect whose amount may not be negative and that ends at nothing may be there with the opposite
-sign: a bench that moves a part and reads the force sees friction that way round.
+An effect whose amount may not be negative and that ends at nothing may act with the opposite sign:
+a bench that moves a part and reads the force sees friction with that sign.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ WIDER = 4.0  # by which a range is widened
 
 
 def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
-    """The model with wider ranges of what its effects' parameters ended at; None where there is
-    none such. The lower end of a factor stays where it keeps an equation from growing stiff."""
+    """The model with wider ranges for the parameters of its effects that ended at a guess; None
+    without such parameters. The lower end of a factor stays where it keeps an equation from growing
+    stiff."""
     ranges = {
         b.key: _wider(b, end)
         for a in assembly.attachments
@@ -40,7 +41,7 @@ def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else None
 
 
-def as_wide(assembly: Assembly, *others: Assembly) -> Assembly:
+def with_ranges_of(assembly: Assembly, *others: Assembly) -> Assembly:
     """The model with the ranges to which those of its parameters were widened in others."""
     ranges = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
     return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else assembly
@@ -55,10 +56,13 @@ def _wider(b: Bound, end: str | None) -> Range:
 def at_bounds(
     model: CandidateModel, settings: Settings = DEFAULT, label: str = ""
 ) -> tuple[str, ...]:
-    """Parameters of one of the model's effects (default: the last) that are pressed against a
-    bound which physics did not set, by their names outside. The lower end of a factor is none: it
-    keeps an equation from growing stiff, and what ends there (friction that gives next to nothing
-    before it slips) is as the limit of its form."""
+    """Outside names of the parameters of an effect (default: the last) that press against a bound
+    which physics did not set.
+
+    The lower end of a factor is not such a bound: it keeps an equation from growing stiff, and a
+    parameter there (friction that gives next to nothing before it slips) is at the limit of its
+    form.
+    """
     ended = _at_guesses(model.assembly, model.fit, label)
     return tuple(
         b.name for b, end, pressed in ended if pressed > settings.pressed and not _is_limit(b, end)
@@ -83,19 +87,21 @@ def _is_limit(bound: Bound, end: str) -> bool:
 def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[Bound, str, float]]:
     """Parameters at the end of a range that is a guess, that end, and the slope there (nats per
     prior spread)."""
+    # A fit that has blown up has no meaningful end.
     if not fitted.residuals or not assembly.attachments:
         return []
-    own = label or assembly.attachments[-1].label
+    owner = label or assembly.attachments[-1].label
     held = fitted.held if fitted.held.size else [0.0] * len(fitted.problem.free)
     return [
         (b, e.at_bound, abs(float(g)))
         for (b, e), g in zip(estimates(fitted).items(), held, strict=True)
-        if b.owner == own and e.at_bound and _guessed(b, e.at_bound)
+        if b.owner == owner and e.at_bound and _guessed(b, e.at_bound)
     ]
 
 
 def _guessed(bound: Bound, end: str) -> bool:
-    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing?"""
+    """Whether this end of the range is a multiple of a typical magnitude, and not the amount
+    nothing."""
     if not bound.sized:
         return False
     return bound.high > 0.0 if end == "high" else bound.low != 0.0
@@ -113,8 +119,10 @@ def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
         for bound, value in zip(model.assembly.parameters, model.fit.p, strict=True)
         if bound.owner == label and bound.null is not None
     ]
-    # a fit puts what is pressed against its bound exactly there
+    # a fit puts a parameter that presses against its bound exactly there
     gone = [bound for bound, value in amounts if value == bound.null]
+    # One amount at nothing is usual, for instance a force in one direction only, unless the effect
+    # is defined by it.
     if len(gone) < len(amounts):
         gone = [bound for bound in gone if bound.key in defining]
     return tuple(bound.name for bound in gone)
@@ -127,24 +135,24 @@ def amount_z(model: CandidateModel, label: str) -> float:
     free = list(f.problem.free)
     scale, deviation = f.problem.scale, np.sqrt(np.maximum(f.covariance.diagonal(), 1e-30))
     nothing = f.p.copy()
-    own = []
+    amounts = []
     for k, i in enumerate(free):
         b = model.assembly.parameters[i]
         if b.owner == label and b.null is not None:
             nothing[i] = b.null
-            own.append(k)
+            amounts.append(k)
     away = np.abs(scale.inside(f.p[free]) - scale.inside(nothing[free])) / deviation
-    return float(away[own].max()) if own else math.inf
+    return float(away[amounts].max()) if amounts else math.inf
 
 
 def mirrored(model: CandidateModel) -> dict[str, Range]:
     """Ranges in which the amounts of the model's last effect have the opposite sign; empty where
     they may have either, or where the fit has not ended at nothing."""
-    own = model.additions[-1].labels
+    labels = model.additions[-1].labels
     amounts = [
         (b, e)
         for b, e in estimates(model.fit).items()
-        if b.owner in own and b.sized and b.null == b.low == 0.0
+        if b.owner in labels and b.sized and b.null == b.low == 0.0
     ]
     if not amounts or any(e.at_bound != "low" for _, e in amounts):
         return {}

@@ -1,10 +1,10 @@
-"""Screening: a few Gauss-Newton steps per candidate say which are worth a refit.
+"""Screening: a few Gauss-Newton steps per candidate select those worth a refit.
 
-All candidates take the first steps, from each of their starting points, those that can still be
+All candidates take the first steps, from each of their starting points. Those that can still be
 refitted take further ones (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240).
 A candidate's gain is the drop of the fit's cost (negative log posterior, nats) over the part of the
-recordings where the baseline is worst, against the baseline after as many steps. It only chooses
-what is refitted: the refit on held-out windows decides.
+recordings where the baseline is worst, against the baseline after as many steps. It only selects
+the refits, and the refit on held-out windows decides.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import (
     CandidateModel,
-    begun_from,
     known_along,
     set_within_bounds,
     transferred,
+    window_starts_from,
 )
-from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, Scanned, scanned_values
-from pamid.diagnosis.ranges import as_wide
+from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, ScanPart, scanned_values
+from pamid.diagnosis.ranges import with_ranges_of
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.damped_gauss_newton import iterate
@@ -52,17 +52,20 @@ FEWEST_SCREENED = 3  # windows of every recording
 # cost falls wherever the effect helps
 TRACE = 0.1
 ADVANCED = 2  # times as many candidates as are refitted take the further steps
-SCAN_GAIN = 0.1  # share of the cost that pulses remove before what shapes them is scanned
+SCAN_GAIN = 0.1  # share of the cost that pulses remove before their shape is scanned
 # cost ratio to the data sheet's parameters, from which on a baseline is screened from these
 SHEET_ADVANTAGE = 1.05
 
 
 @dataclass(frozen=True)
-class Screened:
-    """A candidate with its best start. gain: drop of the training cost (nats) against the baseline,
-    steps taken; p, starts, stepping: where these steps have led (parameters in SI, states at the
-    windows screened per track); rival: the candidate from a start that promises more, and promised:
-    the gain that it expects."""
+class ScreenedCandidate:
+    """A candidate with its best start.
+
+    gain: drop of the training cost (nats) against the baseline after these steps; p, starts,
+    stepping: their end (parameters in SI, states at the windows screened per track); rival: the
+    candidate from another start with a larger promise; promised: the gain that the linear model
+    predicts.
+    """
 
     added: Addition
     assembly: Assembly | None = field(compare=False)
@@ -72,17 +75,17 @@ class Screened:
     p: Array | None = None
     starts: tuple[Array, ...] = ()
     stepping: Stepping | None = None
-    rival: Screened | None = None
+    rival: ScreenedCandidate | None = None
     promised: float = -np.inf
 
     @property
     def prospect(self) -> float:
-        """The gain that further steps may reach, as far as it is known."""
+        """Gain that further steps may reach, by the linear model."""
         return max(self.gain, self.rival.promised if self.rival else -np.inf)
 
     @property
     def usable(self) -> bool:
-        """Did it stay stable?"""
+        """Whether it stayed stable."""
         return self.assembly is not None and bool(np.isfinite(self.gain))
 
     @property
@@ -101,13 +104,13 @@ def starting_points(
     A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
     wherever the effect helps.
     """
-    own = {b.key: b for b in assembly.parameters if b.owner in added.labels}
+    bounds = {b.key: b for b in assembly.parameters if b.owner in added.labels}
     slight = {
-        key: b.null + TRACE * (b.value - b.null) for key, b in own.items() if b.null is not None
+        key: b.null + TRACE * (b.value - b.null) for key, b in bounds.items() if b.null is not None
     }
     points = [{}, slight]
     varied: dict[tuple[str, int], dict[str, float]] = {}
-    for key, b in own.items():
+    for key, b in bounds.items():
         for k, value in enumerate(b.tries):
             varied.setdefault((key.removeprefix(f"{b.owner}:"), k), {})[key] = value
     points += varied.values()
@@ -135,11 +138,11 @@ class ScreeningBaseline:
     """Reference for screening: the baseline over the part of every fitted recording where it fits
     worst.
 
-    spans: where that part begins and ends, starts: states at its windows, per track; p: parameters
-    from which the baseline does best there, its own or the data sheet's (a gap can drive a fit into
-    a corner that no effect leads out of); cost: the baseline's, after as many steps as a candidate
-    is given; held: is the background kept as it was fitted? Among many candidates it is, which
-    makes a step several times as cheap.
+    spans: begin and end of that part, per track; starts: states at its windows, per track; p:
+    parameters from which the baseline does best there, its own or the data sheet's (a gap can drive
+    a fit into a corner that no effect leads out of); cost: the baseline's, after as many steps as a
+    candidate takes; held: whether the background stays as fitted. Among many candidates it does,
+    which makes a step several times as cheap.
     """
 
     baseline: CandidateModel
@@ -163,6 +166,8 @@ class ScreeningBaseline:
         )
         spans, starts = [], []
         for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
+            # Where the baseline fits worst the missing effect acts most, and a part is much
+            # cheaper than the whole.
             windows = problem.windows(track)
             losses = np.array(
                 [np.nansum((r[w.start : w.stop] * base.weights.root) ** 2) for w in windows]
@@ -176,6 +181,8 @@ class ScreeningBaseline:
             )
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
+        # Background terms are many. Held at their fit they cost nothing, at the price that a
+        # candidate cannot trade with them.
         held = candidates > settings.held_background_from
         short = _short(problem, tuple(spans), held)
         sheet, stepping = problem.assembly.values(), _screened_by(base)
@@ -211,7 +218,7 @@ class ScreeningBaseline:
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
-        """Slopes of what steps by itself along these parts, for the candidates to begin with."""
+        """Slopes of a simulator's steps along these parts, as a start for the candidates."""
         base = self.baseline.fit
         return known_along(
             replace(
@@ -223,10 +230,10 @@ class ScreeningBaseline:
             self.stepping,
         )
 
-    def model_beside(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
-        """The baseline and a candidate; what was widened for the baseline stays wide."""
+    def extended_model(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
+        """The baseline with a candidate; ranges widened for the baseline stay wide."""
         assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
-        return as_wide(assembly, self.baseline.assembly)
+        return with_ranges_of(assembly, self.baseline.assembly)
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
@@ -238,9 +245,9 @@ class ScreeningBaseline:
 
 
 def _screened_by(base: Fit) -> Stepping:
-    """The stepping of the fit; where a step is dear no finer one than the recordings ask for."""
-    dear = base.problem.assembly.program.keeps_slopes
-    return careful_stepping(base.problem, base.p) if dear else base.stepping
+    """The stepping of the fit; where a step is expensive no finer one than the recordings need."""
+    expensive = base.problem.assembly.program.keeps_slopes
+    return careful_stepping(base.problem, base.p) if expensive else base.stepping
 
 
 def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
@@ -253,7 +260,7 @@ def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> 
 
 
 def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
-    """Of these parameters those that a screening moves."""
+    """Those of these parameters that a screening moves."""
     return tuple(i for i in places if not held or not assembly.parameters[i].nuisance)
 
 
@@ -277,20 +284,24 @@ def screen(
     added: Addition,
     sizes: Sizes,
     hints: GapHints,
-) -> Screened:
+) -> ScreenedCandidate:
     """Gain of one candidate after the first steps from the best of its starting points."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
-        assembly = reference.model_beside(evidence, added, sizes)
+        assembly = reference.extended_model(evidence, added, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
-        return Screened(added, None, {}, -np.inf, str(error))
-    starts = begun_from(baseline.fit, assembly).starts and reference.starts
-    by_chords = _Probing(reference, problem, reference.frozen)
+        return ScreenedCandidate(added, None, {}, -np.inf, str(error))
+    # The baseline's states fit its own error. They are the best guess where the candidate reads
+    # states the same way.
+    starts = window_starts_from(baseline.fit, assembly).starts and reference.starts
+    # A chord step with the baseline's Jacobian needs no derivatives. It is good enough to rank
+    # starting points near the baseline.
+    by_chords = _Probe(reference, problem, reference.frozen)
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
     points += _scanned_at_null(reference, evidence, problem, starts, added)
-    # what acts beyond a limit only has many minima, which few steps or outdated derivatives miss
+    # an effect beyond a limit has many minima, which few steps or outdated derivatives miss
     more = steps + reference.settings.screen_steps
     probes = [(first, by_chords, steps) for first in points]
     probes += [(first, exact, more) for first in hinted]
@@ -305,17 +316,19 @@ def screen(
         ends.append(_screened(reference, added, first, *probed))
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):
-        return Screened(added, assembly, {}, -np.inf, "unstable at every starting value")
+        return ScreenedCandidate(added, assembly, {}, -np.inf, "unstable at every starting value")
     # an outdated Jacobian may lead away from the better starting point, of which it promises most
     rival = max(ends, key=lambda s: s.promised)
     better = rival is not best and np.isfinite(rival.gain) and rival.promised > best.gain
     return replace(best, rival=rival if better else None)
 
 
-def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screened) -> Screened:
+def advance(
+    evidence: DataSplit, reference: ScreeningBaseline, screened: ScreenedCandidate
+) -> ScreenedCandidate:
     """A candidate after further steps with exact derivatives, where they lower its cost."""
     added, (assembly, _) = screened.added, screened.ended
-    exact = _Probing(reference, reference.problem(evidence, assembly), None)
+    exact = _Probe(reference, reference.problem(evidence, assembly), None)
     steps, best = reference.settings.screen_steps, replace(screened, rival=None)
     fits: list[Fit] = []
     for start in (screened, *filter(None, [screened.rival])):
@@ -324,8 +337,9 @@ def advance(evidence: DataSplit, reference: ScreeningBaseline, screened: Screene
         further = _screened(reference, added, start.first, *exact_fit)
         best = further if further.gain > best.gain else best
         fits.append(exact_fit.fit)
+    # A scan starts at the best end only: each scan costs as many runs as its grid has values.
     fitted = min(fits, key=lambda f: f.cost)
-    scanned = _scanned_beside(reference, added, fitted, exact)
+    scanned = _scanned_with_effect(reference, added, fitted, exact)
     if scanned is fitted:
         return best
     keys = {b.key: i for i, b in enumerate(assembly.parameters) if b.owner in added.labels}
@@ -339,8 +353,8 @@ def _screened(
     first: dict[str, float],
     fitted: Fit,
     predicted_cost: float,
-) -> Screened:
-    return Screened(
+) -> ScreenedCandidate:
+    return ScreenedCandidate(
         added,
         fitted.problem.assembly,
         first,
@@ -367,10 +381,10 @@ def _scanned_at_null(
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    part = Scanned(problem, p, starts, base.weights, reference.stepping, SCAN_SAMPLES)
+    part = ScanPart(problem, p, starts, base.weights, reference.stepping, SCAN_SAMPLES)
     all_of_it = Problem(assembly, tracks, problem.free)
     fitted = transferred(assembly, (reference.baseline.assembly, base.p))
-    whole = Scanned(all_of_it, fitted, base.starts, base.weights, reference.stepping)
+    whole = ScanPart(all_of_it, fitted, base.starts, base.weights, reference.stepping)
     return [
         {assembly.parameters[i].key: value}
         for i in wanted
@@ -388,18 +402,20 @@ def _wanted(assembly: Assembly, added: Addition) -> list[int]:
 
 
 def _shaping(problem: Problem, added: Addition) -> bool:
-    """Has the candidate further parameters that are no amounts, which nothing shows at the null of
-    these?"""
+    """Whether the candidate has further parameters that are not amounts, which have no influence at
+    the null of these."""
     free = [problem.assembly.parameters[i] for i in problem.free]
     return any(b.owner in added.labels and b.null is None and not b.scan[1] for b in free)
 
 
-def _scanned_beside(
-    reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probing
+def _scanned_with_effect(
+    reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probe
 ) -> Fit:
-    """The fit, or a better one from another value of a scanned parameter that shows beside the
-    effect's other amounts alone, as the ticks of a duty beside its pulses; where these are found to
-    take something off."""
+    """The fit, or a better one from another value of a scanned parameter.
+
+    For a parameter that shows only together with the effect's other amounts, such as the ticks of a
+    duty with its pulses. Only where these amounts reduce the cost.
+    """
     problem, settings = fitted.problem, reference.settings
     helps = fitted.cost < (1.0 - SCAN_GAIN) * reference.cost
     wanted = _wanted(problem.assembly, added)
@@ -407,14 +423,14 @@ def _scanned_beside(
         return fitted
     best = fitted
     for i in wanted:
-        where = Scanned(
+        where = ScanPart(
             problem,
             fitted.p,
             fitted.starts,
             fitted.weights,
             fitted.stepping,
             SCAN_SAMPLES,
-            beside=True,
+            with_effect=True,
         )
         for value in scanned_values(where, where, i):
             p = fitted.p.copy()
@@ -434,7 +450,7 @@ class _Probed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Probing:
+class _Probe:
     """Fits of a few steps each: chord steps with the baseline's Jacobian, or exact ones where
     `frozen` is None."""
 
@@ -451,7 +467,7 @@ class _Probing:
     ) -> _Probed:
         """So many steps from p (SI) and these window starts."""
         base = self.reference.baseline.fit
-        continuity = begun_from(base, self.problem.assembly).continuity
+        continuity = window_starts_from(base, self.problem.assembly).continuity
         if self.frozen is None or starts is None:
             exact = fit(
                 self.problem,
@@ -480,23 +496,26 @@ class _Probing:
         return _Probed(shooting.fit(iterate(shooting, begun, steps)), predicted)
 
 
-def by_gain(screened: Iterable[Screened]) -> list[Screened]:
+def by_gain(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
     """The largest gain, or the prospect of it, first; among equal ones by name."""
     return sorted(screened, key=lambda s: (-s.prospect, s.added.label))
 
 
 def advancing(
-    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
-) -> list[Screened]:
+    family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
+) -> list[ScreenedCandidate]:
     """Return the candidates that take further steps: twice as many leaders as are refitted and, on
-    top of the baseline, the best of every further family, whatever its first steps gained: an end
-    stop shows its gain only where its steps have found the limit."""
+    top of the baseline, the best of every further family.
+
+    The family counts whatever its first steps gained: an end stop shows its gain only once its
+    steps have found the limit.
+    """
     return _leaders(family_of, screened, reference, ADVANCED, -np.inf)
 
 
 def promising(
-    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
-) -> list[Screened]:
+    family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
+) -> list[ScreenedCandidate]:
     """Return the candidates to refit: the leaders by gain and, on top of the baseline, the best of
     every further family that helps.
 
@@ -508,11 +527,11 @@ def promising(
 
 def _leaders(
     family_of: dict[str, str],
-    screened: list[Screened],
+    screened: list[ScreenedCandidate],
     reference: ScreeningBaseline,
     times: int,
     least: float,
-) -> list[Screened]:
+) -> list[ScreenedCandidate]:
     """The first by gain, and the best of every further family that gains more than `least`."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)

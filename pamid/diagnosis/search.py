@@ -22,7 +22,7 @@ from pamid.diagnosis.candidate_model import (
 )
 from pamid.diagnosis.ranges import mirrored, widened
 from pamid.diagnosis.screening import (
-    Screened,
+    ScreenedCandidate,
     ScreeningBaseline,
     advance,
     advancing,
@@ -75,7 +75,7 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class _Screening(ObjectWork[Addition, Screened]):
+class _ScreeningWork(ObjectWork[Addition, ScreenedCandidate]):
     """A candidate on top of a model."""
 
     what = "screening"
@@ -84,14 +84,14 @@ class _Screening(ObjectWork[Addition, Screened]):
     sizes: Sizes
     hints: GapHints
 
-    def result(self, item: Addition) -> Screened:
+    def result(self, item: Addition) -> ScreenedCandidate:
         return screen(self.evidence, self.reference, item, self.sizes, self.hints)
 
-    def plain_form(self, item: Addition, result: Screened) -> Plain:
+    def plain_form(self, item: Addition, result: ScreenedCandidate) -> Plain:
         return _screened_plain(result)
 
-    def restored(self, item: Addition, plain: Plain) -> Screened:
-        fits, assemble = plain["fits"], self.reference.model_beside
+    def restored(self, item: Addition, plain: Plain) -> ScreenedCandidate:
+        fits, assemble = plain["fits"], self.reference.extended_model
         return _screened_restored(
             item, assemble(self.evidence, item, self.sizes) if fits else None, plain
         )
@@ -101,27 +101,27 @@ class _Screening(ObjectWork[Addition, Screened]):
 
 
 @dataclass(frozen=True, eq=False)
-class _Advancing(ObjectWork[Screened, Screened]):
+class _AdvanceWork(ObjectWork[ScreenedCandidate, ScreenedCandidate]):
     """A screened candidate some steps further."""
 
     what = "screening further"
     evidence: DataSplit
     reference: ScreeningBaseline
 
-    def result(self, item: Screened) -> Screened:
+    def result(self, item: ScreenedCandidate) -> ScreenedCandidate:
         return advance(self.evidence, self.reference, item)
 
-    def plain_form(self, item: Screened, result: Screened) -> Plain:
+    def plain_form(self, item: ScreenedCandidate, result: ScreenedCandidate) -> Plain:
         return _screened_plain(result)
 
-    def restored(self, item: Screened, plain: Plain) -> Screened:
+    def restored(self, item: ScreenedCandidate, plain: Plain) -> ScreenedCandidate:
         return _screened_restored(item.added, item.assembly, plain)
 
-    def name(self, item: Screened) -> str:
+    def name(self, item: ScreenedCandidate) -> str:
         return item.added.label
 
 
-def _screened_plain(screened: Screened) -> Plain:
+def _screened_plain(screened: ScreenedCandidate) -> Plain:
     return {
         "first": screened.first,
         "gain": screened.gain,
@@ -135,8 +135,8 @@ def _screened_plain(screened: Screened) -> Plain:
     }
 
 
-def _screened_restored(a: Addition, assembly: Assembly | None, plain: Plain) -> Screened:
-    return Screened(
+def _screened_restored(a: Addition, assembly: Assembly | None, plain: Plain) -> ScreenedCandidate:
+    return ScreenedCandidate(
         a,
         assembly,
         plain["first"],
@@ -152,9 +152,12 @@ def _screened_restored(a: Addition, assembly: Assembly | None, plain: Plain) -> 
 
 @dataclass(frozen=True, eq=False)
 class RefitStart:
-    """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
-    (SI) by key; ranges: of parameters, in place of their own (SI, by key); assembly: the model put
-    together, where it has been already."""
+    """A model to refit.
+
+    p: its start (SI; default: the data sheet); first: further starting values (SI) by key; ranges:
+    of parameters, in place of their own (SI, by key); assembly: the model itself, where it exists
+    already.
+    """
 
     attached: tuple[Attachment, ...]
     p: Array | None = None
@@ -164,8 +167,8 @@ class RefitStart:
 
 
 @dataclass(frozen=True, eq=False)
-class Refitting(ObjectWork[RefitStart, CandidateModel]):
-    """A model refitted after a fit of another one, and replayed on what was held out."""
+class RefitWork(ObjectWork[RefitStart, CandidateModel]):
+    """A model refitted from a fit of another one, and replayed over the held-out part."""
 
     what = "refitting"
     evidence: DataSplit
@@ -178,7 +181,11 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
 
     def result(self, item: RefitStart) -> CandidateModel:
         assembly, known = self._assembly(item), self.known
+        # All parameters are fitted jointly. With the rig's parameters held, an effect would also
+        # explain their errors.
         done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first, known=known)
+        # Bounded, because an effect without an upper limit would be widened for ever as a
+        # parameter runs away.
         for _ in range(WIDENINGS):
             wider = widened(assembly, done)
             if wider is None:
@@ -214,12 +221,12 @@ class Round:
     models: list[CandidateModel]
     failed: list[tuple[str, str]]
     reference: ScreeningBaseline
-    screened: list[Screened]
+    screened: list[ScreenedCandidate]
 
 
 def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) -> Round:
-    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
-    held out."""
+    """Screen all candidates on top of `base`, refit the promising ones, and replay them over the
+    held-out part."""
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
     screened, leading = screened_candidates(search, reference, candidates)
     models, failed = refit_screened(search, base, leading)
@@ -229,31 +236,33 @@ def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) 
 
 def screened_candidates(
     search: Search, reference: ScreeningBaseline, candidates: list[Addition]
-) -> tuple[list[Screened], list[Screened]]:
+) -> tuple[list[ScreenedCandidate], list[ScreenedCandidate]]:
     """All candidates screened, and those of them to refit."""
     evidence, run, progress = search.evidence, search.pool.run, search.progress
-    work = _Screening(evidence, reference, search.budget.sizes, search.hints)
+    work = _ScreeningWork(evidence, reference, search.budget.sizes, search.hints)
     tried = run(work, candidates, progress)
     screened = {
-        a.label: Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
+        a.label: ScreenedCandidate(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     }
+    # Families, not labels: a family with many laws would otherwise take all places of the next
+    # steps.
     families = {a.label: search.family(a) for a in candidates}
     leading = advancing(families, list(screened.values()), reference)
-    further = run(_Advancing(evidence, reference), leading, progress)
+    further = run(_AdvanceWork(evidence, reference), leading, progress)
     screened |= {s.added.label: s for s in further if not isinstance(s, Failed)}
-    # of a candidate that was left behind no gain is known but what it has reached
+    # a candidate that was left behind has the gain that it has reached, and no promise
     ended = [replace(s, rival=None) for s in screened.values()]
     return ended, promising(families, ended, reference)
 
 
 def refit_screened(
-    search: Search, base: CandidateModel, screened: list[Screened]
+    search: Search, base: CandidateModel, screened: list[ScreenedCandidate]
 ) -> tuple[list[CandidateModel], list[tuple[str, str]]]:
-    """Refit screened candidates on top of `base` and replay them on what was held out; the models,
-    and what failed and why."""
+    """Refit screened candidates on top of `base` and replay them over the held-out part. Returns
+    the models, and the failures with their reasons."""
     starts = [_start(s, base) for s in screened]
-    work = Refitting(search.evidence, base.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, base.fit, search.budget.sizes)
     refitted = search.pool.run(work, starts, search.progress)
     models, failed = [], []
     for s, c in zip(screened, refitted, strict=True):
@@ -272,6 +281,7 @@ def opposite_signs(
     """Models whose effect ended at nothing and that remove much of the error with the opposite
     sign, the best first, with the share they remove: the sign of their port is in doubt."""
     tried = [(c, ranges) for c in models if (ranges := mirrored(c))]
+    # Each one costs a refit.
     tried = tried[:MIRRORED_MOST]
     starts = [
         RefitStart(
@@ -279,7 +289,7 @@ def opposite_signs(
         )
         for c, ranges in tried
     ]
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     shares = [
         (c, search.budget.shrinkage(c.absolutes))
         for c in search.pool.run(work, starts, search.progress)
@@ -288,10 +298,9 @@ def opposite_signs(
     return sorted(((c, v) for c, v in shares if v > MIRRORED_SHARE), key=lambda e: -e[1])
 
 
-def _start(s: Screened, base: CandidateModel) -> RefitStart:
-    """Where a screened candidate is refitted from: what the model below it has found, or the data
-    sheet; of a rig that is stepped always the former, which may have taken more than a fit from
-    the data sheet to find."""
+def _start(s: ScreenedCandidate, base: CandidateModel) -> RefitStart:
+    """Start of a screened candidate's refit: the fit of the model below it, or the data sheet. For
+    a rig that is stepped always the fit, which a fit from the data sheet may not reach."""
     assert s.assembly is not None
     continues = base.attached or s.assembly.program.keeps_slopes
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if continues else None
@@ -316,6 +325,7 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
         for _ in range(STEP_HALVINGS):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             noise = self.evidence.noise
+            # Refinement costs refits, so that only the model to be named is refined.
             change = rechecked(best.assembly, best.fit, tracks, noise)[1]
             if change <= COARSE or not settles(best.assembly, best.fit, tracks, noise, change):
                 break

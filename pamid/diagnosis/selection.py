@@ -20,11 +20,11 @@ from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.effect_subsets import ScreenedResponses, Subset, best_subsets, responses_of
 from pamid.diagnosis.guards import Guards
-from pamid.diagnosis.ranges import amount_z, as_wide, vanished
+from pamid.diagnosis.ranges import amount_z, vanished, with_ranges_of
 from pamid.diagnosis.screening import by_gain
 from pamid.diagnosis.search import (
     RefitStart,
-    Refitting,
+    RefitWork,
     Round,
     Search,
     refit_screened,
@@ -43,10 +43,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SelectionStep:
-    """One comparison. reference: the model that the candidates extend; candidates: the material
-    ones that the guards let pass, the lowest held-out loss first; tied: the confidence set, the
-    best first; reduced: models at fewer ports in the place of those that act at every port of a
-    kind."""
+    """One comparison.
+
+    reference: the model that the candidates extend; candidates: the material ones without
+    objections, the lowest held-out loss first; tied: the confidence set, the best first; reduced:
+    models at fewer ports in the place of those that act at every port of a kind.
+    """
 
     reference: CandidateModel
     candidates: tuple[CandidateModel, ...]
@@ -56,10 +58,13 @@ class SelectionStep:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The model with every effect that was added. without: by effect, the model less this effect,
-    and less all of the same effect at several ports under the label of these together; instead: by
-    effect, models with another one in its place that tie; after: the latent evidence at
-    the ports next to the effects if a material part of the gap is left, else before them."""
+    """The model with every effect that was added.
+
+    without: by effect, the model less this effect, and less all of the same effect at several ports
+    under their common label; instead: by effect, models with another one in its place that tie;
+    after: the latent evidence at the ports next to the effects if a material part of the gap
+    remains, else before them.
+    """
 
     best: CandidateModel
     steps: tuple[SelectionStep, ...]
@@ -75,7 +80,7 @@ def select_effects(
     located: PortEvidence,
     first: Round,
 ) -> Selection:
-    """Add effects to the baseline for as long as they remove a material share of what is left.
+    """Add effects to the baseline for as long as they remove a material share of the remainder.
 
     located: latent evidence at the ports without effects; first: the screened and refitted
     candidates on top of the baseline.
@@ -88,6 +93,8 @@ def select_effects(
     while True:
         if steps[-1].tied:
             extended = with_finer_steps(search, steps[-1].tied[0])
+            # Greedy selection may have begun with an effect that two later ones replace. Backward
+            # elimination corrects this.
             shorter = _needed_effects(search, comparison, extended)
             # of as many effects as before it may still be better: one was replaced, or its gain
             # led out of a local minimum
@@ -95,12 +102,15 @@ def select_effects(
                 break
             best = shorter
         rest = 1.0 - comparison.removed(best).share
+        # Further effects could only fit noise, or an error that nobody would act on.
         if rest < settings.material_rest or comparison.at_floor(best):
             break
         if best.attached:
             after = _located_after(search, best, located)
         if len(best.additions) >= settings.effects_most:
             break
+        # The linearisation costs runs of every candidate and holds for all later steps, which
+        # choose from the same columns.
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
         search.progress(f"looking for a further effect next to {best.label}")
@@ -137,7 +147,7 @@ def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -
 
 
 def _size(assembly: Assembly) -> int:
-    """How many parameters are fitted."""
+    """Number of fitted parameters."""
     return sum(b.fitted for b in assembly.parameters)
 
 
@@ -159,6 +169,8 @@ def compared(
         if comparison.is_material(c, reference) and not guards.objections(c)
     ]
     while True:
+        # A model without inputs may hide a tied model behind it. The set is formed again without
+        # its family.
         tied = comparison.confidence_set(candidates, reference)
         # costs a few runs, so that only those are tried that would be named
         idle = {families_of(c) for c in tied if guards.ignores_inputs(c)}
@@ -190,6 +202,8 @@ def _larger(
     finds something, and the best subsets of as many effects."""
     size = len(best.additions) + 1
     models: list[CandidateModel] = []
+    # A second effect on top of the first is sought only where evidence remains. Without a first
+    # effect the round on the baseline has been that search.
     if best.attached:
         least = search.settings.port_reach * after.most
         open_ports = {p for k in located.classes for p in k if after.gains[k[0]] >= least}
@@ -197,9 +211,13 @@ def _larger(
             Addition(left)
             for added in search.candidates
             if open_ports & set(added.ports)
-            and (left := tuple(a for a in added.members if not _is_taken(search, a, best, located)))
+            and (
+                left := tuple(
+                    a for a in added.members if not _is_explained(search, a, best, located)
+                )
+            )
         ]
-        # the lines of the gap's spectrum, and over the position, are those of what is left by now
+        # the lines of the gap's spectrum, and over the position, are those of the present remainder
         hints = gather_hints(search.evidence, best)
         models = run_round(replace(search, hints=hints), best, others).models
     known = {frozenset(a.label for a in c.attached) for c in models}
@@ -211,29 +229,31 @@ def _larger(
         lambda a, b: not set(a.ports) & _alike(b, located),
     )
     starts = [_joint_start(search, s, best, singles) for s in subsets if s.labels not in known]
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
     return [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
 
 
-def _is_taken(search: Search, a: Attachment, best: CandidateModel, located: PortEvidence) -> bool:
-    """Does an effect of its family act where the recordings cannot tell its place from this one's?
-    Two joints may both have dry friction; two laws of it at one joint are one cause."""
+def _is_explained(
+    search: Search, a: Attachment, best: CandidateModel, located: PortEvidence
+) -> bool:
+    """Whether an effect of its family acts where the recordings cannot separate its place from this
+    one. Two joints may both have dry friction; two laws of it at one joint are one cause."""
     places, family = _alike(a, located), search.family(a)
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
 
 def _alike(a: Addition | Attachment, located: PortEvidence) -> set[str]:
     """The ports where it acts, and those that the recordings cannot tell from these."""
-    here = [k for k in located.classes if set(a.ports) & set(k)]
-    return {*a.ports, *(port for k in here for port in k)}
+    classes = [k for k in located.classes if set(a.ports) & set(k)]
+    return {*a.ports, *(port for k in classes for port in k)}
 
 
 def _joint_start(
     search: Search, subset: Subset, best: CandidateModel, singles: Sequence[CandidateModel]
 ) -> RefitStart | None:
     """A subset's model, refitted from the values of each member alone, the strongest last: it
-    knows the rig's own parameters best. Members that are in `best` come first, as there; None of
+    determines the rig's parameters best. Members of `best` come first, in its order; None for
     effects that cannot act together."""
     alone = {c.label: (c.assembly, c.fit.p) for c in singles}
     before = [a.label for a in best.attached]
@@ -246,6 +266,7 @@ def _joint_start(
     )
     try:
         assembly = model_with(search.evidence, attached, search.budget.sizes)
+    # Two effects may each replace the same law. Such a pair is no model, and not an error either.
     except PamidError:
         return None
     sources = [alone.get(s.added.label, s.ended) for s in strongest[::-1]]
@@ -256,7 +277,7 @@ def _start_from(
     attached: tuple[Attachment, ...], assembly: Assembly, sources: Sequence[tuple[Assembly, Array]]
 ) -> RefitStart:
     """A model refitted from the parameters of others, in ranges as wide as theirs."""
-    wide = as_wide(assembly, *(other for other, _ in sources))
+    wide = with_ranges_of(assembly, *(other for other, _ in sources))
     return RefitStart(
         attached, transferred(wide, *sources), ranges=dict(wide.ranges), assembly=assembly
     )
@@ -270,7 +291,7 @@ def refitted_with(
     if not attached:
         return search.budget.baseline
     assembly = model_with(search.evidence, attached, search.budget.sizes)
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     start = _start_from(attached, assembly, [(c.assembly, c.fit.p) for c in sources])
     return search.pool.one(work, start)
 
@@ -293,10 +314,11 @@ def _less(model: CandidateModel, added: Addition) -> tuple[Attachment, ...]:
 def with_needed_ports(
     search: Search, comparison: Comparison, whole: CandidateModel
 ) -> CandidateModel:
-    """The model less the ports at which an effect is not needed: it ties with the whole without.
+    """The model without the ports at which an effect is not needed: it ties with the whole without
+    them.
 
     The weakest is tried first, until one is needed. All are compared with the whole, because many
-    losses that are no matter each add up.
+    small losses add up.
     """
     best = whole
     while weakest := _weakest(best):
@@ -309,8 +331,8 @@ def with_needed_ports(
 
 
 def _weakest(model: CandidateModel) -> list[Attachment]:
-    """Of effects at several ports those that ended at nothing, else the least certain one; one of
-    them is left."""
+    """Members of effects at several ports that ended at nothing, else the least certain one; one of
+    them stays."""
     shared = [added.members for added in model.additions if len(added.members) > 1]
     gone = [
         a
@@ -329,18 +351,19 @@ def _with_rivals(
     located: PortEvidence,
     selection: Selection,
 ) -> Selection:
-    """The selection with, for every effect, the model without it and those that do as well with
-    another one in its place, or with the same one at a port that the recordings do not separate."""
+    """The selection with the alternatives to every effect: the model without it, and models that do
+    as well with another one in its place or with the same one at a port that the recordings do not
+    separate."""
     best, steps = selection.best, selection.steps
     without: dict[str, CandidateModel] = {}
     instead: dict[str, tuple[CandidateModel, ...]] = {}
     families = set(map(search.family, best.attached))
     for added in best.additions:
         others = _less(best, added)
-        for one in (added, *(Addition((a,)) for a in added.members)):
-            if one.label not in without:
-                below = refitted_with(search, _less(best, one), best)
-                without[one.label] = below if below.finite else search.budget.baseline
+        for part in (added, *(Addition((a,)) for a in added.members)):
+            if part.label not in without:
+                below = refitted_with(search, _less(best, part), best)
+                without[part.label] = below if below.finite else search.budget.baseline
         rivals = {
             k.label: (k, c)
             for step in steps

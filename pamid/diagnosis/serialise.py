@@ -1,5 +1,5 @@
-"""Models as plain data, and back: what a fit has found is written down; tracks and equations are
-made again from the evidence."""
+"""Models as plain data, and back. The data hold the results of a fit; tracks and equations are
+rebuilt from the evidence."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 
 def candidate_plain(c: CandidateModel) -> Plain:
-    """A model that was fitted to the evidence, all its parameters jointly, and replayed over what
-    was held out."""
+    """Plain data of a model that was fitted to the evidence, all its parameters jointly, and
+    replayed over the held-out part."""
     return {
         "fit": _fit_plain(c.fit),
         "replays": [_replay_plain(r) for r in c.replays],
@@ -39,6 +39,7 @@ def candidate_plain(c: CandidateModel) -> Plain:
 def candidate_restored(evidence: DataSplit, assembly: Assembly, plain: Plain) -> CandidateModel:
     ranges = {key: (low, high) for key, low, high in plain["ranges"]}
     assembly = replace(assembly, ranges=ranges) if ranges else assembly
+    # Tracks are rebuilt from the evidence: they are large and hold nothing that a job computed.
     held = evidence.tracks(assembly, held_out=True)
     return candidate_from(
         assembly,

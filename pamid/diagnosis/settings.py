@@ -5,7 +5,7 @@ Constants of a numerical method or of presentation stand at the head of the modu
 Logistic weights stand in calibration.json; they were fitted under the defaults, so that under other
 settings probabilities are not calibrated.
 
-    found = pamid.diagnose("rec.csv", settings={"refits": 12})
+    diagnosis = pamid.diagnose("rec.csv", settings={"refits": 12})
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
-"""Starting values from the gap: the strongest lines of its spectrum, how far the signals at a port
-reach, where a motion port of the general catalogue offers its position the lines over it, the
-plateaus on which a reading rests, and its extremes."""
+"""Starting values from the gap.
+
+The strongest lines of its spectrum, and over the position where a motion port of the general
+catalogue offers it; the range of the signals at a port; the plateaus on which a reading rests, and
+its extremes.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +36,14 @@ SPATIAL_BINS, FEWEST_PERIODS = 4096, 2.0
 
 @dataclass(frozen=True)
 class GapHints:
-    """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
-    periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
-    correlation time of the recordings; plateaus: by reading, the spacing of those on which what it
-    returns rests, and one of them (SI); period_s: sampling period; extremes: by reading, the lowest
-    and highest value that it returns, per recording (SI)."""
+    """Features of the gap and of the recordings.
+
+    peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI); periods:
+    by motion port, of the gap over the position there (SI), strongest first; timescale_s:
+    correlation time of the recordings; plateaus: by reading, spacing and one level of those on
+    which it rests (SI); period_s: sampling period; extremes: by reading, the lowest and highest
+    value per recording (SI).
+    """
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
@@ -55,7 +61,7 @@ class GapHints:
 
 
 def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
-    """From the windows of a model's fit, its held-out replays, and what was recorded."""
+    """Hints from the windows of a model's fit, its held-out replays, and the recordings."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise)
     periods = _periods(evidence, base)
     rests: dict[str, set[tuple[float, float]]] = {}
@@ -82,8 +88,8 @@ def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
 def _readings(
     channels: tuple[str, ...], base: CandidateModel
 ) -> Iterator[tuple[str, tuple[float, float], Array]]:
-    """Readings that an output is a straight line over: port, zero and slope of that line, and what
-    was recorded of the output in each recording (SI)."""
+    """Readings with an output that is a straight line over them: port, zero and slope of that line,
+    and the recorded output in each recording (SI)."""
     traced = base.assembly.traced
     lines = [
         (q.port, channels.index(name), scale)
@@ -98,23 +104,24 @@ def _readings(
 
 
 def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
-    """Zero and slope of an output that is a straight line over a reading, in figures: what a sensor
-    counts above the room's temperature is told in kelvin. None where it is not."""
+    """Zero and slope of an output that is a straight line over a reading, else None. A sensor that
+    counts above the room's temperature has its slope in kelvin."""
     try:
         at = [substitute([output], {reading: const(x)})[0] for x in (0.0, 1.0, 2.0)]
     except EquationError:  # not defined there, as a reciprocal is not at zero: no straight line
         return None
     if any(value.op != "const" for value in at):
         return None
-    zero, one, two = (value.value for value in at)
-    slope = one - zero
-    straight = math.isclose(zero + two, 2.0 * one)
+    zero, at_unit, two = (value.value for value in at)
+    slope = at_unit - zero
+    # Three points distinguish a straight line from a curve of one bend.
+    straight = math.isclose(zero + two, 2.0 * at_unit)
     return (zero, slope) if straight and slope != 0.0 else None
 
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     """Largest magnitudes where windows begin: there the states are near those of the recording;
-    later on a model that knows no limit runs past it."""
+    later on a model without a limit runs past it."""
     assembly, fit = base.assembly, base.fit
     wanted = {
         f"{q.where}.{name}": (q.port, name, value)
@@ -149,6 +156,7 @@ def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
 
 def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
     """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
+    # Resolution is inverse to the duration, so that the longest recording locates a line best.
     b = max(before, key=lambda r: len(r.track))
     r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
     n = 1 << (4 * len(b.track) - 1).bit_length()  # padded: at least four points per 1/duration
@@ -162,6 +170,7 @@ def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
     peaks = []
     for _ in range(SPECTRUM_LINES):
+        # Contrast alone picks narrow lines in an empty band, power alone picks broad humps.
         k = int(np.argmax(contrast * np.sqrt(power)))
         peaks.append(float(axis[1] * (k + _off_centre(power[max(0, k - 1) : k + 2]))))
         contrast[max(0, k - SKIRTS) : k + SKIRTS] = 0.0  # the line with the window's skirts
@@ -169,9 +178,11 @@ def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
 
 
 def _off_centre(power: Array) -> float:
-    """Where between three points the top of a line lies, from the middle one in their distance: of
-    the parabola through the logarithms, which a Hann window's line nearly is (Gasior and Gonzalez
-    2004, AIP Conference Proceedings 732:276)."""
+    """Offset of a line's top from the middle of three points, in their distance.
+
+    From the parabola through the logarithms, which a Hann window's line nearly is (Gasior and
+    Gonzalez 2004, AIP Conference Proceedings 732:276).
+    """
     if len(power) < 3 or not (power > 0.0).all():
         return 0.0
     before, top, after = np.log(power)
@@ -180,7 +191,7 @@ def _off_centre(power: Array) -> float:
 
 
 def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float, ...]]:
-    """Spatial periods of what the fit leaves, by general motion port that offers a position."""
+    """Spatial periods of the fit's residual, by general motion port that offers a position."""
     assembly, fit = base.assembly, base.fit
     wanted: dict[str, tuple[str, Expr]] = {}
     for q in assembly.traced.passages:
@@ -200,6 +211,7 @@ def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float
             if channel is not None:
                 x[:, k] = np.where(np.isfinite(t.y[:, channel]), t.y[:, channel], x[:, k])
         for w in windows:
+            # A missing sample counts as no gap, which weakens a line but does not shift it.
             r = np.nan_to_num(left[w.start : w.stop] / evidence.noise)
             parts.append((x[w.start : w.stop], r))
     return {
@@ -209,10 +221,10 @@ def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float
 
 
 def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -> int | None:
-    """The channel that reads this position as it is, if one does.
+    """The channel that reads this position without a scale, if one does.
 
-    What is missing acted where the machine was, not where a model without it has run to: a model
-    that strays by a part of a period smears every line.
+    A missing effect acted at the position of the machine, not at that of a model without it. A
+    model that is off by a part of a period smears every line.
     """
     traced = base.assembly.traced
     read = {q.result: q.value for q in traced.passages}
@@ -226,11 +238,11 @@ def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -
 def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
     """Periods of the strongest lines of a gap over the position, strongest first (its unit).
 
-    parts: positions (samples) and gap (samples x channels), window by window. Between a force and
-    what it leaves in a reading there are up to two integrations in time, and an odd number of them
-    turns with the direction: the gap, its first and its second difference are each averaged over
-    the position, once as they are and once with the sign of the motion, and the contrasts of all
-    these spectra are added.
+    parts: positions (samples) and gap (samples x channels), window by window. Up to two
+    integrations in time lie between a force and its effect on a reading, and an odd number of them
+    turns with the direction. The gap and its first and second difference are therefore averaged
+    over the position, once plainly and once with the sign of the motion. The contrasts of all these
+    spectra are added.
     """
     x = np.concatenate([x for x, _ in parts])
     low, span = float(x.min()), float(np.ptp(x))
@@ -262,9 +274,9 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
     where, turn, gap = [np.empty(0)], [np.empty(0)], [np.empty((0, parts[0][1].shape[1]))]
     for x, r in parts:
         d = np.diff(r, order, axis=0)
-        here = slice((order + 1) // 2, (order + 1) // 2 + len(d))
-        where.append(x[here])
-        turn.append(np.sign(np.gradient(x))[here])
+        rows = slice((order + 1) // 2, (order + 1) // 2 + len(d))
+        where.append(x[rows])
+        turn.append(np.sign(np.gradient(x))[rows])
         gap.append(d - d.mean(axis=0))
     return np.concatenate(where), np.concatenate(turn), np.concatenate(gap)
 
@@ -272,6 +284,8 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
 def _contrast(at: NDArray[np.int64], values: Array) -> Array:
     """Power over spatial frequency, in quarters of 1/range, against its own surroundings."""
     bins = SPATIAL_BINS
+    # The mean count in the denominator shrinks bins with few samples, which would dominate the
+    # spectrum by their noise.
     count = np.bincount(at, minlength=bins)
     mean = np.bincount(at, values, bins) / (count + max(1.0, count.mean()))
     power = np.abs(np.fft.rfft(mean * np.hanning(bins), 4 * bins)) ** 2

@@ -54,7 +54,7 @@ class ClockSkew(Effect):
         late = p.start + p.skew_ppm * 1e-6 * at.time
         after = delay(value, maximum(late, 0.0), LONGEST_LATE * at.rig_period_s)
         # the past is remembered, the future is not: a reading that is early is led by its own
-        # slope, the one that the rig knows or that from the sample before
+        # slope, the one of the rig or that from the sample before
         slope = at.rate if at.offers("rate") else rate_of(value)
         early = value - slope * late
         return where(late >= 0.0, after, early)

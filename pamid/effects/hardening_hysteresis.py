@@ -8,7 +8,7 @@ What it looks like
     Loops of force over position that open towards their ends, stiffest just behind a reversal; on
     the way out the force grows more than in proportion.
 Looks like it
-    A cubic spring, which stiffens alike and loses nothing; hysteresis that saturates, beside a
+    A cubic spring, which stiffens alike and loses nothing; hysteresis that saturates, next to a
     spring that stiffens.
 Equation
     value -= level z; dz/dt = (v - |v| z + v |z|) / reach + v |z| / stiffens_over

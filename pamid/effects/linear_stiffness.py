@@ -1,4 +1,4 @@
-"""A spring beside the mechanism.
+"""A spring parallel to the mechanism.
 
 What it is
     A hose, a cable loom, a bellows, a return spring: a force in proportion to the distance from

@@ -34,8 +34,8 @@ ELEMENTS = ((0.4, 0.1), (0.3, 0.4), (0.2, 1.0), (0.1, 2.5))  # (weight, stretch 
 
 
 def pressed(at: Any) -> Expr:
-    """How much of a muscle's friction at 6 bar is there at this pressure; 1 where the port is no
-    actuator or offers no pressure."""
+    """Share of a muscle's friction at 6 bar at this pressure; 1 where the port is not an actuator
+    or offers no pressure."""
     if at.kind != "actuator-force" or not at.offers("pressure"):
         return expression(1.0)
     return 0.2 + (0.8 / NOMINAL_PA) * maximum(at.pressure, 0.0)

@@ -53,8 +53,8 @@ class OneSidedEndStop(Effect):
             return []
         reach = hints.reach["position"]
         return [
-            {one: way * share * reach, other: -way * OUT_OF_REACH * reach}
-            for one, other, way in (("upper", "lower", 1.0), ("lower", "upper", -1.0))
+            {side: way * share * reach, other: -way * OUT_OF_REACH * reach}
+            for side, other, way in (("upper", "lower", 1.0), ("lower", "upper", -1.0))
             for share in TRIED_STOPS
         ]
 

@@ -27,7 +27,7 @@ TRIED_LEVELS = (0.95, 0.8)  # of the largest level that the recordings reach
 
 
 def tried_levels(hints: Hints) -> list[dict[str, float]]:
-    """Rims within what the store reaches; none where nobody knows that."""
+    """Rims within what the store reaches; none where the reach is unknown."""
     if "stored" not in hints.reach:
         return []
     return [{"level": share * hints.reach["stored"]} for share in TRIED_LEVELS]

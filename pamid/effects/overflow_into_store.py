@@ -9,7 +9,7 @@ What it looks like
     The upper level hardly rises beyond one height, and just then the lower one rises faster than
     what flows through between them.
 Looks like it
-    An overflow that is lost (the lower store knows nothing of it); a saturated sensor above; a
+    An overflow that is lost (the lower store does not receive it); a saturated sensor above; a
     wider pipe between the two.
 Equation
     spilt(s) = gain max(s - level, 0); above: value -= spilt(stored); below: value += share

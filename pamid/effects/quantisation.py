@@ -64,9 +64,9 @@ class Quantisation(Effect):
     @classmethod
     def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:
         """Of a reading the quantum is read off, not fitted: where the levels lie tells it to a
-        fraction of their number, and how far readings are from a model says nothing of it."""
-        found, fitted = super().parameters_at(kind, offered), kind not in cls.mean_slope_at
-        return tuple(replace(p, fitted=fitted and p.fitted) for p in found)
+        fraction of their number, and the distance of readings from a model does not show it."""
+        parameters, fitted = super().parameters_at(kind, offered), kind not in cls.mean_slope_at
+        return tuple(replace(p, fitted=fitted and p.fitted) for p in parameters)
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """A rounded reading tells its steps by the plateaus on which it rests."""

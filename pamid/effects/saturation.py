@@ -6,7 +6,7 @@ What it is
     a hard limit).
 What it looks like
     Flat tops at the same height on both sides; small signals are untouched, large ones are trimmed,
-    and whatever follows is slower than the model says.
+    and whatever follows is slower than in the model.
 Looks like it
     A smaller gain (trims small signals as well); quadratic drag (trims fast motion only); an end
     stop, where the position is limited and not the force.

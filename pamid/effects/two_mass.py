@@ -13,10 +13,10 @@ Looks like it
 Equation
     q'' = -w^2 q - 2 damping w q' - a + g, w = 2 pi frequency; a = T_out/J,
     T_out = (T + share J (w^2 q + 2 damping w q' - g)) / (1 - share); g = 0.
-    Where the port offers `behind`, a joint of an arm that carries J - A beside its motor A: T, J
-    and g, the acceleration of what it carries when let go, are those of the pose turned by share q;
-    share is that of J - A, and so share (J - A)/J of J; w^2 and w are multiplied by the usual J - A
-    over that in this pose, so that the stiffness is one number
+    Where the port offers `behind`, a joint of an arm that carries J - A in addition to its motor A:
+    T, J and g, the acceleration of what it carries when let go, are those of the pose turned by
+    share q; share is that of J - A, and so share (J - A)/J of J; w^2 and w are multiplied by the
+    usual J - A over that in this pose, so that the stiffness is one number
 References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319.
 """

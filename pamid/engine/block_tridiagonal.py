@@ -1,4 +1,4 @@
-"""Symmetric block-tridiagonal systems: what multiple shooting and smoothing come down to.
+"""Symmetric block-tridiagonal systems, of multiple shooting and of smoothing.
 
 Block Gaussian elimination without pivoting between blocks (Golub and Van Loan 2013, Matrix
 Computations, section 4.5.1), with B_i = off[i] below the diagonal and its transpose above:
@@ -6,7 +6,7 @@ Computations, section 4.5.1), with B_i = off[i] below the diagonal and its trans
     forward   M_0 = D_0,  M_i+1 = D_i+1 - B_i M_i^-1 B_i',  z_i+1 = rhs_i+1 - B_i M_i^-1 z_i
     backward  x_i = M_i^-1 (z_i - B_i' x_i+1)
 
-and the determinant of the whole is the product of those of the M_i.
+The determinant of the whole is the product of those of the M_i.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, 
     (w,n,m). damping: share of the diagonal added to it.
     """
     w, n, _ = D.shape
+    # Copies, because a rejected step is solved again from the same blocks with another damping.
     M, z = np.ascontiguousarray(D).copy(), np.ascontiguousarray(rhs).copy()
     # 1e-12 of the diagonal keeps the pivots of directions that no data see above round-off, 1e-300
     # those of a row that is zero throughout above zero
@@ -64,6 +65,8 @@ def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
                     for c in range(m):
                         z[i + 1, r, c] -= a * carried[k, n + c]
     solve(M[w - 1], pivots[w - 1], z[w - 1])
+    # The backward pass reads the factors that the forward pass has left in M, so that no block is
+    # factored twice.
     for i in range(w - 2, -1, -1):
         for k in range(n):
             for r in range(n):

@@ -28,5 +28,7 @@ def user_cache() -> Path:
 def private_folder() -> Path:
     """An empty folder of this process alone, removed when it ends."""
     folder = Path(tempfile.mkdtemp(prefix="pamid-"))
+    # Code of one process is of no use to the next one, and temporary folders of a service are
+    # rarely cleaned.
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -4,14 +4,14 @@ With residuals r(x), Jacobian J and cost |r|^2, a step d from x solves
 
     (J'J + lambda diag(J'J)) d = -J'r
 
-(Marquardt's scaling: d does not depend on the units of x). A step that lowers the cost is taken and
-lambda falls, so that the next one is closer to Gauss-Newton's; one that does not is given up and
-lambda rises, so that the next one is shorter and turns to steepest descent.
+(Marquardt's scaling: d does not depend on the units of x). A step that lowers the cost is taken,
+and lambda falls: the next step is closer to Gauss-Newton's. Any other step is rejected, and lambda
+rises: the next step is shorter and turns to steepest descent.
 
 Marquardt (1963), SIAM J. Appl. Math. 11(2), 431-441; Nocedal and Wright (2006), Numerical
 Optimization, 2nd ed., ch. 10.3. Multiple shooting (estimation), initial states (simulation) and the
-smoother (diagnosis) differ in their points, in how they solve for the step (dense, or bordered
-block-tridiagonal), in bounds and in what they call settled; the iteration is this one.
+smoother (diagnosis) share this iteration. They differ in their points, in the solution for the step
+(dense, or bordered block-tridiagonal), in bounds and in the criterion of their end.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ Step = TypeVar("Step")
 
 @dataclass(frozen=True)
 class DampingRule:
-    """lambda: where it starts, by what factor it falls and rises and between what it stays; raised:
-    what a step that failed lifts it to at least."""
+    """Schedule of lambda: start, factors of its fall and rise, and bounds. raised: least value
+    after a failed step."""
 
     start: float
     falls: float
@@ -57,30 +57,30 @@ class LeastSquares(ABC, Generic[Point, Step]):
 
     @abstractmethod
     def moved(self, at: Point, step: Step, last: bool) -> Point:
-        """The point behind a step, with its cost (inf or NaN where the model cannot be run); last:
-        no step will be taken from there."""
+        """The point behind a step, with its cost (inf or NaN where the model cannot be run). last:
+        no further step follows."""
 
     def linearised(self, at: Point) -> Point:
-        """A point that was taken, with its normal equations, where `moved` has left them out."""
+        """A point that was accepted, with the normal equations that `moved` may leave out."""
         return at
 
     def settled(self, gain: float, before: Point, after: Point) -> bool:
-        """Did the step that was taken lower the cost so little that no other is worth its work?"""
+        """Whether the gain of the step taken is too small for another one."""
         return False
 
     def calm(self, step: Step, damping: float) -> bool:
-        """Was the step so short that two such in a row are an end?"""
+        """Whether the step is so short that two such in a row end the iteration."""
         return False
 
     def stuck(self, at: Point, step: Step) -> bool:
-        """Would no shorter step than this one, which failed, gain anything?"""
+        """Whether no shorter step than this failed one would gain anything."""
         return False
 
 
 @dataclass(frozen=True)
 class Iteration(Generic[Point]):
-    """Where an iteration stands: steps tried, those in a row that were calm; settled: it came to an
-    end before its steps were used up."""
+    """State of an iteration: steps tried, calm steps in a row; settled: whether it ended before its
+    steps were used up."""
 
     point: Point
     damping: float
@@ -95,12 +95,14 @@ def iterate(
     steps: int,
     progress: Callable[[int, float], None] | None = None,
 ) -> Iteration[Point]:
-    """Go on from `begun` until settled, or until `steps` were tried in all, those before included.
-    progress: gets the number of every step and the cost behind it."""
+    """Go on from `begun` until settled, or until the number of steps, those before included, is
+    reached. progress: called with the number of every step and its cost."""
     point, damping, calm, rule = begun.point, begun.damping, begun.calm, problem.rule
     if begun.settled:
         return begun
     for count in range(begun.steps + 1, steps + 1):
+        # A rejected step is solved again from the same point. Only an accepted one pays for new
+        # derivatives.
         step = problem.step(point, damping)
         if step is None:
             return Iteration(point, damping, count - 1, calm)

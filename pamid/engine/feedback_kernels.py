@@ -74,10 +74,14 @@ def run_output_sensitivities(
             total += output[i] * hidden[i]
         y[now] = total
         for j in range(lags):
+            # The derivative by each fed-back output is summed over the units first: p columns are
+            # then touched once per lag, not once per unit and lag.
             gain = 0.0
             for i in range(h):
                 gain += output[i] * (1.0 - hidden[i] * hidden[i]) * feedback[i, j]
             earlier = jacobian[now - (j + 1) * stride]
+            # The first lag overwrites the row, which still holds numbers of an earlier chunk. A
+            # pass of zeros is saved.
             if j == 0:
                 for c in range(p):
                     row[c] = gain * earlier[c]
@@ -86,11 +90,11 @@ def run_output_sensitivities(
                     row[c] += gain * earlier[c]
         for i in range(h):
             slope = output[i] * (1.0 - hidden[i] * hidden[i])
-            own = row[i * per_unit : (i + 1) * per_unit]
+            entries = row[i * per_unit : (i + 1) * per_unit]
             for j in range(q):
-                own[j] += slope * seen[j]
+                entries[j] += slope * seen[j]
             for j in range(lags):
-                own[q + j] += slope * y[now - (j + 1) * stride]
-            own[q + lags] += slope
+                entries[q + j] += slope * y[now - (j + 1) * stride]
+            entries[q + lags] += slope
             row[p - 1 - h + i] += hidden[i]
         row[p - 1] += 1.0

@@ -51,6 +51,8 @@ def call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyp
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 7)
         words = [_data(context, builder, sig.args[i], args[i]) for i in (1, 2, 3, 4, 6, 7, 8)]
+        # A slice of the inputs at every sample would make an array object; an offset costs one
+        # addition.
         words[3] = builder.add(words[3], builder.mul(args[5], ir.IntType(64)(8)))
         builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
         return context.get_dummy_value()
@@ -106,8 +108,8 @@ def call_foreign(typingctx, address, *given):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def call_pair(typingctx, address, one, other):  # type: ignore[no-untyped-def]
-    """Call the C function at `address` with two addresses; what it returns is left."""
+def call_pair(typingctx, address, first, other):  # type: ignore[no-untyped-def]
+    """Call the C function at `address` with two addresses, and ignore its result."""
     signature = types.void(types.intp, types.intp, types.intp)
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]

@@ -10,9 +10,9 @@ the start of every sample it reads the outputs, and it moves the states by one s
 
 with every input held over the sample or linear in time over it (`pamid.symbolic.memory_cells`
 writes the latter with the ticks `part` and `along`, which are set for every stage). On request it
-carries exact forward sensitivities of that recursion (not of the differential equation): with z =
-(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp,
-so that they are the derivative of what was computed.
+carries exact forward sensitivities of that recursion, not of the differential equation. With z =
+(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp.
+They are the derivative of the computed values.
 
     Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
     Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3
@@ -20,8 +20,8 @@ so that they are the derivative of what was computed.
     Hairer and Wanner (1996), Solving Ordinary Differential Equations II
 
 Steps are of one length throughout a run. A step control would choose other steps for other
-parameters, so that outputs jump between neighbouring ones and have no derivative; that steps are
-short enough is seen to outside (`choose_stepping` before a fit, `rechecked` after it).
+parameters, so that outputs jump between neighbouring ones and have no derivative. The length of the
+steps is checked outside (`choose_stepping` before a fit, `rechecked` after it).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ DAMPED, LAST_STEP = 1e-3, 1e-9
 RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow one another
 
 
-# ---- what the functions are given --------------------------------------------------------------
-# Arrays are C-contiguous, float64 where nothing else is said; nx states, nc cells, ns sensitivity
+# ---- arguments of the functions ----------------------------------------------------------------
+# Arrays are C-contiguous, float64 by default; nx states, nc cells, ns sensitivity
 # columns. The classes stand in this file because numba takes its cache of these functions for stale
 # by the stamp of this file alone; they keep their names because the cache refers to them by name.
 
@@ -253,6 +253,7 @@ def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-de
     x0, acc = work.x0, work.slope
     s, d, s0, total = S.ravel(), work.D.ravel(), work.S0.ravel(), work.slope_S.ravel()
     nx = x.shape[0]
+    # Flat views: numba then compiles one loop over all entries, which LLVM turns into vectors.
     size = nx * S.shape[1]
     begun, share = t[6], h / t[2]
     for i in range(nx):
@@ -296,7 +297,7 @@ def _newton_matrix(out, pointer, columns, nx, gh, M):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untyped-def]
-    """Solve x = base + gh f(x) in place by damped Newton; says whether it converged to round-off.
+    """Solve x = base + gh f(x) in place by damped Newton; return whether it converged to round-off.
 
     A step dx solves (I - gh df/dx) dx = base + gh f(x) - x. Above DAMPED it is halved until the
     next one, with the same matrix, is smaller: |dx'| <= (1 - reach/4) |dx|, the affine-invariant
@@ -334,6 +335,8 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
             left = 0.0
             for i in range(nx):
                 left = max(left, abs(following[i, 0]) / (1e-6 + abs(before[i])))
+            # With the same matrix the test costs one evaluation and one solve, and no
+            # factorisation.
             if left <= (1.0 - 0.25 * reach) * worst:
                 break
             reach *= 0.5
@@ -465,8 +468,8 @@ def _run_samples(equations, memory, inputs, times, results, work, rows):  # type
     t = work.ticks
     h = times.period_s / times.substeps
     t[1], t[2] = h, times.period_s
-    one = times.only >= 0
-    begun, ended = (times.only, times.only + 1) if one else (0, times.substeps)
+    single = times.only >= 0
+    begun, ended = (times.only, times.only + 1) if single else (0, times.substeps)
     for k in range(stop - first):
         row = (first + k) * nu
         for sub in range(begun, ended):
@@ -496,7 +499,7 @@ def _run_samples(equations, memory, inputs, times, results, work, rows):  # type
 
 @njit(cache=True, nogil=True)
 def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped-def]
-    """Run over the rows of u, filling Y and, where sensitivities are asked for, JY.
+    """Run over the rows of u, filling Y and, with sensitivities, JY.
 
     Memory is carried on in place, so that the next call continues. Returns the first sample at
     which the state is no longer finite, or -1.
@@ -539,7 +542,7 @@ def sweep_windows(equations, memory, inputs, times, results, windows):  # type: 
             memory.buffer_S[:, :, column:] = 0.0
             for i in range(n):
                 S[i, column + i] = 1.0
-        own_times = Times(
+        window_times = Times(
             windows.time_s[w],
             times.period_s,
             times.substeps,
@@ -552,7 +555,7 @@ def sweep_windows(equations, memory, inputs, times, results, windows):  # type: 
             borrowed(equations),
             borrowed(memory),
             borrowed(inputs),
-            own_times,
+            window_times,
             borrowed(results),
             borrowed(work),
             (first, stop, at),
@@ -568,7 +571,7 @@ def sweep_windows(equations, memory, inputs, times, results, windows):  # type: 
 
 @njit(cache=True, nogil=True)
 def prepare(address, p, derived):  # type: ignore[no-untyped-def]
-    """Fill what depends on parameters only."""
+    """Fill the values that depend on parameters only."""
     call(address, p, p, p, p, 0, p, p, derived)
 
 

@@ -1,13 +1,12 @@
 """LLVM IR to addresses of machine code, through a cache on disk.
 
-The cache holds object files named by the sha256 of everything that went into them, each led by its
-own digest: a file that is damaged, half-written or from another machine is compiled again, never
-loaded. Deleting the folder is always safe, and two processes may share it (files are replaced
-whole).
+The cache holds object files named by the sha256 of all their inputs, each led by its own digest. A
+file that is damaged, half-written or from another machine is compiled again, never loaded. Deleting
+the folder is always safe, and two processes may share it (files are replaced whole).
 
-What is loaded runs, and a digest of itself vouches for nothing that somebody else has written:
-folder and file must be no links, belong to the user or root, and be writable by nobody else.
-Otherwise models are compiled in memory, which costs time and nothing else.
+Loaded code runs, and its own digest is no protection against another author. Folder and file must
+not be links, must belong to the user or root, and must be writable by nobody else. Otherwise models
+are compiled in memory, which costs time and nothing else.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _machines: dict[int, llvm.TargetMachine] = {}
 
 
 def cache_folder() -> Path:
-    """Where compiled models are kept: $PAMID_CACHE, else the user's cache folder."""
+    """Folder of compiled models: $PAMID_CACHE, else the user's cache folder."""
     chosen = os.environ.get("PAMID_CACHE")
     return Path(chosen) if chosen else user_cache() / "pamid"
 
@@ -91,12 +90,12 @@ def _read(path: Path) -> bytes | None:
     """The code in a file of the cache; None where there is none that can be believed."""
     try:
         _require_private(path.parent)
-        # what is looked at is what is read, whatever becomes of the name meanwhile; a pipe must not
+        # the open file is checked and read, whatever becomes of its name meanwhile; a pipe must not
         # block
         flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
         with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:
-            found = os.fstat(file.fileno())
-            if is_shared(found) or not stat.S_ISREG(found.st_mode):
+            status = os.fstat(file.fileno())
+            if is_shared(status) or not stat.S_ISREG(status.st_mode):
                 return None
             data = file.read()
     except OSError:
@@ -106,8 +105,8 @@ def _read(path: Path) -> bytes | None:
 
 def _require_private(folder: Path) -> None:
     """PermissionError for a folder that others may write, or for a link in its place."""
-    found = folder.lstat()
-    if is_shared(found) or not stat.S_ISDIR(found.st_mode):
+    status = folder.lstat()
+    if is_shared(status) or not stat.S_ISDIR(status.st_mode):
         _say_once(folder)
         raise PermissionError(f"{folder} is not the user's alone")
 
@@ -129,6 +128,7 @@ def _write(path: Path, code: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(code).digest() + code)
+            # In one step, so that another process reads either the old file or the whole new one.
             os.replace(name, path)
         except OSError:
             with suppress(OSError):
@@ -138,7 +138,10 @@ def _write(path: Path, code: bytes) -> None:
 def addresses(ir_text: str, names: list[str]) -> list[int]:
     """Addresses of the named functions of a module given as text; compiled, or taken from the
     cache."""
+    # The processor is part of the key: a cache in a shared home serves machines with other
+    # instructions.
     key = _key(ir_text)
+    # Two threads that want the same model compile it once.
     with _lock:
         engine = _loaded.get(key)
         if engine is None:
@@ -159,5 +162,6 @@ def addresses(ir_text: str, names: list[str]) -> list[int]:
             engine = llvm.create_mcjit_compiler(empty, machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
+            # The engine owns the machine code, which must stay as long as an address may be called.
             _loaded[key] = engine
         return [int(engine.get_function_address(name)) for name in names]

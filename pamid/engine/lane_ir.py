@@ -64,6 +64,8 @@ def _vector_functions() -> str:
     functions = []
     for name, write in writers.items():
         function = ir.Function(module, ir.FunctionType(vector, [vector]), name)
+        # Inlined into the equations, because a call per operation would spill all vector
+        # registers.
         function.linkage = "internal"
         function.attributes.add("alwaysinline")
         write(Vectors(ir.IRBuilder(function.append_basic_block())), function.args[0])
@@ -71,6 +73,8 @@ def _vector_functions() -> str:
     for name in ("sin", "cos"):
         kind = HYPOTHESES.name
         functions.append(
+            # Kept out of line: the rare branch would otherwise grow every function that takes a
+            # sine.
             f"define internal {kind} @far_{name}({kind} %a) noinline cold {{\n"
             f"%v = call {kind} @llvm.{name}.v{LANES}f64({kind} %a)\nret {kind} %v\n}}"
         )

@@ -64,6 +64,7 @@ def factor_lanes(M, pivots):  # type: ignore[no-untyped-def]
     """L and U in the place of M; pivots int64."""
     n = M.shape[0]
     for j in range(n):
+        # Pivots differ from lane to lane, so that only the exchange of rows is done lane by lane.
         for lane in range(LANES):
             best = j
             for i in range(j + 1, n):
@@ -83,7 +84,7 @@ def factor_lanes(M, pivots):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def solve_lanes(M, pivots, b):  # type: ignore[no-untyped-def]
-    """Solve M x = b by what `factor_lanes` left of M: b (n, LANES) becomes x."""
+    """Solve M x = b with the factors by `factor_lanes`: b (n, LANES) becomes x."""
     n = b.shape[0]
     for j in range(n):
         for lane in range(LANES):
@@ -200,6 +201,8 @@ def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-un
                 going[lane] = False
                 remaining -= 1
     for lane in range(LANES):
+        # A lane that has not converged must be seen. A number that looks like a result would be
+        # used.
         if going[lane]:
             x[:, lane] = np.nan
 

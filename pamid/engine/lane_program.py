@@ -183,14 +183,14 @@ class LaneProgram(EquationSteps):
         from pamid.engine.lane_sweep import LaneInputs, LaneTimes, rate_matrices
 
         code = _compiled(self, True, u.ndim == 1)
-        found = rate_matrices(
+        matrices = rate_matrices(
             code.equations,
             memory.arrays(),
             LaneInputs(self._by_group(u[None], None, 0), self._prepared(code, p, memory)),
             LaneTimes(float(time_s), float(period_s), 1, True, False, False),
             self._scratch(code),
         )
-        return _joined_lanes(found, memory.lanes).transpose(2, 0, 1)
+        return _joined_lanes(matrices, memory.lanes).transpose(2, 0, 1)
 
     def _scratch(self, code: _LaneCode) -> LaneScratch:
         from pamid.engine.lane_sweep import lane_scratch
@@ -249,12 +249,14 @@ class LaneProgram(EquationSteps):
             self._scratch(code),
         )
         memory.begin = memory.join = False
+        # Filling lanes run as copies of lane 0, so that they can neither blow up alone nor be
+        # read.
         Y, ends, bad = (_joined_lanes(array, memory.lanes) for array in results)
         return Y, ends, np.where(bad < 0, bad, bad + first)
 
     def _by_group(self, u: Array, after: Array | None, first: int) -> Array:
-        """The inputs as `LaneInputs` has them, from a row on, followed by what the linear ones rise
-        by."""
+        """The inputs as `LaneInputs` has them, from a row on, followed by the rises of the linear
+        ones."""
         linear = tuple(self.inputs.index(n) for n in self.linear)
         rising = with_rises(u, after, linear, len(self.inputs))[first:]
         if u.ndim == 2:
@@ -263,7 +265,8 @@ class LaneProgram(EquationSteps):
         return np.ascontiguousarray(groups.reshape(*groups.shape[:2], -1))
 
     def _prepared(self, code: _LaneCode, p: Array, memory: LaneMemory) -> Array:
-        """Parameters (groups, parameters, LANES), followed by what depends on them alone."""
+        """Parameters (groups, parameters, LANES), followed by the values that depend on them
+        alone."""
         from pamid.engine.lane_sweep import prepare_lanes
 
         known = len(self.parameters)
@@ -296,7 +299,8 @@ def _joined_lanes(values: NDArray[Any], lanes: int) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class _LaneCode:
-    """Compiled equations, the address of what fills the derived parameters, and their number."""
+    """Compiled equations, the address of the function that fills the derived parameters, and their
+    number."""
 
     equations: LaneEquations
     prepare: int
@@ -322,6 +326,7 @@ def _compiled(program: LaneProgram, implicit: bool, shared: bool) -> _LaneCode:
             [*equations.rates], layout.column, frozenset(), spaces=("state",)
         )
         groups.append(values)
+    # Expressions of parameters alone are computed once per run, not at every stage of every step.
     groups, derived = extract_derived(groups)
     layout = layout.with_derived(len(derived))
     functions = {f"v{i}": group for i, group in enumerate(groups)} | {"prepare": derived}

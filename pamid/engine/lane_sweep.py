@@ -226,6 +226,8 @@ def _sweep(equations, memory, inputs, times, begin, end, Y, bad, work):  # type:
                 _rk4(equations, memory, u, row, p, h, work)
         lost = 0
         for i in range(x.shape[0]):
+            # A sum in place of an early exit lets the loop run in vectors. The comparison is also
+            # false for NaN.
             lost += 0 if abs(x[i]) < BLOWN_UP else 1
         if lost > 0 and _note_lost(memory.x, k, bad):
             return
@@ -252,7 +254,7 @@ def _group(memory, g):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _take_over(memory, n, dependent):  # type: ignore[no-untyped-def]
-    """Lanes from `dependent` on get what lane 0 holds, behind the first n states."""
+    """Copy the memory of lane 0, behind the first n states, to the lanes from `dependent` on."""
     for g in range(memory.x.shape[0]):
         for lane in range(max(0, dependent - g * LANES), LANES):
             memory.x[g, n:, lane] = memory.x[0, n:, 0]

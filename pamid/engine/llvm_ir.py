@@ -1,7 +1,7 @@
 """Expressions as LLVM IR text: one straight-line function per group of equations.
 
 Every function has the same signature, seven addresses: states, cells, past cells, inputs,
-parameters, ticks, out. `out` receives the values and, where derivatives are asked for, the non-zero
+parameters, ticks, out. `out` receives the values and, for derivatives, the non-zero
 partials row by row. A value is a double, or a vector of doubles, one per hypothesis (`ValueType`).
 """
 
@@ -48,7 +48,7 @@ class ValueType:
 
     @property
     def alignment(self) -> str:
-        """Of a load or a store: NumPy aligns no array to a whole vector."""
+        """Alignment of a load or a store: NumPy aligns no array to a whole vector."""
         return "" if self.lanes == 1 else ", align 8"
 
     def constant(self, value: float) -> str:
@@ -77,12 +77,12 @@ def part_of(groups: list[list[Expr]]) -> int | None:
 
 def declarations(part: int | None) -> str:
     """Declarations of the functions that a module may call."""
-    found = [] if part is None else [IN_PARTS]
-    found += ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
+    lines = [] if part is None else [IN_PARTS]
+    lines += ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
     for operator in OPERATORS.values():
         for name in re.findall(r"call double @([\w.]+)\(", " ".join(operator.llvm)):
-            found.append(f"declare double @{name}({', '.join(['double'] * operator.arity)})")
-    return "\n".join(found)
+            lines.append(f"declare double @{name}({', '.join(['double'] * operator.arity)})")
+    return "\n".join(lines)
 
 
 def function_text(
@@ -94,10 +94,10 @@ def function_text(
 ) -> str:
     """LLVM IR of one function that stores `roots` to out[0], out[1], ...
 
-    index(space, name) is the place of a symbol in its array. part: operations of a part: a part
-    hands on in memory what others need and keeps nothing in registers, without which what LLVM
-    takes to distribute them grows faster than the function; None is one part. kind: of the values
-    in all arrays but those that lanes share, which hold doubles.
+    index(space, name) is the place of a symbol in its array. part: operations of a part; None is
+    one part. Parts exchange values in memory and share no registers, because LLVM's time to
+    allocate registers grows faster than the function. kind: of the values in all arrays but those
+    that lanes share, which hold doubles.
     """
     order = walk(roots)
     # constants and symbols are at hand everywhere
@@ -115,7 +115,7 @@ class _FunctionWriter:
     """Lines of a function, as nodes are written one after the other.
 
     names, truths: the registers of the present part that hold a node, or whether it is not zero;
-    kept: places on the stack of nodes that later parts need.
+    stored: places on the stack of nodes that later parts need.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class _FunctionWriter:
         self.lines: list[str] = []
         self.names: dict[Expr, str] = {}
         self.truths: dict[Expr, str] = {}
-        self.kept: dict[Expr, int] = {}
+        self.stored: dict[Expr, int] = {}
         self.count, self.now = 0, 0
         self.last = max(parts.values(), default=0)
         # by another part; results are stored at the end
@@ -155,7 +155,7 @@ class _FunctionWriter:
                     else self._load(place, self.kind)
                 )
             else:
-                self.names[node] = self._load(f"%kept, i64 {self.kept[node]}", self.kind)
+                self.names[node] = self._load(f"%kept, i64 {self.stored[node]}", self.kind)
         return self.names[node]
 
     def _load(self, place: str, kind: ValueType) -> str:
@@ -192,22 +192,22 @@ class _FunctionWriter:
         kind = self.kind
         if node.op == "where":
             truth = self._truth(node.args[0])
-            one, other = (f"{kind.name} {self.value(a)}" for a in node.args[1:])
-            self.names[node] = self.fresh(f"select {kind.truth} {truth}, {one}, {other}")
+            yes, no = (f"{kind.name} {self.value(a)}" for a in node.args[1:])
+            self.names[node] = self.fresh(f"select {kind.truth} {truth}, {yes}, {no}")
         else:
             a = [self.value(x) for x in node.args]
             operator, last = OPERATORS[node.op], ""
             for line in operator.llvm:
                 last = self.fresh(kind.line(line).format(*a, last=last))
             if operator.is_comparison:
-                # kept beside the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
+                # stored next to the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
                 self.truths[node] = last
-                one, zero = (f"{kind.name} {kind.constant(v)}" for v in (1.0, 0.0))
-                last = self.fresh(f"select {kind.truth} {last}, {one}, {zero}")
+                unit, zero = (f"{kind.name} {kind.constant(v)}" for v in (1.0, 0.0))
+                last = self.fresh(f"select {kind.truth} {last}, {unit}, {zero}")
             self.names[node] = last
         if node in self.wanted:
-            self.kept[node] = len(self.kept)
-            self.store(self.names[node], f"%kept, i64 {self.kept[node]}")
+            self.stored[node] = len(self.stored)
+            self.store(self.names[node], f"%kept, i64 {self.stored[node]}")
 
     def _enter(self, part: int) -> None:
         if part == self.now:
@@ -225,7 +225,7 @@ class _FunctionWriter:
         if not self.last:
             return "\n".join([*head, *self.lines, "ret void", "}"])
         head.append(f"%always = icmp ne i64 %a{len(SPACES)}, 0")
-        head.append(f"%kept = alloca {self.kind.name}, i64 {max(len(self.kept), 1)}")
+        head.append(f"%kept = alloca {self.kind.name}, i64 {max(len(self.stored), 1)}")
         return "\n".join([*head, *self.lines, "br label %end", "end:", "ret void", "}"])
 
 

@@ -34,7 +34,7 @@ def factor(M, pivots):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def solve(M, pivots, B):  # type: ignore[no-untyped-def]
-    """Solve M X = B by what `factor` left of M: B (n, m) becomes X."""
+    """Solve M X = B with the factors by `factor`: B (n, m) becomes X."""
     n, m = B.shape
     for j in range(n):
         if pivots[j] != j:

@@ -1,11 +1,11 @@
-"""Where numba keeps what it has compiled. Its files are pickles: whoever can write them runs code.
+"""Folder of numba's cache. Its files are pickles: whoever can write them runs code.
 
 numba takes its settings, the folder of the cache among them, also from `.numba_config.yaml` in the
-working folder: that is data of whoever packed the folder, and is not read. Its cache is the one
-beside pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the user.
-Where others may write that one, or nobody can, or there is no home (numba would take a folder
-called ~ in the working folder), it is a new folder of this process, which costs time and nothing
-else.
+working folder. That file belongs to whoever packed the folder, and is not read. The cache is the
+one next to pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the
+user. It is a new folder of this process where others may write that one, where nobody can, or
+without a home: numba would then take a folder called ~ in the working folder. A new folder costs
+time and nothing else.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["carray", "cfunc", "njit", "types"]
 def _settle() -> None:
     """Numba's settings from the environment alone, its cache in a place that nobody else can
     write."""
-    config._config_fname = os.devnull  # asked for again before every compilation
+    config._config_fname = os.devnull  # numba reads it before every compilation
     config.reload_config()
     chosen = getattr(config, "CACHE_DIR", "")
     if not chosen and os.access(Path(__file__).parent, os.W_OK):
@@ -38,7 +38,8 @@ def _settle() -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Can the folder, or the nearest above it that is there, be written, and by nobody else?"""
+    """Whether the folder, or the nearest existing one above it, can be written by this user
+    alone."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     return os.access(folder, os.W_OK | os.X_OK) and not is_shared(folder.lstat())

@@ -94,8 +94,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Stepping:
-    """How a sample is integrated: steps per sample, and whether the L-stable implicit step is
-    used."""
+    """Integration of a sample: steps per sample, and whether the L-stable implicit step is used."""
 
     substeps: int = 1
     implicit: bool = False
@@ -144,11 +143,11 @@ class EquationSteps:
     """The stepping of compiled equations."""
 
     def least_substeps(self, period_s: float) -> int:
-        """Steps per sample that the model asks for by itself."""
+        """Least steps per sample of the model."""
         return 1
 
     def careful(self, substeps: int) -> Stepping:
-        """How a sample is stepped where explicit steps would have to be so many."""
+        """Stepping of a sample that would need this many explicit steps."""
         return Stepping(1, implicit=True)
 
 
@@ -157,7 +156,7 @@ class Program(EquationSteps):
     """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
     array.
 
-    ordered: do finer steps change less and less? keeps_slopes: are there any that are dear enough
+    ordered: do finer steps change less and less? keeps_slopes: are there any expensive enough
     to be kept?"""
 
     ordered: ClassVar[bool] = True
@@ -277,6 +276,7 @@ class Program(EquationSteps):
         weights = np.ones(seen) if weights is None else weights
         time_s = (windows.first + edges[:, 0]) * period_s
         rows, starts = edges - begun, np.ascontiguousarray(windows.states, float)
+        # Blocks bound the memory of the Jacobian, and each is read while it is still in the cache.
         most, at = BLOCK_NUMBERS // max(1, seen * wide), 0
         while at < len(rows):
             to = max(at + 1, int(np.searchsorted(rows[:, 1], rows[at, 0] + most, side="right")))
@@ -314,8 +314,8 @@ class Program(EquationSteps):
         from pamid.engine.integrator import Results
 
         held = memory.arrays(sensitive=columns is not None)
-        own = len(memory.x)
-        x, S = np.zeros(first + own), np.zeros((first + len(memory.S), held.S.shape[1]))
+        states = len(memory.x)
+        x, S = np.zeros(first + states), np.zeros((first + len(memory.S), held.S.shape[1]))
         x[first:], S[first:] = memory.x, held.S
         shape = (1, len(self.outputs), S.shape[1])
         # whether steps are implicit is known when they are made
@@ -328,12 +328,11 @@ class Program(EquationSteps):
         return StepDriver(equations, held._replace(x=x, S=S), inputs, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
-        """For slopes of a track's steps, with which `knowing` makes a program; None where none are
-        kept, since they cost little."""
+        """Table for slopes of a track's steps, for `with_slopes`. None where steps cost little."""
         return None
 
-    def knowing(self, known: KnownSlopes | None) -> Program:
-        """The same, whose next run with sensitivities begins with these slopes."""
+    def with_slopes(self, known: KnownSlopes | None) -> Program:
+        """Return a program whose next run with sensitivities begins with these slopes."""
         return self
 
     def rate_matrix(
@@ -369,9 +368,7 @@ class Program(EquationSteps):
         elif not self.sensitive.issuperset(
             name for name, k in zip(self.parameters, columns, strict=True) if k >= 0
         ):
-            raise ValueError(
-                "sensitivities were asked for by parameters that the model was not compiled for"
-            )
+            raise ValueError("the model was not compiled for sensitivities by these parameters")
         equations, values = self.code.at(p, partials=sensitive or partials)
         return equations, Inputs(self._with_rises(u, after), values, columns, sensitive)
 
@@ -385,6 +382,8 @@ def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: i
     plain = np.ascontiguousarray(u, float)
     if not linear or plain.shape[1] > inputs:
         return plain
+    # The last sample has no successor in the recording, so that its input is held unless the
+    # caller has the next one.
     moving = plain[:, linear]
     end = moving[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
     return np.ascontiguousarray(
@@ -410,7 +409,7 @@ def build_program(
     """Compile equations (from the cache on disk where they were compiled before; in one
     process only once).
 
-    sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
+    sensitive: parameters with sensitivities (default: all); fewer are cheaper.
     linear: the inputs that the equations were lowered for as linear over a sample
     (`expand_memory`).
     """
@@ -457,6 +456,7 @@ class ProgramCode:
         plain = self.text.plain
         *values, prepare = addresses("\n".join(plain.parts), plain.names)
         _, phase_n, phase_first, phase_delay, _ = self.text.phases
+        # Empty tables of the right shape let one compiled driver serve both kinds of code.
         none = [0] * (len(values) + 1)
         return CompiledEquations(
             _int_array([*(n for f in values for n in (f, 0, 0)), prepare]),
@@ -505,7 +505,7 @@ class ModuleTexts(Protocol):
 
 @dataclass(frozen=True)
 class Layout:
-    """Where symbols stand: place in the array of their space, first column of each space among the
+    """Places of symbols: in the array of their space, first column of each space among the
     partials, and the parameters' first column (those before it are the rows of S)."""
 
     place: dict[tuple[str, str], int]

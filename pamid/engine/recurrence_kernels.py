@@ -7,7 +7,7 @@ x(k+1)^2,
     S(k+1) = diag(d) C S(k) + direct(k).
 The direct part is sparse: weight (i, .) enters unit i only, so it touches h + m + 1 entries of row
 i and is added afterwards instead of being part of the dense product. That product, with the output
-l . S(k+1) beside it, is where the time goes: it is written in vectors of `LANES` columns, `ROWS`
+l . S(k+1) added to it, takes most of the time: it is written in vectors of `LANES` columns, `ROWS`
 results at a time, all kept in registers.
 
 Column order of S and of the first h (h + m + 1) columns of the Jacobian: unit by unit, and within
@@ -171,6 +171,8 @@ def run_growth(columns, states):
             size += along[i] * along[i]
         if size == 0.0:
             return -np.inf
+        # Normalised at every sample: over a long recording the product itself would overflow or
+        # vanish.
         size = np.sqrt(size)
         total += np.log(size)
         for i in range(h):
@@ -231,7 +233,7 @@ def run_bend(columns, change, inputs, states, output, output_change, bend):
 def run_sensitivities(units, columns, output, output_bias, inputs, state, sensitivity, y, jacobian):
     """Simulate n steps and write the output's exact derivative with respect to every weight.
 
-    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], beside its `columns`;
+    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], and its `columns`;
     `sensitivity` (2, h, at least p, a multiple of LANES) holds dx/dw before the first step in
     sensitivity[0], which is left at its value after the last; `y` (n,) receives the output,
     `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the last numbers are
@@ -256,9 +258,12 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
         _propagate(matrix, before, after, output, jacobian, first, h, wide)
         for i in range(h):
             slope = 1.0 - fresh[i] * fresh[i]
-            own, row = after[i, i * per_unit : (i + 1) * per_unit], jacobian[first + i * per_unit :]
+            entries, row = (
+                after[i, i * per_unit : (i + 1) * per_unit],
+                jacobian[first + i * per_unit :],
+            )
             for j in range(per_unit):
-                own[j] += slope * seen[j]
+                entries[j] += slope * seen[j]
             for j in range(per_unit):
                 row[j] += output[i] * slope * seen[j]
         for i in range(h):

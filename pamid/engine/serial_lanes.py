@@ -123,6 +123,8 @@ class SerialLanes:
         for w, (start, stop) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if w:
                 for lane in range(shared, lanes):
+                    # A dependent lane differs by the start of one window, so that it must not
+                    # carry the difference into the next.
                     memory.memories[lane] = memory.memories[0].copy()
             memory.enter(entered[w])
             values, lost = self.run(

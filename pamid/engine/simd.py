@@ -78,10 +78,10 @@ class Vectors:
 
     def tanh(self, a: Any) -> Any:
         """1 - 2 / (exp(2 a) + 1): right to round-off of 1, not of a small result."""
-        b, one = self.builder, self.constant(1.0)
+        b, unit = self.builder, self.constant(1.0)
         a = self._between(a, -_TANH_FLAT, _TANH_FLAT)
         e = self._exp(b.fmul(a, self.constant(2.0)))
-        return b.fsub(one, b.fdiv(self.constant(2.0), b.fadd(e, one)))
+        return b.fsub(unit, b.fdiv(self.constant(2.0), b.fadd(e, unit)))
 
     def _exp(self, a: Any) -> Any:
         """exp(a) for |a| < 700: 2^k times a series in a - k ln(2)."""
@@ -129,10 +129,10 @@ class Vectors:
         square = b.fmul(r, r)
         odd, even = (self._alternating(square, first) for first in (1, 0))
         odd = b.fmul(odd, r)
-        bits, one = self._bits(shifted), self._integers(1)
-        swapped = b.icmp_unsigned("==", b.and_(bits, one), one)
+        bits, unit = self._bits(shifted), self._integers(1)
+        swapped = b.icmp_unsigned("==", b.and_(bits, unit), unit)
         values = b.select(swapped, even, odd), b.select(swapped, odd, even)
-        signs = b.shl(bits, self._integers(62)), b.shl(b.add(bits, one), self._integers(62))
+        signs = b.shl(bits, self._integers(62)), b.shl(b.add(bits, unit), self._integers(62))
         sign_bit = self._integers(-(2**63))
         sine, cosine = (
             b.bitcast(b.xor(self._bits(v), b.and_(sign, sign_bit)), _VECTOR)
@@ -153,7 +153,7 @@ class Vectors:
         return series
 
     def all_within(self, a: Any, bound: float) -> Any:
-        """Is |a| below the bound in every lane?"""
+        """Whether |a| is below the bound in every lane."""
         b = self.builder
         inside = b.and_(
             b.fcmp_ordered("<", a, self.constant(bound)),

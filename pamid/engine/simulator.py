@@ -17,8 +17,8 @@ DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 
 # of such a difference, where it lies across a jump: the square root of what rounding leaves of a
 # value is the least one worth having (Nocedal and Wright (2006), ch. 8.1)
 THIN = float(np.sqrt(np.finfo(float).eps)) / DIFFERENCE
-SIDES_AGREE = 0.1  # of what a step does: curvature leaves 1e-6 of it, a jump ten times as much
-SLOPE_ROUNDING = 1e-9  # of a value's size: what differences leave of a slope
+SIDES_AGREE = 0.1  # of a step's action: curvature leaves 1e-6 of it, a jump ten times as much
+SLOPE_ROUNDING = 1e-9  # of a value's size: rounding error of a slope by differences
 # widths of a difference by which a probe of known slopes goes: to a tenth curvature does not count
 # there, and rounding counts less
 PROBED = 10.0
@@ -29,7 +29,7 @@ class Simulator(Protocol):
     with values of its own.
 
     sizes (states, forces): typical magnitudes, of which differences take a share;
-    longest_s: longest step (s) that it may be asked for, infinite where nothing is known of it.
+    longest_s: longest admissible step (s), infinite where none is known.
     """
 
     sizes: tuple[Array, Array]
@@ -55,8 +55,8 @@ class LibraryStep:
     parameters of their own; state_at, force_at: where the states and forces (float64) stand in
     data; reading_at: where the readings stand after a step; cleared_at: numbers that every exchange
     begins with at zero; leads_at: address of a number that is 1 for the step itself and 0 for those
-    from moved values, whose internal steps follow it (0: there is none); kept: what must live as
-    long as these.
+    from moved values, whose internal steps follow it (0: there is none); keep_alive: objects that
+    must live as long as these.
     """
 
     step: int
@@ -68,7 +68,7 @@ class LibraryStep:
     cleared_at: NDArray[np.int64]
     reading_at: NDArray[np.int64]
     leads_at: int
-    kept: tuple[Any, ...]
+    keep_alive: tuple[Any, ...]
 
 
 class Slopes(NamedTuple):
@@ -116,7 +116,9 @@ class Differences:
 
     @cached_property
     def widths(self) -> Array:
-        """By how much each value is moved."""
+        """Widths by which the values are moved."""
+        # A value of zero has no size of its own: states and forces then move by a share of a
+        # typical one, a parameter by a share of one.
         sizes = np.concatenate([*self.simulator.sizes, self.p == 0.0])
         return DIFFERENCE * np.maximum(np.abs(self.plain), sizes)
 
@@ -135,22 +137,24 @@ class Differences:
     def slopes(self, at: NDArray[np.intp]) -> Array:
         """Slopes (rows, places) by forward differences at these places.
 
-        One more copy has all of them moved to the other side. Where that is not what the slopes
-        foretell a jump lies between, as where a contact closes, and a difference across it is the
-        jump over the width of the difference, whatever that is. Such slopes are worked out on the
-        other side as well, as near as rounding allows, and each is the one of the two by which less
-        happens, as by the minmod limiter (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
+        One more copy has all of them moved to the other side. Where the slopes do not predict it, a
+        jump lies between, as where a contact closes. A difference across it is the jump over the
+        arbitrary width of the difference. Such slopes are computed on the other side as well, as
+        near as rounding allows. The smaller action of the two is taken, as by the minmod limiter
+        (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
         """
-        slopes = self._one_side(at, self.widths[at])
+        slopes = self._differences(at, self.widths[at])
         if not self.agree(at, slopes):
-            other = self._one_side(at, -THIN * self.widths[at])
+            # As near as possible, because the jump that was crossed lies within one width of the
+            # point.
+            other = self._differences(at, -THIN * self.widths[at])
             still = self._still(at)
             slopes = np.where(np.abs(other - still) < np.abs(slopes - still), other, slopes)
         return slopes
 
     def agree(self, at: NDArray[np.intp], slopes: Array, widths: float = 1.0) -> bool:
-        """Do slopes foretell the step with all these values moved down at once, by so many widths
-        of a difference?"""
+        """Whether slopes predict the step with all these values moved down at once, by so many
+        widths of a difference."""
         moved, by = self.plain.copy(), widths * self.widths[at]
         moved[at] -= by
         limits = SIDES_AGREE * np.abs(slopes - self._still(at)) @ by
@@ -158,7 +162,7 @@ class Differences:
         off = self.behind(moved[None])[0] - self.after + slopes @ by
         return bool((np.abs(off) <= limits).all())
 
-    def _one_side(self, at: NDArray[np.intp], by: Array) -> Array:
+    def _differences(self, at: NDArray[np.intp], by: Array) -> Array:
         values = np.tile(self.plain, (len(at), 1))
         values[np.arange(len(at)), at] += by
         return (self.behind(values) - self.after).T / by

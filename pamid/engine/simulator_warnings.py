@@ -22,7 +22,7 @@ class SimulatorWarnings:
     cures: dict[str, str] = field(default_factory=dict)
 
     def sentences(self, where: str) -> tuple[str, ...]:
-        """One text on what was warned of, () for nothing. where: which runs these are, in words."""
+        """One text on the warnings, () without any. where: a description of the runs."""
         warned = {words: n for words, n in self.counts.items() if n}
         if not warned:
             return ()
@@ -37,7 +37,7 @@ _COUNTING: list[SimulatorWarnings] = []
 
 @contextmanager
 def counted_warnings() -> Iterator[SimulatorWarnings]:
-    """Count what simulators warn of in this block."""
+    """Count the warnings of simulators in this block."""
     counted = SimulatorWarnings()
     _COUNTING.append(counted)
     try:
@@ -48,7 +48,7 @@ def counted_warnings() -> Iterator[SimulatorWarnings]:
 
 
 def warnings_count() -> bool:
-    """Whether anybody counts."""
+    """Whether any block counts warnings."""
     return bool(_COUNTING)
 
 
@@ -61,4 +61,5 @@ def add_warnings(
         counted.steps += steps
         counted.cures |= cures
         for words, number in warned.items():
+            # A simulator may warn several times in one step; the report counts steps.
             counted.counts[words] = counted.counts.get(words, 0) + min(number, steps)

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Division(Protocol):
-    """How a sample is divided: `pamid.engine.program.Stepping`."""
+    """Division of a sample into steps: `pamid.engine.program.Stepping`."""
 
     @property
     def substeps(self) -> int: ...

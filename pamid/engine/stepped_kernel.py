@@ -1,11 +1,10 @@
 """The run of a stepped program whose simulator is a function of a library in C: one loop that is
 compiled, in place of calls from Python in every sample.
 
-What it does in an exchange is what `pamid.engine.stepped` says, with slopes by differences over
-copies, or those that are known (`pamid.engine.known_slopes`, the same rule in the same order); the
-copies are one structure of the library, set anew for each of them. numba takes its
-cache of this file's functions for stale by the stamp of this file alone: touch it where `sweep`
-changes what it is given.
+An exchange is that of `pamid.engine.stepped`, with slopes by differences over copies, or known
+slopes (`pamid.engine.known_slopes`, the same rule in the same order). The copies are one structure
+of the library, set anew for each of them. numba takes its cache of this file's functions for stale
+by the stamp of this file alone: touch it where `sweep` changes what it is given.
 """
 
 from __future__ import annotations
@@ -65,11 +64,14 @@ class SteppedInC(NamedTuple):
 
 
 class KnownInC(NamedTuple):
-    """Slopes that are kept, as of `pamid.engine.known_slopes.KnownSlopes`, without rows where none
-    are. own: parameters now (own,); level: (states,), what a step does along the run; same, far,
-    rounded: by what they still hold; foretold: how far a step may be off that is not made."""
+    """The table `pamid.engine.known_slopes.KnownSlopes`; without rows for a run without one.
 
-    made: Any
+    p_now: present parameters of the simulator; level (values,): root mean square of a step's action
+    along the run; same, far, rounded: limits within which slopes hold; prediction_limit: largest
+    error of a predicted step, in levels.
+    """
+
+    filled: Any
     x: Any
     f: Any
     p: Any
@@ -77,22 +79,24 @@ class KnownInC(NamedTuple):
     slopes: Any
     pushed: Any
     last: Any
-    led: Any
+    last_after: Any
     trust: Any
     chosen: Any
     counts: Any
-    own: Any
+    p_now: Any
     level: Any
     same: float
     far: float
     rounded: float
-    foretold: float
+    prediction_limit: float
 
 
 @njit(cache=True)
 def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
     """Readings and states after an exchange from moved values x, f, with the model at an
     address."""
+    # Numbers left of the exchange before, such as a warm start, would make copies depend on the
+    # order in which they run.
     for i in range(c.cleared_at.shape[0]):
         put_number(c.cleared_at[i], 0.0)
     for i in range(x.shape[0]):
@@ -120,15 +124,14 @@ def _step(c, x, f, after):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
-    """Are there slopes by all that has moved in forces and parameters, and has no parameter moved
-    far?"""
-    if not t.made[row]:
+    """Whether the row has slopes by every force and parameter that moved, none of them far."""
+    if not t.filled[row]:
         return False
     for k in range(f.shape[0]):
         if f[k] != t.f[row, k] and not t.pushed[row, k]:
             return False
-    for i in range(t.own.shape[0]):
-        dp = abs(t.own[i] - t.p[row, i])
+    for i in range(t.p_now.shape[0]):
+        dp = abs(t.p_now[i] - t.p[row, i])
         if dp > t.far * abs(t.p[row, i]):
             return False
         if dp != 0.0:
@@ -141,7 +144,7 @@ def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
+def _difference(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
     """Fill dz (states + forces + chosen parameters): from there to x under f."""
     nx, nf = x.shape[0], f.shape[0]
     for i in range(nx):
@@ -149,97 +152,96 @@ def _moved(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
     for i in range(nf):
         dz[nx + i] = f[i] - f0[i]
     for i in range(t.chosen.shape[0]):
-        dz[nx + nf + i] = t.own[t.chosen[i]] - p0[t.chosen[i]]
+        dz[nx + nf + i] = t.p_now[t.chosen[i]] - p0[t.chosen[i]]
 
 
 @njit(cache=True)
-def _told(t, row, j, dz):  # type: ignore[no-untyped-def]
-    """By how much the slopes of a row move the j-th reading or state, and how differently it then
-    acts."""
-    told, differently, own = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
+def _linear_change(t, row, j, dz):  # type: ignore[no-untyped-def]
+    """Change of the j-th value by the slopes of a row, and the change of its action."""
+    shift, differently, diagonal = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
     for i in range(dz.shape[0]):
         slope = t.slopes[row, j, i]
-        told += slope * dz[i]
-        differently += abs((slope - 1.0 if i == own else slope) * dz[i])
-    return told, differently
+        shift += slope * dz[i]
+        differently += abs((slope - 1.0 if i == diagonal else slope) * dz[i])
+    return shift, differently
 
 
 @njit(cache=True)
-def _more(most, size, level):  # type: ignore[no-untyped-def]
-    """The larger of these, the size in levels; of what has none, nothing alone is little."""
+def _larger_in_levels(most, size, level):  # type: ignore[no-untyped-def]
+    """The larger of `most` and the size in levels; infinite for a value without a level that is not
+    zero."""
     if size == 0.0:
         return most
     return max(most, size / level if level > 0.0 else np.inf)
 
 
 @njit(cache=True)
-def _way(t, row, dz):  # type: ignore[no-untyped-def]
-    """How differently it acts there at most, in levels."""
-    found = 0.0
+def _distance(t, row, dz):  # type: ignore[no-untyped-def]
+    """Largest change of the action, in levels."""
+    largest = 0.0
     for j in range(t.level.shape[0]):
-        found = _more(found, _told(t, row, j, dz)[1], t.level[j])
-    return found
+        largest = _larger_in_levels(largest, _linear_change(t, row, j, dz)[1], t.level[j])
+    return largest
 
 
 @njit(cache=True)
-def _foretells(t, row, x, f, after):  # type: ignore[no-untyped-def]
-    """Fill `after` with where a step from x under f leads; False where that has not been
-    checked."""
-    if t.foretold == 0.0 or not _in_reach(t, row, f):
+def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
+    """Fill `after` with the predicted step from x under f; False beyond the checked distance."""
+    if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
-    here = t.last[row]
-    _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
-    way = _way(t, row, dz)
+    last = t.last[row]
+    _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    way = _distance(t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
-    # neither is so of what is no number
-    near = way == 0.0 or bend * (2.0 * base + way) * way <= t.foretold
+    # NaN fails the comparison
+    near = way == 0.0 or bend * (2.0 * base + way) * way <= t.prediction_limit
     if not (near and way <= reach):
         return False
     for j in range(after.shape[0]):
-        after[j] = t.led[row, j] + _told(t, row, j, dz)[0]
+        after[j] = t.last_after[row, j] + _linear_change(t, row, j, dz)[0]
     return True
 
 
 @njit(cache=True)
 def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """A step to `plain` was made: how well would its slopes have foretold it?"""
-    if t.foretold == 0.0 or not _in_reach(t, row, f):
+    """Compare a step to `plain` that was made with its prediction, and update the trust."""
+    if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
-    here = t.last[row]
-    _moved(t, x, f, here[:nx], here[nx:at], here[at:], dz)
-    way, base = _way(t, row, dz), t.trust[row, 0]
+    last = t.last[row]
+    _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    way, base = _distance(t, row, dz), t.trust[row, 0]
     if 0.0 < way < np.inf:
         missed = 0.0
         for j in range(plain.shape[0]):
-            off = abs(plain[j] - t.led[row, j] - _told(t, row, j, dz)[0])
-            missed = _more(missed, off, t.level[j])
+            off = abs(plain[j] - t.last_after[row, j] - _linear_change(t, row, j, dz)[0])
+            missed = _larger_in_levels(missed, off, t.level[j])
         t.trust[row, 1] = way
         t.trust[row, 2] = missed / ((2.0 * base + way) * way)
-    here[:nx] = x
-    here[nx:at] = f
-    here[at:] = t.own
-    t.led[row] = plain
-    _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
-    t.trust[row, 0] = _way(t, row, dz)
+    last[:nx] = x
+    last[nx:at] = f
+    last[at:] = t.p_now
+    t.last_after[row] = plain
+    _difference(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    t.trust[row, 0] = _distance(t, row, dz)
 
 
 @njit(cache=True)
 def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """Are the slopes of a row by states and forces, and those by parameters, free of doubt for a
-    step from x under f to `plain`?"""
+    """Whether the slopes by states and forces, and those by parameters, hold without a probe for a
+    step from x under f to `plain`."""
     if not _in_reach(t, row, f):
         return False, False
     dz, acts = np.empty(t.slopes.shape[2]), True
-    _moved(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    _difference(t, x, f, t.x[row], t.f[row], t.p[row], dz)
     readings = plain.shape[0] - x.shape[0]
     for j in range(plain.shape[0]):
         tiny = t.rounded * (abs(plain[j]) + t.level[j])
         change = plain[j] - t.after[row, j]
-        told, differently = _told(t, row, j, dz)
-        # neither is so of what is no number
-        if not abs(change - told) <= t.same * differently + tiny:
+        shift, differently = _linear_change(t, row, j, dz)
+        # NaN fails the comparison
+        if not abs(change - shift) <= t.same * differently + tiny:
             return False, False
         moved = dz[j - readings] if j >= readings else 0.0
         if not abs(change - moved) <= t.same * t.level[j] + tiny:
@@ -249,27 +251,27 @@ def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
-    """The slopes of a row hold for a step; how far it is trusted else stays."""
+    """Store the slopes of a row. The limits of trust stay."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     t.x[row] = x
     t.f[row] = f
-    t.p[row] = t.own
+    t.p[row] = t.p_now
     t.after[row] = plain
     t.last[row, :nx] = x
     t.last[row, nx:at] = f
-    t.last[row, at:] = t.own
-    t.led[row] = plain
-    if not t.made[row]:
+    t.last[row, at:] = t.p_now
+    t.last_after[row] = plain
+    if not t.filled[row]:
         t.trust[row, 1] = 0.0
         t.trust[row, 2] = np.inf
     t.trust[row, 0] = 0.0
-    t.made[row] = True
+    t.filled[row] = True
 
 
 @njit(cache=True)
-def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-def]
-    """Fill columns of `found` (told, states + forces + moved parameters) by differences over these
-    steps, where they are not zero; models: addresses, each with one parameter moved."""
+def _forward_differences(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
+    """Fill columns of `slopes` (values, states + forces + moved parameters) by differences over
+    these steps, where they are not zero; models: addresses, each with one parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
     moved = np.empty(plain.shape[0])
     for i in range(steps.shape[0]):
@@ -283,57 +285,57 @@ def _one_side(c, x, f, steps, models, plain, found):  # type: ignore[no-untyped-
             at[k] = value
         else:
             _advance(c, models[i - nx - nf], x, f, moved)
-        found[:, i] = (moved - plain) / steps[i]
+        slopes[:, i] = (moved - plain) / steps[i]
 
 
 @njit(cache=True)
-def _agree(c, model, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
-    """Do slopes foretell the step with everything moved to the other side? model: with the
-    parameters that are."""
+def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
+    """Whether slopes predict the step with everything moved to the other side. model: with moved
+    parameters."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     moved, readings = np.empty(plain.shape[0]), plain.shape[0] - nx
     _advance(c, model, x - steps[:nx], f - steps[nx:at], moved)
     for j in range(plain.shape[0]):
-        told, differently = plain[j], 0.0
+        predicted, differently = plain[j], 0.0
         for i in range(steps.shape[0]):
-            told -= found[j, i] * steps[i]
-            own = i == j - readings
-            differently += abs((found[j, i] - 1.0 if own else found[j, i]) * steps[i])
-        # neither is so of what is no number
-        if not abs(moved[j] - told) <= c.same * differently + c.rounded * abs(plain[j]):
+            predicted -= slopes[j, i] * steps[i]
+            diagonal = i == j - readings
+            differently += abs((slopes[j, i] - 1.0 if diagonal else slopes[j, i]) * steps[i])
+        # NaN fails the comparison
+        if not abs(moved[j] - predicted) <= c.same * differently + c.rounded * abs(plain[j]):
             return False
     return True
 
 
 @njit(cache=True)
-def _slopes(c, x, f, steps, plain, found):  # type: ignore[no-untyped-def]
-    """Fill columns of `found` as `pamid.engine.simulator.Differences` does, where these steps of a
+def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
+    """Fill columns of `slopes` as `pamid.engine.simulator.Differences` does, where these steps of a
     difference are not zero."""
     at, n = x.shape[0] + f.shape[0], c.place.shape[0]
-    _one_side(c, x, f, steps, c.models[1 : 1 + n], plain, found)
+    _forward_differences(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
     moved = 0
     for k in range(n):
         moved += steps[at + k] != 0.0
-    # a model with all parameters moved down tells about all of them only
+    # a model with all parameters moved down probes all of them together
     some = 0 < moved < n
-    if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, found):
+    if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, slopes):
         return
-    other = found.copy()
-    _one_side(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
+    other = slopes.copy()
+    _forward_differences(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
     for j in range(plain.shape[0]):
-        for i in range(found.shape[1]):
+        for i in range(slopes.shape[1]):
             still = 1.0 if i == j - plain.shape[0] + x.shape[0] else 0.0
-            if abs(other[j, i] - still) < abs(found[j, i] - still):
-                found[j, i] = other[j, i]
+            if abs(other[j, i] - still) < abs(slopes[j, i] - still):
+                slopes[j, i] = other[j, i]
 
 
 @njit(cache=True)
 def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
-    """Have the slopes of a row by parameters as these are now: in proportion they stay as they
-    are. Mark in `far` (columns,) those by parameters that have moved too far for that."""
+    """Scale the slopes of a row to the present parameters. Mark in `far` (columns,) those by
+    parameters that have moved too far for that."""
     at = t.x.shape[1] + t.f.shape[1]
     for k in range(t.chosen.shape[0]):
-        before, now = t.p[row, t.chosen[k]], t.own[t.chosen[k]]
+        before, now = t.p[row, t.chosen[k]], t.p_now[t.chosen[k]]
         far[at + k] = abs(now - before) > t.far * abs(before)
         if before != now and now != 0.0:
             for j in range(t.slopes.shape[1]):
@@ -344,37 +346,39 @@ def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
 def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
     """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
     those by parameters are in doubt."""
-    at, found, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
+    at, slopes, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
     _rescaled(t, row, far)
-    motion, own = steps.copy(), steps.copy()
+    motion, parameters = steps.copy(), steps.copy()
     motion[at:] = 0.0
-    own[:at] = 0.0
-    if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, found)):
-        _slopes(c, x, f, steps, plain, found)
+    parameters[:at] = 0.0
+    if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, slopes)):
+        _slopes(c, x, f, steps, plain, slopes)
         return True
     anew = bool(far.any())
     if anew:
-        _slopes(c, x, f, np.where(far, steps, 0.0), plain, found)
-    if own.shape[0] > at and not _agree(c, c.models[-1], x, f, c.probed * own, plain, found):
-        _slopes(c, x, f, own, plain, found)
+        _slopes(c, x, f, np.where(far, steps, 0.0), plain, slopes)
+    if parameters.shape[0] > at and not _agree(
+        c, c.models[-1], x, f, c.probed * parameters, plain, slopes
+    ):
+        _slopes(c, x, f, parameters, plain, slopes)
         anew = True
     return anew
 
 
 @njit(cache=True)
-def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
-    """Have slopes of a row that hold for a step from x under f; fill `plain` with where it leads.
-    pushed (forces,): by which slopes are needed; steps: of differences, by all."""
-    nx, nf, made = x.shape[0], f.shape[0], t.made[row]
+def _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
+    """Provide slopes of a row for a step from x under f, and fill `plain` with its result. pushed
+    (forces,): forces with slopes; steps: widths of all differences."""
+    nx, nf, known = x.shape[0], f.shape[0], t.filled[row]
     lacking = np.zeros(steps.shape[0])
     for k in range(nf):
-        wanted = pushed[k] or t.pushed[row, k] or (made and f[k] != t.f[row, k])
+        wanted = pushed[k] or t.pushed[row, k] or (known and f[k] != t.f[row, k])
         if not wanted:
             steps[nx + k] = 0.0
-        elif made and not t.pushed[row, k]:
+        elif known and not t.pushed[row, k]:
             lacking[nx + k] = steps[nx + k]
         t.pushed[row, k] = wanted
-    if not made:
+    if not known:
         _step(c, x, f, plain)
         t.slopes[row] = 0.0
         _slopes(c, x, f, steps, plain, t.slopes[row])
@@ -384,16 +388,16 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
     if lacking.any():
         _step(c, x, f, plain)
         _slopes(c, x, f, lacking, plain, t.slopes[row])
-    foretold = _foretells(t, row, x, f, plain)
-    if not foretold:
+    predicted = _predict(t, row, x, f, plain)
+    if not predicted:
         _step(c, x, f, plain)
         _check(t, row, x, f, plain)
     moves, acts = _hold(t, row, x, f, plain)
     if acts:
         t.counts[1] += 1
-        t.counts[2] += foretold
+        t.counts[2] += predicted
         return
-    if foretold:
+    if predicted:
         _step(c, x, f, plain)
     anew = _probed(c, t, row, x, f, steps, plain, moves)
     t.counts[0 if anew else 1] += 1
@@ -401,21 +405,21 @@ def _kept_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
-    """Move `told` (readings and states,) and, where asked for, their rows of S (all in place) over
+def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
+    """Move `values` (readings and states,) and, on request, their rows of S (all in place) over
     an exchange under f (forces,), whose sensitivities are `by` (forces, columns)."""
-    readings, seen = c.reading_at.shape[0], told.shape[0]
-    x = told[readings:]
+    readings, seen = c.reading_at.shape[0], values.shape[0]
+    x = values[readings:]
     nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], c.place.shape[0]
-    plain, keep = np.empty(seen), t.made.shape[0] > 0
+    plain, keep = np.empty(seen), t.filled.shape[0] > 0
     if not sensitive:
-        if keep and _foretells(t, row, x, f, plain):
+        if keep and _predict(t, row, x, f, plain):
             t.counts[2] += 1
         else:
             _step(c, x, f, plain)
             if keep:
                 _check(t, row, x, f, plain)
-        told[:] = plain
+        values[:] = plain
         return
     steps, pushed = np.empty(nx + nf + n), np.zeros(nf, np.bool_)
     for i in range(nx):
@@ -425,17 +429,19 @@ def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-
         pushed[k] = by[k].any()
     steps[nx + nf :] = c.moved_by
     if keep:
-        found = t.slopes[row]
-        _kept_slopes(c, t, row, x, f, pushed, steps, plain)
+        slopes = t.slopes[row]
+        _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain)
     else:
-        found = np.zeros((seen, nx + nf + n))
+        slopes = np.zeros((seen, nx + nf + n))
         steps[nx : nx + nf] *= pushed
         _step(c, x, f, plain)
-        _slopes(c, x, f, steps, plain, found)
+        _slopes(c, x, f, steps, plain, slopes)
+    # A new array, because every row of S is needed until the last product has been taken.
     rows = np.zeros((seen, wide))
     for i in range(nx + nf):
         for j in range(seen):
-            slope = found[j, i]
+            slope = slopes[j, i]
+            # Most readings depend on few states, and a row of S may have hundreds of columns.
             if slope == 0.0:
                 continue
             for m in range(wide):
@@ -443,17 +449,17 @@ def _exchange(c, told, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-
     for k in range(n):
         # in proportion to the parameter they stay as they are
         share = 1.0
-        if keep and t.p[row, t.chosen[k]] != t.own[t.chosen[k]] and t.own[t.chosen[k]] != 0.0:
-            share = t.p[row, t.chosen[k]] / t.own[t.chosen[k]]
+        if keep and t.p[row, t.chosen[k]] != t.p_now[t.chosen[k]] and t.p_now[t.chosen[k]] != 0.0:
+            share = t.p[row, t.chosen[k]] / t.p_now[t.chosen[k]]
         for j in range(seen):
-            rows[j, c.place[k]] += share * found[j, nx + nf + k]
+            rows[j, c.place[k]] += share * slopes[j, nx + nf + k]
     S[:seen] = rows
-    told[:] = plain
+    values[:] = plain
 
 
 @njit(cache=True)
 def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # type: ignore[no-untyped-def]
-    """Run over the rows of u, filling Y (samples, seen) and, where sensitivities are asked for, JY
+    """Run over the rows of u, filling Y (samples, seen) and, with sensitivities, JY
     (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
     what is seen. Memory is carried on in place; readings and states of the simulator are the first
     in it. Returns the first sample at which a state is no longer finite, or -1."""
@@ -463,7 +469,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # ty
     f = np.empty(c.force_at.shape[0])
     x, S = memory.x, memory.S
     for k in range(inputs.u.shape[0]):
-        here = Inputs(inputs.u[k : k + 1], inputs.p, inputs.column, inputs.sensitive)
+        sample_inputs = Inputs(inputs.u[k : k + 1], inputs.p, inputs.column, inputs.sensitive)
         for sub in range(times.substeps):
             now = Times(
                 times.time_s + k * times.period_s,
@@ -474,7 +480,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # ty
                 join,
                 sub,
             )
-            sweep(equations, memory, here, now, results)
+            sweep(equations, memory, sample_inputs, now, results)
             begin = False
             join = False
             if sub == 0:

@@ -1,10 +1,10 @@
-"""Refits that predict held-out recordings worse than the data sheet, and what mends them.
+"""Repair of refits that predict held-out recordings worse than the data sheet.
 
-A model that lacks something bends its parameters, or the tolerance-sized terms of its background,
-to what none of them does. Where the refit predicts unseen recordings worse than the data sheet, it
-is tried anew from starts drawn from the priors, then with those parameters alone that the
-recordings determine, the others at the data sheet. Background terms that stand off and make the
-prediction worse are dropped.
+A model that lacks an effect distorts its parameters, or the tolerance-sized terms of its
+background. Where the refit predicts held-out recordings worse than the data sheet, it is first
+repeated from starts drawn from the priors. It is then repeated with the determined parameters
+alone, the others held at the data sheet. Background terms that have moved and make the prediction
+worse are dropped.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TRIAL_STEPS = 3  # of a refit without one term, which begins where that with it 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A fitted model with its held-out replays. remark: what mended it, a sentence."""
+    """A fitted model with its held-out replays. remark: a sentence on its repair."""
 
     evidence: DataSplit
     assembly: Assembly
@@ -52,7 +52,7 @@ class Refit:
 
     @classmethod
     def of(cls, evidence: DataSplit, assembly: Assembly, fitted: Fit, remark: str = "") -> Refit:
-        """A fit, replayed over what is held out; over nothing where it has failed."""
+        """A fit, replayed over the held-out part; without replays where it has failed."""
         tracks = evidence.tracks(assembly, held_out=True) if fitted.residuals else ()
         replays = tuple(
             replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks
@@ -67,14 +67,14 @@ def relative_error(replays: Sequence[Replay], reference: Sequence[Replay]) -> fl
         return np.inf
     if not all(r.finite for r in reference):
         return 0.0
-    own, other = (
+    error, other = (
         seen_mean(np.concatenate([r.losses(1) for r in several]))
         for several in (replays, reference)
     )
-    return float(np.nanmean(own / other))
+    return float(np.nanmean(error / other))
 
 
-def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
+def repaired(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
     """Return the refit, or the best attempt to mend one that predicts worse than the data sheet.
 
     Parameters
@@ -86,6 +86,8 @@ def mended(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
     seed
         Of the starts drawn from the priors.
     """
+    # The data sheet is the reference, because a fit that predicts worse than no fit at all has a
+    # wrong cause for its cost.
     if not refit.fit.residuals or relative_error(refit.held_out, sheet) <= WORSE:
         return refit
     best = refit
@@ -108,6 +110,8 @@ def _from_draws(refit: Refit, seed: int) -> Refit | None:
 
 
 def _with_held(refit: Refit, _: int) -> Refit | None:
+    # A parameter that the recordings leave open costs nothing to move, so that it absorbs first
+    # what the model lacks.
     loose = undetermined_parameters(refit.fit)
     names = ", ".join(refit.assembly.parameters[i].full_name for i in loose)
     remark = f"The recordings do not determine {names}: held at the data sheet."
@@ -133,19 +137,20 @@ def fit_held(fitted: Fit, places: Iterable[int]) -> Fit:
     """The fit of the same problem with these free parameters held at the data sheet."""
     problem, held = fitted.problem, frozenset(places)
     few = replace(problem, free=tuple(i for i in problem.free if i not in held))
-    found = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
-    if not found.residuals:
-        return found
+    reduced = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
+    if not reduced.residuals:
+        return reduced
+    # No steps, but all parameters free: the covariance then covers those that were held as well.
     whole = fit(
         problem,
-        p=found.p,
-        starts=found.starts,
-        weights=found.weights,
-        stepping=found.stepping,
-        continuity=found.continuity,
+        p=reduced.p,
+        starts=reduced.starts,
+        weights=reduced.weights,
+        stepping=reduced.stepping,
+        continuity=reduced.continuity,
         iterations=0,
     )
-    return replace(whole, converged=found.converged, why=found.why)
+    return replace(whole, converged=reduced.converged, why=reduced.why)
 
 
 # ---- background ----------------------------------------------------------------------------------
@@ -160,6 +165,8 @@ def without_harmful_background(refit: Refit) -> Refit:
         if not abs(pull) > LEAST_PULL or f"background.{name}" not in best.assembly.background_terms:
             continue
         term = best.assembly.background_terms[f"background.{name}"]
+        # A few steps show the sign of the change. Only a term that has to go is refitted to the
+        # end.
         tried = _without(best, term, TRIAL_STEPS)
         if relative_error(best.held_out, tried.held_out) > WORSE:
             best = _without(best, term, ITERATIONS)
@@ -205,6 +212,7 @@ def rig_without(rig: Rig, term: Effect) -> Rig:
         left = tuple(t for t in several if t is not term)
         if left:
             background[port] = left
+    # A copy, since one rig object serves all assemblies of a run.
     changed = copy.copy(rig)
     vars(changed)["background"] = background
     return changed

@@ -50,6 +50,8 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     program = a.program_with({q.command: symbol("cell", q.command) for q in rig.loops})
     memory = program.memory(a.start(values), stepping=step, period_s=r.sampling_period_s)
     Y, _, bad = program.run(memory, u, values, period_s=r.sampling_period_s, stepping=step)
+    # In its own loop an unstable model has no error to report: every figure would depend on when
+    # the run was cut.
     if bad >= 0:
         return None
     return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
@@ -60,9 +62,8 @@ def _has_loop(rig: Rig, r: Recording) -> bool:
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
-    """MAE of the model in its own loop over the held-out part, with the band a 0.1 % change of
-    conductance-like (logarithmic) parameters moves it by; None where no recording was made in a
-    closed loop."""
+    """MAE of the model in its own loop over the held-out part, with its band under a 0.1 % change
+    of conductance-like (logarithmic) parameters. None without a recording in a closed loop."""
     runs = {"data_sheet": g.assembly.data_sheet(), "refitted": g.fit.p}
     errors: dict[str, dict[str, list[float]]] = {}
     for span in g.evidence.held_out:
@@ -71,6 +72,8 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
         for k in g.fit.problem.free:
             if g.assembly.parameters[k].log:
                 nearby = g.fit.p.copy()
+                # A loop hides errors of the plant. The band shows by how much a small one would
+                # have to show.
                 nearby[k] *= 1.0 + PERTURBED
                 _collect(errors, "moved", loop_run(g, span.recording, nearby), span)
     if not errors:
@@ -100,20 +103,22 @@ def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingErro
         r, part = span.recording, slice(span.start, span.stop)
         if not _has_loop(g.evidence.rig, r):
             continue
-        runs = {name: loop_run(one, r, p) for name, (one, p) in models.items()}
+        runs = {name: loop_run(model, r, p) for name, (model, p) in models.items()}
         for c in g.evidence.channels:
             if r.has(c):
-                own = {n: None if run is None else run[c][part] for n, run in runs.items()}
-                rows.append(recording_error(r.name, r.known, IN_LOOP, c, r.signal(c)[part], own))
+                outputs = {n: None if run is None else run[c][part] for n, run in runs.items()}
+                rows.append(
+                    recording_error(r.name, r.known, IN_LOOP, c, r.signal(c)[part], outputs)
+                )
     return tuple(rows)
 
 
 def _collect(
-    errors: dict[str, dict[str, list[float]]], name: str, found: dict[str, Array] | None, span: Span
+    errors: dict[str, dict[str, list[float]]], name: str, run: dict[str, Array] | None, span: Span
 ) -> None:
-    if found is None:
+    if run is None:
         return
-    for column, values in found.items():
+    for column, values in run.items():
         if span.recording.has(column):
             gap = np.abs(values - span.recording.signal(column))[span.start : span.stop]
             errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
@@ -124,16 +129,15 @@ def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
     span."""
     if not loops:
         return []
-    found = loop_run(g, span.recording, g.fit.p)
+    run = loop_run(g, span.recording, g.fit.p)
     n, period = span.stop - span.start, span.recording.sampling_period_s
     out: list[Array] = []
     for q in loops:
-        if found is None:
+        if run is None:
             out += [np.zeros(n)] * 4
             continue
         out += [
-            c[span.start : span.stop]
-            for c in loop_motion(found[q.reading], found[q.command], period)
+            c[span.start : span.stop] for c in loop_motion(run[q.reading], run[q.command], period)
         ]
     return out
 

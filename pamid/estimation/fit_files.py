@@ -16,7 +16,7 @@ from pamid.estimation.identifiable_combinations import combinations_of, reported
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
-from pamid.estimation.quantities import agreed
+from pamid.estimation.quantities import reported_values
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import between_of
 from pamid.recording.recording import Recording
@@ -39,7 +39,7 @@ def fit_json(
         "noise_floor": channel_mae(list(g.floor)),
     }
     combinations, ties = combinations_of(g.fit, g.draws)
-    found = result.FitFile(
+    file = result.FitFile(
         rig=e.rig.name,
         effects=tuple(a.label for a in g.assembly.attachments),
         seed=seed,
@@ -85,13 +85,13 @@ def fit_json(
         model=fitted_model(g.assembly, g.fit),
     )
     if loops := loop_errors(g, cause):
-        found = found.model_copy(update={"loops": loops})
+        file = file.model_copy(update={"loops": loops})
     if noted := tuple(filter(None, [e.rig.form_note, *notes])):
-        found = found.model_copy(update={"notes": noted})
+        file = file.model_copy(update={"notes": noted})
     if g.earlier is not None:
         began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
-        found = found.model_copy(update={"from_": began})
-    return found.as_json()
+        file = file.model_copy(update={"from_": began})
+    return file.as_json()
 
 
 def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
@@ -102,17 +102,19 @@ def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
 def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
     """Data that rebuild a fitted model to the last bit: its effects, every parameter (SI) by key,
     and its steps."""
-    found = result.FittedModel(
-        effects=tuple(one.label for one in a.attachments),
+    model = result.FittedModel(
+        effects=tuple(attachment.label for attachment in a.attachments),
         stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),
-        values={b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
+        values={
+            b.key: float(v) for b, v in zip(a.parameters, reported_values(fitted), strict=True)
+        },
     )
     if a.rig.form:
-        found = found.model_copy(update={"form": a.rig.form})
+        model = model.model_copy(update={"form": a.rig.form})
     if not a.rig.between:
-        return found
+        return model
     ways = {**{column: between_of(a.rig, column) for column in a.rig.inputs}, **a.rig.between}
-    return found.model_copy(update={"between": ways})
+    return model.model_copy(update={"between": ways})
 
 
 def recorded_inputs(e: DataSplit) -> tuple[str, ...]:
@@ -150,14 +152,14 @@ def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str],
     for i, (part, s) in enumerate(spans):
         r = s.recording
         n = s.stop - s.start
-        own = [i for i, k in enumerate(e.recordings) if k is r][0]
+        recording_number = [i for i, k in enumerate(e.recordings) if k is r][0]
         window = np.full(n, -1.0)
         for w, cutout in enumerate(fitted[i].windows):
             inside = np.arange(cutout.start, cutout.stop)
             window[inside[fitted[i].scored[inside]]] = w
         table: list[Array] = [
             r.time[s.start : s.stop],
-            np.full(n, float(own)),
+            np.full(n, float(recording_number)),
             np.full(n, float(part)),
             window,
         ]
@@ -165,7 +167,7 @@ def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str],
             models = [sheet[i], fitted[i], *with_cause[i : i + 1]]
             table += [
                 from_si(y, split_column(c)[1])
-                for y in (fitted[i].track.y[:, k], *(one.model[:, k] for one in models))
+                for y in (fitted[i].track.y[:, k], *(replay.model[:, k] for replay in models))
             ]
         table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
         table += loop_columns(g, s, loops)

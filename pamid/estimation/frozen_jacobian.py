@@ -72,6 +72,8 @@ class FrozenTrack:
     def of(cls, windows: list[Window], by_parameters: Array, ends: Array) -> FrozenTrack:
         """by_parameters: (samples, channels, parameters), weighted."""
         rows = PaddedWindows(windows).rows(by_parameters)
+        # Every chord step multiplies by this matrix, and a transposed view would be copied each
+        # time.
         turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
         return cls(turned, turned @ rows, ends)
 
@@ -112,6 +114,7 @@ class FrozenJacobian:
         """The columns of the parameters that a problem shares, in its order."""
         keys = tuple(problem.assembly.parameters[i].key for i in problem.free)
         shared = tuple(key for key in keys if key in self.keys)
+        # The usual case; a selection by index would copy all columns.
         if shared == self.keys:
             return self
         at = np.array([self.keys.index(key) for key in shared], np.intp)
@@ -164,16 +167,16 @@ class ChordShooting(MultipleShooting):
         problem, frozen = self.problem, self.frozen.tracks[i]
         track, free = problem.tracks[i], list(problem.free)
         windows, (count, n), k = problem.windows(track), entered.shape, len(s)
-        shared, own = self.places
+        shared, added = self.places
         # lane 0 is the point; then follows one lane per own parameter and per state of the starts
-        first, lanes = 1 + len(own), 1 + len(own) + n
+        first, lanes = 1 + len(added), 1 + len(added) + n
         values = self.p.copy()
         values[free] = self.scale.outside(s)
-        p, own_moves = moved_parameters(problem, values, own)
+        p, added_moves = moved_parameters(problem, values, added)
         p = np.concatenate([p, np.repeat(p[:, :1], n, 1)], 1)
-        moves = np.concatenate([own_moves, self.moves[i]])
+        moves = np.concatenate([added_moves, self.moves[i]])
         x = np.repeat(entered[:, :, None], lanes, 2)
-        x[:, range(n), range(first, lanes)] += moves[len(own) :]
+        x[:, range(n), range(first, lanes)] += moves[len(added) :]
         Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)
         root = np.where(track.seen, self.weights.root, 0.0)
         left = Y[:, :, 0] - track.y
@@ -194,7 +197,7 @@ class ChordShooting(MultipleShooting):
         by[:, :, :m] = frozen.ends * slope
         by[:, :, m:] = (ends[:, :n, 1:] - ends[:, :n, :1]) / moves
         # from the order shared parameters, own parameters, start states
-        place = np.concatenate([shared, own, k + np.arange(n)])
+        place = np.concatenate([shared, added, k + np.arange(n)])
         back = np.argsort(place)
         return WindowSums(
             float(inner[:, -1, -1].sum()),
@@ -236,6 +239,7 @@ def begin_chords(
 
 def _state_moves(entered: Array) -> Array:
     """Differences (states,) for states at window starts (windows, states)."""
+    # The spread over the windows is the only scale of a state that needs no knowledge of its unit.
     size = entered.std(axis=0)
     # a state that starts every window at the same value moves by its own size, at zero by 1 (SI)
     size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))

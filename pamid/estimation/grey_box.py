@@ -13,7 +13,7 @@ from pamid.base.progress import Progress, Settled, silent
 from pamid.base.units import NONE, column_size, split_column
 from pamid.estimation.baseline_repair import (
     Refit,
-    mended,
+    repaired,
     without_harmful_background,
 )
 from pamid.estimation.intervals import bootstrap, estimates
@@ -39,15 +39,18 @@ from pamid.simulation.tracks import Track
 Array = NDArray[np.float64]
 
 COARSE = 0.2  # noise standard deviations by which doubled sub-steps may change an output
-# of that change: what doubling them once more may leave; a method of order 1 leaves half
+# of that change: largest share after doubling once more; a method of order 1 leaves half
 SETTLING = 0.75
 
 
 @dataclass(frozen=True, eq=False)
 class GreyBox:
-    """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in
-    noise sd; remark: what was done to a refit that predicts held-out data worse than the data
-    sheet, sentences. The evidence holds the rig that was fitted, less what was dropped."""
+    """A fitted model with its replays.
+
+    recheck: change of the outputs by doubled sub-steps, in noise standard deviations; remark:
+    sentences on the repair of a refit that predicts held-out data worse than the data sheet. The
+    rig of the evidence is the fitted one, without dropped background terms.
+    """
 
     evidence: DataSplit
     assembly: Assembly
@@ -88,6 +91,8 @@ def fit_model(
     """
     if earlier is not None:
         earlier.require_new(evidence)
+    # Effects state their ranges in multiples of what passes a port, so that sizes come before any
+    # assembly with effects.
     sizes = observed_sizes(evidence)
     assembly = model_with(evidence, attached, sizes)
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
@@ -120,14 +125,16 @@ def fit_model(
             evidence.noise,
         )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
-    alone = replace(assembly, attachments=())  # the data sheet knows of no effect
+    alone = replace(assembly, attachments=())  # a data sheet lists no effects
     sheet = tuple(
         replay_track(alone, alone.data_sheet(), t, fitted.stepping, evidence.noise)
         for t in evidence.tracks(alone, held_out=True)
     )
     refit = Refit(evidence, assembly, fitted, replays)
     if earlier is None:
-        refit = mended(without_harmful_background(refit), sheet, seed)
+        # Not with an earlier posterior: the data sheet is then no longer the prior that the fit
+        # has to beat.
+        refit = repaired(without_harmful_background(refit), sheet, seed)
     if refit.fit is not fitted:
         evidence, assembly, fitted = refit.evidence, refit.assembly, refit.fit
         held = evidence.tracks(assembly, held_out=True)
@@ -171,6 +178,7 @@ def require_predictable(
     tracks
         Recordings by which the channels' ranges are measured.
     """
+    # A floor above the whole range means that no comparison of models could be decided.
     ranges = np.max([np.nan_to_num(np.ptp(t.y, axis=0)) for t in tracks], axis=0)
     errors = channel_mae(list(floor))
     beyond = [k for k in range(len(errors)) if errors[k] > ranges[k] > 0.0]
@@ -193,28 +201,30 @@ def require_predictable(
 
 
 def _counting(progress: Progress) -> Callable[[int, float], None]:
-    """Tells how many of the most steps of all rounds are done, as a round begins at step 1 again;
+    """Report the steps done out of the largest number of all rounds. A round begins at step 1;
     most fits need fewer."""
     most = (FIRST_STEPS, *[ITERATIONS] * (ROUNDS - 1))
     at = [0, 0]  # round, step before
 
-    def told(step: int, cost: float) -> None:
+    def report(step: int, cost: float) -> None:
         if step <= at[1]:
             at[0] = min(at[0] + 1, len(most) - 1)
         at[1] = step
         done = sum(most[: at[0]]) + step
         progress(f"fitting {done}/{sum(most)}: round {at[0] + 1}, cost {cost:.5g}")
 
-    return told
+    return report
 
 
 def settles(
     assembly: Assembly, fitted: Fit, held: tuple[Track, ...], noise: Array, change: float
 ) -> bool:
-    """Is it for want of finer steps that doubled ones changed the held-out replays (by `change`,
-    see `rechecked`)? Not where doubling them again changes as much: a simulator whose contacts come
-    and go leads elsewhere at every length of its step, and a fit with finer ones would be no
-    better."""
+    """Whether finer steps would reduce the change of the held-out replays by doubled steps
+    (`change`, see `rechecked`).
+
+    They would not where doubling once more changes as much. A simulator with contacts leads
+    elsewhere at every length of its step, and a fit with finer steps would not be better.
+    """
     if assembly.program.ordered:
         return True
     finer = replace(fitted, stepping=fitted.stepping.doubled())
@@ -224,9 +234,9 @@ def settles(
 def rechecked(
     assembly: Assembly, fitted: Fit, held: tuple[Track, ...], noise: Array
 ) -> tuple[tuple[Replay, ...], float]:
-    """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise
-    standard deviations or in quarters of what the model leaves, whichever is larger (a step finer
-    than the model is wrong buys nothing)."""
+    """Held-out replays, and their change by doubled sub-steps: worst channel, in noise standard
+    deviations or in quarters of the model's residual, whichever is larger. A step finer than the
+    model's error is of no use."""
     once = tuple(replay_track(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
     twice = [replay_track(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
     change = []

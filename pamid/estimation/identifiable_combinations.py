@@ -2,13 +2,13 @@
 one by one.
 
 A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint.
-Beside that, parameters that are loose by themselves and tight once the others are given are found
-from the fit's covariance C, in units of the data sheet's prior: sqrt(C_kk) is the deviation of one
-by itself, 1 / sqrt((C^-1)_kk) with the others given, and the eigenvectors of a group's C with small
-eigenvalues are what the recordings determine of it. In logarithms these are products of powers, of
-which the simplest that is determined is named. Practical identifiability: Raue et al. (2009),
-Bioinformatics 25(15), 1923-1929; directions of the Hessian: Gutenkunst et al. (2007), PLoS Comput.
-Biol. 3(10), e189.
+Further combinations follow from the fit's covariance C, in units of the data sheet's prior. The
+deviation of one parameter by itself is sqrt(C_kk), and 1 / sqrt((C^-1)_kk) with the others given: a
+parameter that is loose by the first and tight by the second is tied. The eigenvectors of a group's
+C with small eigenvalues are determined by the recordings. In logarithms these are products of
+powers, of which the simplest determined one is named. Practical identifiability: Raue et al.
+(2009), Bioinformatics 25(15), 1923-1929; directions of the Hessian: Gutenkunst et al. (2007), PLoS
+Comput. Biol. 3(10), e189.
 """
 
 from __future__ import annotations
@@ -24,7 +24,14 @@ from numpy.typing import NDArray
 
 from pamid.estimation.intervals import NORMAL_95, SETTLED, estimates, word_for
 from pamid.estimation.problem import Fit
-from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own_of
+from pamid.estimation.quantities import (
+    NEW,
+    Quantity,
+    Space,
+    Terms,
+    declared_quantities,
+    reported_values,
+)
 from pamid.model.bound_parameter import Bound
 from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import Combination, Tie
@@ -44,22 +51,22 @@ _Candidate = tuple[float, int, Array, Terms]  # score, rank, derivatives, terms
 def combinations_of(
     fitted: Fit, draws: Array | None = None
 ) -> tuple[dict[str, Combination], tuple[Tie, ...]]:
-    """Declared combinations that hold a fitted parameter, and the groups of parameters known only
-    in combination."""
-    space = Space(fitted.problem, agreed(fitted), fitted.covariance)
-    own = own_of(space, fitted.problem.assembly)
-    combinations = {q.name: _combination(space, q, draws, True) for q in own}
+    """Declared combinations that hold a fitted parameter, and the groups of parameters determined
+    only in combination."""
+    space = Space(fitted.problem, reported_values(fitted), fitted.covariance)
+    declared = declared_quantities(space, fitted.problem.assembly)
+    combinations = {q.name: _combination(space, q, draws, True) for q in declared}
     ties = []
     for group in _groups(space):
         known = _known(space, group)
-        found = _named(space, group, known, own)
-        for q in found:
+        named = _named(space, group, known, declared)
+        for q in named:
             combinations.setdefault(q.name, _combination(space, q, draws, False))
         ties.append(
             Tie(
                 parameters=tuple(space.names[k] for k in group),
                 directions=known.shape[1],
-                known=tuple(q.name for q in found),
+                known=tuple(q.name for q in named),
             )
         )
     return combinations, tuple(ties)
@@ -76,8 +83,8 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
     inner = {b.full_name: (b, e) for b, e in reported.items() if b.inner}
     if not inner:
         return reported
-    space = Space(fitted.problem, agreed(fitted), fitted.covariance)
-    for q in own_of(space, fitted.problem.assembly):
+    space = Space(fitted.problem, reported_values(fitted), fitted.covariance)
+    for q in declared_quantities(space, fitted.problem.assembly):
         c = _combination(space, replace(q, slope_prior=q.slope), draws, True)
         members = [inner[name] for name in c.members if name in inner]
         if members:
@@ -97,14 +104,14 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
     return {b: e for b, e in reported.items() if b.full_name not in inner}
 
 
-def tied_text(found: dict[str, Any]) -> list[str]:
+def tied_text(fit: dict[str, Any]) -> list[str]:
     """A sentence per group of fit.json's `tied`."""
     lines = []
-    for tie in found["tied"]:
-        names, known = tie["parameters"], [(n, found["combinations"][n]) for n in tie["known"]]
+    for tie in fit["tied"]:
+        names, known = tie["parameters"], [(n, fit["combinations"][n]) for n in tie["known"]]
         figures = [f"{n} = {c['value']:.5g} ({c['low']:.5g} .. {c['high']:.5g})" for n, c in known]
         lines.append(f"{', '.join(names[:-1])} and {names[-1]} are known only in combination:")
-        lines += [f"    {one}" for one in figures]
+        lines += [f"    {figure}" for figure in figures]
     return lines
 
 
@@ -112,11 +119,13 @@ def _groups(space: Space) -> Iterator[list[int]]:
     """Parameters that are not settled by themselves, but are once the others are given, and tied to
     one another. Inner ones have no names that a reader would know."""
     loose = [
-        k for k in space.own if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
+        k for k in space.named if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
     ]
     if not loose:
         return
     among = space.covariance[np.ix_(loose, loose)]
+    # The diagonal of the inverse holds conditional variances, that of the covariance marginal
+    # ones. A tie is a large ratio of the two.
     given = 1.0 / np.sqrt(np.linalg.inv(among).diagonal())
     enough = np.minimum(SETTLED, GIVEN * np.sqrt(among.diagonal()))
     tied = [k for k, deviation, most in zip(loose, given, enough, strict=True) if deviation < most]
@@ -139,7 +148,9 @@ def _known(space: Space, group: list[int]) -> Array:
     return np.asarray(vectors[:, values < SETTLED**2])
 
 
-def _named(space: Space, group: list[int], known: Array, own: list[Quantity]) -> list[Quantity]:
+def _named(
+    space: Space, group: list[int], known: Array, declared: list[Quantity]
+) -> list[Quantity]:
     """Combinations that span what is known of a group: declared ones first, then quotients with
     those and the plainest of parameters, tightest first."""
     chosen: list[Quantity] = []
@@ -157,25 +168,27 @@ def _named(space: Space, group: list[int], known: Array, own: list[Quantity]) ->
 
     near = [
         q
-        for q in own
+        for q in declared
         if float(np.linalg.norm(q.slope[group])) > 0.5 * float(np.linalg.norm(q.slope))
     ]
     for q in sorted(near, key=lambda q: space.share(q.slope, q.slope_prior)):
         if space.share(q.slope, q.slope_prior) < SETTLED and adds(q.slope):
             chosen.append(q)
     singles = [space.single(k) for k in group]
-    found = [*_quotients(space, near, singles), *_plainest(space, group, known, singles)]
-    for _, _, slope, terms in sorted(found, key=lambda f: f[:2]):
+    candidates = [*_quotients(space, near, singles), *_plainest(space, group, known, singles)]
+    for _, _, slope, terms in sorted(candidates, key=lambda f: f[:2]):
         if adds(slope):
             chosen.append(space.together(terms))
     return chosen
 
 
-def _quotients(space: Space, own: list[Quantity], singles: list[Quantity]) -> Iterator[_Candidate]:
+def _quotients(
+    space: Space, declared: list[Quantity], singles: list[Quantity]
+) -> Iterator[_Candidate]:
     """Settled quotients and products of a declared combination and another one or a parameter."""
-    own, singles = [q for q in own if q.log], [q for q in singles if q.log]
-    for i, a in enumerate(own):
-        for rank, b in [(1, b) for b in own[i + 1 :]] + [(2, b) for b in singles]:
+    declared, singles = [q for q in declared if q.log], [q for q in singles if q.log]
+    for i, a in enumerate(declared):
+        for rank, b in [(1, b) for b in declared[i + 1 :]] + [(2, b) for b in singles]:
             for n in (-1.0, 1.0):
                 slope, share = space.share_together([(a, 1.0), (b, n)])
                 if share < SETTLED:
@@ -221,6 +234,8 @@ def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool)
     share = space.share(q.slope, q.slope_prior)
     if draws is not None:
         drawn = np.array([q.of(space.at(s)) for s in draws])
+        # Each draw is mapped before the percentiles are taken: a nonlinear combination has no
+        # symmetric interval.
         low, high = (float(x) for x in np.percentile(drawn, [2.5, 97.5]))
         share = float(drawn.std() / np.linalg.norm(q.slope_prior))
     members = tuple(space.names[k] for k in np.flatnonzero(q.slope))

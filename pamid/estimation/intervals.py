@@ -39,12 +39,15 @@ def estimates(fitted: Fit, draws: Array | None = None) -> dict[Bound, Estimate]:
     if draws is not None:
         deviation = draws.std(axis=0)
         low_s, high_s = np.percentile(draws, [2.5, 97.5], axis=0)
+    # A normal interval may leave the range, where the equation is not defined.
     low = scale.outside(np.clip(low_s, scale.low, scale.high))
     high = scale.outside(np.clip(high_s, scale.low, scale.high))
     out = {}
     for k, i in enumerate(free):
         b = assembly.parameters[i]
         width = abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0
+        # Relative to the range: a fit clips to the bound exactly, but a restored file has rounded
+        # once.
         edge = 1e-6 * max(1.0, width)
         at_low, at_high = s[k] <= scale.low[k] + edge, s[k] >= scale.high[k] - edge
         out[b] = Estimate(
@@ -79,12 +82,12 @@ def bootstrap(
 
     Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
     Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
-    found = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count), progress)
-    return np.array([draw for draw in found if not isinstance(draw, Failed)])
+    draws = (pool or WorkerPool(jobs)).run(_BootstrapWork(fitted, seed), range(count), progress)
+    return np.array([draw for draw in draws if not isinstance(draw, Failed)])
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawing(Work[int, Array]):
+class _BootstrapWork(Work[int, Array]):
     """A refit to one drawing; items are their numbers."""
 
     what = "bootstrap draw"
@@ -102,15 +105,17 @@ class _Drawing(Work[int, Array]):
         importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(
             float
         )
-        again: Problem = replace(
+        drawn: Problem = replace(
             problem,
             importance=importance,
             sheet=random.standard_normal(len(problem.free)),
             prior=problem.prior and problem.prior.drawn(random),
         )
         done = fit(
-            again,
+            drawn,
             p=f.p,
+            # A draw is a small change of the data, so that it starts from the fit and needs few
+            # steps.
             starts=f.starts,
             weights=f.weights,
             stepping=f.stepping,
@@ -119,19 +124,19 @@ class _Drawing(Work[int, Array]):
         )
         return {"scaled": problem.scale.inside(done.p[list(problem.free)])}
 
-    def restored(self, item: int, found: Plain) -> Array:
-        scaled: Array = found["scaled"]
+    def restored(self, item: int, plain: Plain) -> Array:
+        scaled: Array = plain["scaled"]
         return scaled
 
 
 def background_pull(fitted: Fit) -> dict[str, float]:
-    """How far every background term stands, in tolerances, by its name and place (force_map_1)."""
+    """Deviation of every background term, in tolerances, by its name and place (force_map_1)."""
     terms = fitted.problem.assembly.background_terms
     strains: dict[str, list[float]] = {owner: [] for owner in terms}
     for i, b in enumerate(fitted.problem.assembly.parameters):
         if b.nuisance and b.fitted:
             strains[b.owner].append(float((fitted.p[i] - b.value) / b.spread))
     return {
-        owner.removeprefix("background."): pull_of(terms[owner], found)
-        for owner, found in strains.items()
+        owner.removeprefix("background."): pull_of(terms[owner], pulls)
+        for owner, pulls in strains.items()
     }

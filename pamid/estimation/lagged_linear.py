@@ -1,4 +1,5 @@
-"""Lagged linear regression of outputs on inputs: is there a response, whatever the rig's model?"""
+"""Lagged linear regression of outputs on inputs: a test for a response that needs no model of the
+rig."""
 
 from __future__ import annotations
 
@@ -43,7 +44,7 @@ class LaggedResponse:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the inputs help to predict an output, beyond what chance does."""
+        """Whether the inputs help to predict an output, more than by chance."""
         return float(self.forward.min()) < CLEAR_RATIO
 
     @property
@@ -97,11 +98,11 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
 
 def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float) -> float:
     """Share of the error of predicting a signal that its regression on another one removes, as in
-    `lagged_response`; 0 where this does no more than chance. Chance is what the other one removes
-    at circular shifts, which keep its levels and its pace.
+    `lagged_response`; 0 where it is no more than by chance.
 
-    parts: signal (n,), the other one (n,) and sampling period (s) by recording; timescale_s: over
-    which the signal is predicted.
+    Chance is the share removed at circular shifts of the other signal, which keep its levels and
+    its pace. parts: signal (n,), the other one (n,) and sampling period (s) by recording;
+    timescale_s: horizon of the prediction.
     """
     other = np.concatenate([x for _, x, _ in parts])
     if np.ptp(other) == 0.0:
@@ -147,6 +148,8 @@ def inputs_move(tracks: Sequence[Track]) -> bool:
 def _lag_edges(first_s: float, last_s: float) -> Array:
     """Edges of lag intervals (s): 0, then doubling from an eighth of `first_s` up to `last_s`."""
     count = max(1, int(np.ceil(np.log2(max(8.0 * last_s / first_s, 2.0)))))
+    # Doubling intervals cover long lags with few regressors; a response to an old input has lost
+    # its detail.
     return np.concatenate([[0.0], first_s / 8.0 * 2.0 ** np.arange(count + 1)])
 
 
@@ -163,6 +166,8 @@ def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: 
     """Four rows per horizon, from two horizons on. Earlier inputs keep their first value."""
     n = len(y)
     h = min(max(2, round(horizon_s / period_s)), max(2, n // 8))
+    # Increments, not values: a slow output is predicted well by its last value, whatever the
+    # inputs do.
     end = np.arange(2 * h, n, max(1, h // 4))
     last, half, whole = (y[end - k] for k in (h, h + h // 2, 2 * h))
     edges = np.unique(np.round(edges_s / period_s).astype(int))
@@ -187,6 +192,8 @@ def _error_ratio(parts: Sequence[_Rows]) -> float:
 
 def _cross_validated(parts: Sequence[_Rows], groups: tuple[str, ...]) -> float:
     """Summed absolute error, each fifth of a recording predicted from everything else."""
+    # Folds are contiguous stretches. Rows drawn at random would be predicted from their correlated
+    # neighbours.
     folds = [np.arange(len(p.increments)) * FOLDS // max(len(p.increments), 1) for p in parts]
     x = np.concatenate([np.concatenate([getattr(p, g) for g in groups], axis=1) for p in parts])
     y, fold = np.concatenate([p.increments for p in parts]), np.concatenate(folds)
@@ -204,6 +211,7 @@ def _ridge(x: Array, y: Array, rows: Array) -> Array:
     centre, spread = x.mean(axis=0), x.std(axis=0)
     spread = np.where(spread > STANDARDISED * np.abs(x).max(axis=0), spread, np.inf)
     z = (x - centre) / spread
+    # Means of neighbouring lags are nearly collinear.
     gram = z.T @ z + RIDGE_DAMPING * len(z) * np.eye(z.shape[1])
     weights = np.linalg.solve(gram, z.T @ (y - y.mean()))
     seen = np.clip(rows, x.min(axis=0), x.max(axis=0))

@@ -24,6 +24,7 @@ def moved_parameters(problem: Problem, p: Array, moved: NDArray[np.intp]) -> tup
     """
     free, scale = list(problem.free), problem.scale
     s = np.clip(scale.inside(p[free]), scale.low, scale.high)
+    # A parameter at its upper bound is moved inwards, where the model is defined.
     moves = np.where(s[moved] + MOVE > scale.high[moved], -MOVE, MOVE)
     scaled = np.repeat(s[:, None], 1 + len(moved), 1)
     scaled[moved, range(1, 1 + len(moved))] += moves
@@ -47,7 +48,7 @@ def run_lanes(
     ----------
     entered : (windows, states, lanes) or, for all lanes, (windows, states): the rig's states at
         window starts
-    p : (parameters, lanes), SI; values that the recording knows take their place
+    p : (parameters, lanes), SI; known values of the recording replace them
     dependent : first of the lanes that differ from lane 0 by the start of a single window
 
     Returns

@@ -63,11 +63,13 @@ def linear_rows(
     derivatives: bool = True,
     known: tuple[KnownSlopes | None, ...] = (),
 ) -> LinearRows:
-    """At parameters p (SI) and these starts; of residuals about `most` rows at most, evenly thinned
-    and weighed up for those left out: neighbours of a finely sampled residual say the same.
+    """Rows at parameters p (SI) and these starts.
 
-    known: slopes along the tracks of a rig that is stepped, used where they hold;
-    derivatives: without them those of the model are zero, and the runs cost a small part."""
+    Of the residuals about `most` rows at most, evenly thinned and weighted up for the others:
+    neighbours of a finely sampled residual are nearly the same. known: slopes along the tracks of a
+    rig that is stepped, used where they hold; derivatives: without them those of the model are
+    zero, and the runs cost a small part.
+    """
     free, scale = list(problem.free), problem.scale
     k, every, at, row = len(free), _thinning(problem, most), 0, 0
     blocks = list[tuple[Array, Array]]()  # residuals, derivatives by the parameters
@@ -75,11 +77,13 @@ def linear_rows(
     for i, (track, x, joint) in enumerate(zip(problem.tracks, starts, continuity, strict=True)):
         runner = Runner(problem.assembly, track, stepping, problem.free)
         runner = runner.keeping(known[i]) if known else runner
-        own, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
+        values, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
         root = np.where(track.seen, weights.root, 0.0)
-        runs = runner.run_windows(runner.memory(own), windows, x, own, derivatives, root)
+        runs = runner.run_windows(runner.memory(values), windows, x, values, derivatives, root)
         for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
             r = np.nan_to_num((run.Y - track.y[window.start : window.stop]) * root)
+            # The factor keeps the sum of squares, so that thinned residuals weigh as much against
+            # the priors as all of them.
             r = np.sqrt(every) * r[::every].ravel()
             by = np.zeros((len(r), k + n))
             if derivatives:
@@ -140,12 +144,12 @@ def moved_rows(
 
 
 def _thinning(problem: Problem, most: int) -> int:
-    """Of how many samples one is used, for about `most` rows."""
+    """Stride of the samples for about `most` rows."""
     return max(1, -(-sum(t.y.size for t in problem.tracks) // most))
 
 
 def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Array:
-    """Columns (m, any) less all that the parameters and the window starts can make of them.
+    """Columns (m, any) with the span of the parameters and the window starts projected out.
 
     held: parameters that take no part (free,). The window starts are projected out first: their
     rows are nearly all zero, so that even the many of a long recording cost little.
@@ -164,7 +168,7 @@ def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Arra
     factor = splu((S.T @ S + diags_array(np.full(rows.start_count, STARTS_RIDGE))).tocsc())
     parameters = rows.by_parameters[:, ~held]
     left = np.column_stack([parameters, columns])
-    for _ in range(2):  # the second time for what rounding has left
+    for _ in range(2):  # the second time against rounding
         left -= S @ factor.solve(S.T @ left)
     spanned, left = orthonormal_span(left[:, : parameters.shape[1]]), left[:, -columns.shape[1] :]
     return np.asarray(left - spanned @ (spanned.T @ left))
@@ -172,6 +176,7 @@ def left_over(rows: LinearRows, columns: Array, held: NDArray[np.bool_]) -> Arra
 
 def orthonormal_span(columns: Array) -> Array:
     """Orthonormal columns with the same span, to working precision."""
+    # Unit columns first: the rank decision must not depend on the scale of a parameter.
     sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     u, values, _ = np.linalg.svd(sized, full_matrices=False)
     return np.asarray(u[:, values > np.sqrt(np.finfo(float).eps) * values.max(initial=0.0)])

@@ -37,7 +37,7 @@ def memory_needed(evidence: DataSplit, jobs: int) -> int:
 
 
 def machine_memory() -> int | None:
-    """Bytes that this machine has, or its control group allows; None where neither says."""
+    """Bytes that this machine has, or its control group allows; None where neither is readable."""
     known = []
     with contextlib.suppress(AttributeError, ValueError, OSError):
         known.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
@@ -56,11 +56,11 @@ def memory_warning(evidence: DataSplit, jobs: int) -> str:
     if needed <= PROMISED:
         return ""
     samples = sum(len(recording) for recording in evidence.recordings)
-    said = f"{samples} samples will take about {size_words(needed)} of memory"
+    estimate = f"{samples} samples will take about {size_words(needed)} of memory"
     cure = "Use shorter recordings, or ingest the logs with a longer period_s"
     if has is not None and needed > has:
         fewer = " or fewer --jobs" if jobs > 1 and memory_needed(evidence, 1) <= has else ""
         raise DataError(
-            f"{said}; this machine has {size_words(has)}.", f"{cure}{fewer}.", code="memory"
+            f"{estimate}; this machine has {size_words(has)}.", f"{cure}{fewer}.", code="memory"
         )
-    return f"{said}. {cure} if that is too much."
+    return f"{estimate}. {cure} if that is too much."

@@ -8,16 +8,16 @@ its state at the end, a fit minimises
     |s|^2 + sum_w |W (y_w(s, x_w) - measured)|^2 + sum_w |L (x_(w+1) - f_w(s, x_w))|^2
 
 which is -2 log of the posterior density up to a constant. In Bock's multiple shooting continuity is
-a constraint (L infinite); here L is finite, the inverse of what a state may depart per window, so
-that a slow drift of an integrating state does not drown everything else. The normal equations in
-x_w are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
+a constraint (L infinite). Here L is finite, the inverse of a state's admissible jump per window, so
+that a slow drift of an integrating state does not dominate the cost. The normal equations in x_w
+are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
 equations as there are parameters. Bock (1983), in Numerical Treatment of Inverse Problems in
 Differential and Integral Equations, Birkhaeuser, 95-121; Bock and Plitt (1984), IFAC Proc. 17(2),
 1603-1608.
 
-W follows the residuals' own size and correlation time, not the sensor noise alone (see
-`residual_weights`): where a model is wrong its residuals are large and alike for a long time, and
-each sample counted as independent would overrule every prior.
+W follows the size and correlation time of the residuals, not the sensor noise alone (see
+`residual_weights`). A wrong model has large residuals that are correlated for a long time. Counted
+as independent, its samples would overrule every prior.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class ShootingPoint(NamedTuple):
 
 
 class _ShootingStep(NamedTuple):
-    """Of the scaled parameters and of every track's window starts; the reduced Hessian."""
+    """Step of the scaled parameters and of every track's window starts; the reduced Hessian."""
 
     s: Array
     starts: list[Array]
@@ -135,8 +135,8 @@ class _ShootingStep(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
     """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
-    which the free ones are replaced; runners: of the tracks, which may keep slopes of what is
-    stepped from point to point; probe: the last point is not differentiated."""
+    which the free ones are replaced; runners: of the tracks, which may keep a simulator's slopes
+    from point to point; probe: the last point is not differentiated."""
 
     problem: Problem
     p: Array
@@ -200,21 +200,21 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         return tuple(runner.known for runner in self.runners)
 
     def exactly(self, ended: Iteration[ShootingPoint], iterations: int) -> Iteration[ShootingPoint]:
-        """Where slopes were used again, on from where that has ended, with slopes of that point and
-        steps that are made, all of them; where it has used up its steps, that point as it is."""
+        """Continue a fit that has reused or predicted slopes, with new slopes and all steps made. A
+        fit that has used up its steps is only evaluated there."""
         if not any(known and known.counts[1] for known in self.known):
             return ended
         if not ended.settled:
             if not any(known and known.counts[2] for known in self.known):
                 return ended
-            made = self._keeping([k and k.without_foretelling() for k in self.known])
-            return replace(ended, point=made.at(ended.point.s, ended.point.starts))
+            simulated = self._keeping([k and k.without_prediction() for k in self.known])
+            return replace(ended, point=simulated.at(ended.point.s, ended.point.starts))
         exact = self._keeping([k and k.forgotten() for k in self.known])
         point = exact.at(ended.point.s, ended.point.starts)
-        again = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
-        if not point.normal.fine:  # what was foretold was wrong
-            return again
-        return iterate(exact, again, max(iterations, ended.steps + LAST_STEPS))
+        restarted = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
+        if not point.normal.fine:  # a predicted step was wrong
+            return restarted
+        return iterate(exact, restarted, max(iterations, ended.steps + LAST_STEPS))
 
     def _keeping(self, known: list[KnownSlopes | None]) -> MultipleShooting:
         """The same with these slopes, per track."""
@@ -232,7 +232,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         s, starts, now, _ = ended.point
         p, free = self.p.copy(), list(self.problem.free)
         p[free] = self.scale.outside(s)
-        found = Fit(
+        result = Fit(
             self.problem,
             p,
             starts,
@@ -246,13 +246,13 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
             self.continuity,
         )
         if self.probe:
-            return found
+            return result
         # Laplace's approximation: the inverse of the half Hessian of -2 log posterior, with the
         # starts marginalised (the Schur complement does that)
         H, g, held, _ = reduced(now, s, self.scale, 0.0)
         covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
         return replace(
-            found,
+            result,
             covariance=covariance,
             residuals=tuple(now.residuals),
             held=np.where(held, g, 0.0),

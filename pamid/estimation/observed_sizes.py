@@ -1,13 +1,12 @@
-"""How large values and signals at the ports were on the recordings, from states estimated on them.
+"""Magnitudes of values and signals at the ports on the recordings, from states estimated on them.
 
-A free run of the data sheet from the rig's own start says little where the start is not that of the
-recording, where the parameters are guesses or where the inputs rest. The states in which windows
-begin are therefore estimated from what was measured (moving-horizon estimation), and the model runs
+A free run of the data sheet from the rig's own start is a poor guide where the start is not that of
+the recording, where the parameters are guesses or where the inputs rest. The states at the window
+starts are therefore estimated from the measurements (moving-horizon estimation). The model runs
 from these, window by window, never far from the machine.
 
-Where the model lets nothing pass at all (a valve that is shut, a joint that nothing drives), what
-may be missing there is as large as what would have to pass to move the outputs as far as they were
-recorded to move.
+A model may have no flow at all at a port, such as a shut valve or an undriven joint. The size there
+is the constant value that would move an output as far as it was recorded to move.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 
 def observed_sizes(evidence: DataSplit) -> Sizes:
-    """Sizes (SI) by port and signal over what is fitted, at the data sheet's parameters, and the
+    """Sizes (SI) by port and signal over the fitted part, at the data sheet's parameters, and the
     correlation time of the recordings. Where the model cannot follow them, from its free runs."""
     plain = Assembly(evidence.rig, outputs=evidence.channels)
     p, probes = plain.values(), port_probes(plain)
@@ -44,6 +43,7 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
     if not probes:
         return time
     stepping = careful_stepping(problem, p)
+    # Sensor noise only: residuals of a fit do not exist yet.
     weights = Weights(evidence.noise, np.ones_like(evidence.noise))
     starts = initial_states(problem, p, weights, stepping)
     program = plain.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})
@@ -51,20 +51,20 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
         run_windows(program, plain, p, track, problem.windows(track), x, stepping)
         for track, x in zip(problem.tracks, starts, strict=True)
     ]
-    found = sizes_of(list(probes), [t[:, t.shape[1] - len(probes) :] for t in tables])
-    if all((port, name) in found for port, _, name in probes):
-        return found | time
+    sizes = sizes_of(list(probes), [t[:, t.shape[1] - len(probes) :] for t in tables])
+    if all((port, name) in sizes for port, _, name in probes):
+        return sizes | time
     runs = [(t.u, Runner(plain, t, Stepping()).parameters(p), t.period_s) for t in problem.tracks]
-    found = port_sizes(plain, runs) | found | time
+    sizes = port_sizes(plain, runs) | sizes | time
     pushed = {
         (name, "value"): _push_that_moves(evidence, name, starts, stepping)
-        for name in unsized(evidence, found)
+        for name in ports_without_size(evidence, sizes)
     }
-    return found | {key: size for key, size in pushed.items() if size}
+    return sizes | {key: size for key, size in pushed.items() if size}
 
 
 class Push(Effect):
-    """A constant beside the value, by which outputs are differentiated."""
+    """A constant added to the value, by which outputs are differentiated."""
 
     name = "push"
     family = "push"
@@ -78,8 +78,8 @@ class Push(Effect):
 def _push_that_moves(
     evidence: DataSplit, port: str, starts: tuple[np.ndarray, ...], stepping: Stepping
 ) -> float:
-    """The constant value (SI) at a port that would move an output as far, over the windows, as it
-    was recorded to move; of several outputs the one that it takes least for. 0 where it moves none.
+    """The least constant value (SI) at a port that would move any output over the windows as far as
+    it was recorded to move. 0 where it moves none.
 
     starts: of every track, the rig's states at its windows' starts.
     """
@@ -91,21 +91,24 @@ def _push_that_moves(
     moved, slope = (np.zeros(len(evidence.channels)) for _ in range(2))
     for track, x in zip(problem.tracks, starts, strict=True):
         runner = Runner(pushed, track, stepping, free=(place,))
-        own = runner.parameters(p)
+        values = runner.parameters(p)
         windows = problem.windows(track)
-        runs = runner.run_windows(runner.memory(own), windows, x, own, True)
+        runs = runner.run_windows(runner.memory(values), windows, x, values, True)
         for window, run in zip(windows, runs, strict=True):
             if not run.fine:
                 return 0.0
             y = track.y[window.start : window.stop]
+            # Relative to the window's first sample, because the window's start is estimated and
+            # explains the level.
             moved += np.nansum((y - y[:1]) ** 2, axis=0)
             slope += (run.JY[:, :, 0] ** 2).sum(axis=0)
     needed = np.sqrt(moved[slope > 0.0] / slope[slope > 0.0])
     needed = needed[np.isfinite(needed) & (needed > 0.0)]
+    # The smallest push: an output that the port hardly reaches would ask for an absurd one.
     return float(needed.min(initial=np.inf)) if needed.size else 0.0
 
 
-def unsized(evidence: DataSplit, sizes: Sizes) -> list[str]:
+def ports_without_size(evidence: DataSplit, sizes: Sizes) -> list[str]:
     """Ports whose value no recording moves and the rig states no size for: effects there are sized
     by 1 SI unit, which may be far off."""
     rig = evidence.rig

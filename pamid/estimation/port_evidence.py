@@ -6,9 +6,9 @@ by Laplace's approximation (`pamid.estimation.smoother`), is maximised over a gr
 
     v(g) = max_(s,T) log p(y | d_g ~ OU(s, T)) - log p(y | no latent value)   [nats]
 
-A port at which a small, slow value explains every channel has more evidence than one whose value
-has to follow each sensor's error by itself: the evidence charges for size and speed. Rogers,
-Worden and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
+The evidence penalises size and speed. A port at which a small, slow value explains every channel
+has more evidence than one whose value has to follow each sensor's error by itself. Rogers, Worden
+and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
 180:109426, for latent forces; Kass and Raftery (1995), JASA 90:773, for the scale of nats.
 
 The two classes of ports with most evidence share what both together explain by their Shapley values
@@ -35,7 +35,7 @@ from pamid.simulation.data_split import DataSplit
 MANY_PORTS, OUTSTANDING = 20, 0.15
 
 Ports = tuple[str, ...]
-Found = tuple[float, float, float]  # log evidence, size, time constant
+LatentFit = tuple[float, float, float]  # log evidence, size, time constant
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class PortEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _Smoothing(Work[Ports, Found]):
+class _SmoothingWork(Work[Ports, LatentFit]):
     """The log evidence for latent values at ports (none: of the model as it is) with their most
     likely size and time constant; moving: do the parameters?"""
 
@@ -86,10 +86,10 @@ class _Smoothing(Work[Ports, Found]):
 
     def __call__(self, item: Ports) -> Plain:
         smoother = self.smoother(item)
-        return {"found": (smoother.best if self.moving else smoother.rough).found}
+        return {"found": (smoother.best if self.moving else smoother.rough).score}
 
-    def restored(self, item: Ports, found: Plain) -> Found:
-        evidence, size, time_s = found["found"]
+    def restored(self, item: Ports, plain: Plain) -> LatentFit:
+        evidence, size, time_s = plain["found"]
         return evidence, size, time_s
 
     def name(self, item: Ports) -> str:
@@ -109,7 +109,7 @@ def locate(
     With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the
     leading classes only.
     """
-    work = _Smoothing(evidence, base, True)
+    work = _SmoothingWork(evidence, base, True)
     names = ports or list(evidence.rig.ports)
     smoothers = {name: work.smoother((name,)) for name in names}
     twins = {
@@ -118,36 +118,43 @@ def locate(
         )
         for name in names
     }  # a value enters the equations there as it does here
-    own = [name for name in names if twins[name] == name]
-    known: dict[Ports, Found] = {}
-    found_at = _found_at(work, own, pool, known)
-    gains = {name: found_at[twins[name]] for name in names}
+    distinct = [name for name in names if twins[name] == name]
+    known: dict[Ports, LatentFit] = {}
+    evidence_at = _gains_at(work, distinct, pool, known)
+    # Ports with the same equations have the same evidence, and each smoothing costs several fits.
+    gains = {name: evidence_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
+        # Ports are sorted by evidence, so that the first class within reach is led by the
+        # strongest such port.
         leader = next((k for k in classes if gains[name] >= alike * gains[k]), name)
         classes.setdefault(leader, []).append(name)
-    found = tuple(tuple(k) for k in classes.values())
+    port_classes = tuple(tuple(k) for k in classes.values())
     if ports is not None:
-        return PortEvidence(gains, found, {}, smoothers)
+        return PortEvidence(gains, port_classes, {}, smoothers)
+    # Shapley values of more players need the evidence of every subset, whose number doubles with
+    # each.
     leaders = [leader for leader in classes if gains[leader] > 0.0][:2]
     worth = {leader: gains[leader] for leader in leaders}
     if len(leaders) == 2:
-        one, other = leaders
+        leader_port, other = leaders
         # a latent value of size zero is free to take: more ports are never worth less, though the
         # coarse grid of sizes may say so
-        joint = max(*_gains(work, [(one, other)], pool, known), gains[one], gains[other])
+        joint = max(
+            *_gains(work, [(leader_port, other)], pool, known), gains[leader_port], gains[other]
+        )
         worth = {
-            one: shapley_value(gains[one], gains[other], joint),
-            other: shapley_value(gains[other], gains[one], joint),
+            leader_port: shapley_value(gains[leader_port], gains[other], joint),
+            other: shapley_value(gains[other], gains[leader_port], joint),
         }
-    return PortEvidence(gains, found, worth, smoothers)
+    return PortEvidence(gains, port_classes, worth, smoothers)
 
 
-def _found_at(
-    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, Found]
+def _gains_at(
+    work: _SmoothingWork, names: list[str], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> dict[str, float]:
-    """Evidence gained at each of these ports. Of many only those that stand out with the parameters
-    held are looked at with the parameters moving."""
+    """Evidence gained at each of these ports. Of many ports only those that stand out with the
+    parameters held are evaluated with the parameters moving."""
     rough: dict[str, float] = {}
     if len(names) > MANY_PORTS:
         held = replace(work, moving=False)
@@ -161,17 +168,17 @@ def _found_at(
 
 
 def _gains(
-    work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, Found]
+    work: _SmoothingWork, items: list[Ports], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> list[float]:
     """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
     unstable, or the job failed.
 
-    known: what was found without one, if it was.
+    known: the evidence without a latent value, once it has been computed.
     """
     wanted = items if () in known else [(), *items]
     results = pool.run(work, wanted)
-    found = dict(zip(wanted, results, strict=True))
-    nothing = known[()] if () in known else found[()]
+    by_ports = dict(zip(wanted, results, strict=True))
+    nothing = known[()] if () in known else by_ports[()]
     if isinstance(nothing, Failed):
         raise PamidError(f"{nothing.job} failed: {nothing.why}", code="jobs")
     known[()] = nothing
@@ -179,10 +186,10 @@ def _gains(
         max(f[0] - nothing[0], 0.0)
         if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all()
         else 0.0
-        for f in (found[ports] for ports in items)
+        for f in (by_ports[ports] for ports in items)
     ]
 
 
 def shapley_value(alone: float, other: float, joint: float) -> float:
-    """Worth of one of two players, from what each is worth alone and both together."""
+    """Shapley value of one of two players, from the values of each alone and of both together."""
     return 0.5 * alone + 0.5 * (joint - other)

@@ -1,14 +1,14 @@
 """The posterior of a fit, written to its fit.json, and read by a later fit of the same rig as its
 prior.
 
-The cost is -2 log posterior, so near its minimum the scaled parameters are normal with covariance
-C = H^-1, H its reduced half Hessian (Laplace's approximation: Gelman et al. (2013), Bayesian Data
-Analysis, 3rd ed., ch. 4.1). The data sheet's prior is N(0, I) in these units; the recordings alone
-therefore hold the information C^-1 - I, which is what a later fit adds to its own data sheet's.
+The cost is -2 log posterior, so near its minimum the scaled parameters are normal with covariance C
+= H^-1, H its reduced half Hessian (Laplace's approximation: Gelman et al. (2013), Bayesian Data
+Analysis, 3rd ed., ch. 4.1). The data sheet's prior is N(0, I) in these units. The recordings alone
+therefore hold the information C^-1 - I, which a later fit adds to that of its data sheet.
 
 All free parameters are carried with their full covariance: after a gravity test only combinations
 are known. Numbers stand in prior spreads around each parameter's centre (logarithms where the prior
-is); centre and spread are stored beside them, because those of an effect follow the recordings.
+is); centre and spread are stored with them, because those of an effect follow the recordings.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, Run
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
-from pamid.estimation.quantities import agreed, straight
+from pamid.estimation.quantities import reported_values, straight_coordinates
 from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 FIT_ANEW = "Fit it anew with `pamid fit`."
-OWN_TIME = ":drift"  # background terms counted from a recording's own beginning
+CLOCK_TERMS = ":drift"  # background terms counted from a recording's own beginning
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,11 @@ class EarlierPosterior:
     ridges: tuple[tuple[str, ...], ...]
 
     def prior(self, problem: Problem) -> Prior:
-        """The same as a prior of this problem; what the earlier fit did not have keeps its data
-        sheet alone."""
+        """The posterior as a prior of this problem. Parameters that the earlier fit lacked have
+        their data sheet alone."""
         scale, places = problem.scale, self._places(problem)
-        here, there = [k for k, _ in places], [i for _, i in places]
-        stretch = self.spread[there] / scale.spread[here]
+        places_now, there = [k for k, _ in places], [i for _, i in places]
+        stretch = self.spread[there] / scale.spread[places_now]
         size = len(problem.free)
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
         precision = np.linalg.inv(self.covariance[np.ix_(there, there)])
@@ -73,16 +73,19 @@ class EarlierPosterior:
         # information is C^-1 - I. Parameters that are not carried over are marginalised: C loses
         # their rows, and the gradient becomes C_carried^-1 (C held)_carried.
         slope = precision @ (self.covariance @ self.held)[there]
-        at[here] = (self.centre[there] - scale.centre[here]) / scale.spread[here] + self.value[
-            there
-        ] * stretch
-        gradient[here] = (slope - self.value[there]) / stretch
-        information[np.ix_(here, here)] = (precision - np.eye(len(here))) / np.outer(
-            stretch, stretch
-        )
+        at[places_now] = (self.centre[there] - scale.centre[places_now]) / scale.spread[
+            places_now
+        ] + self.value[there] * stretch
+        gradient[places_now] = (slope - self.value[there]) / stretch
+        information[np.ix_(places_now, places_now)] = (
+            precision - np.eye(len(places_now))
+        ) / np.outer(stretch, stretch)
         covariance: Array = np.linalg.inv(np.eye(size) + information).astype(np.float64, copy=False)
         return Prior.about(
-            at, information, gradient, straight(problem, self._values(problem, at), covariance)
+            at,
+            information,
+            gradient,
+            straight_coordinates(problem, self._values(problem, at), covariance),
         )
 
     def _values(self, problem: Problem, at: Array) -> Array:
@@ -98,12 +101,13 @@ class EarlierPosterior:
         """(place among the problem's free parameters, place here) of everything that is carried
         over."""
         keys = [problem.assembly.parameters[i].key for i in problem.free]
-        where = {key: i for i, key in enumerate(self.keys) if not key.endswith(OWN_TIME)}
+        where = {key: i for i, key in enumerate(self.keys) if not key.endswith(CLOCK_TERMS)}
         places = [(k, where[key]) for k, key in enumerate(keys) if key in where]
         for k, i in places:
             if self.log[i] != bool(problem.scale.log[k]):
                 raise FileError(
-                    f"{self.path}: the prior of {keys[k]!r} is of another kind than the rig's now.",
+                    f"{self.path}: the prior of {keys[k]!r} is logarithmic in only one of "
+                    "that fit and the rig.",
                     FIT_ANEW,
                 )
         return places
@@ -123,18 +127,18 @@ class EarlierPosterior:
             "intervals may come out too narrow."
             for group in self.ridges
         ]
-        lost = [key for key in self.keys if key not in carried and not key.endswith(OWN_TIME)]
+        lost = [key for key in self.keys if key not in carried and not key.endswith(CLOCK_TERMS)]
         notes += (
             [f"Not carried over, for this fit does not have them free: {', '.join(lost)}."]
             if lost
             else []
         )
-        if any(key.endswith(OWN_TIME) for key in self.keys):
+        if any(key.endswith(CLOCK_TERMS) for key in self.keys):
             notes.append("Drifts belong to a recording's own time and begin anew.")
         fresh = [
             bounds[i].key
             for i in problem.free
-            if bounds[i].key not in carried and not bounds[i].key.endswith(OWN_TIME)
+            if bounds[i].key not in carried and not bounds[i].key.endswith(CLOCK_TERMS)
         ]
         return notes + (
             [f"New in this fit, with the data sheet's prior: {', '.join(fresh)}."] if fresh else []
@@ -170,7 +174,7 @@ def posterior_of(fitted: Fit) -> result.Posterior:
     )
     others = {
         b.key: float(v)
-        for i, (b, v) in enumerate(zip(bounds, agreed(fitted), strict=True))
+        for i, (b, v) in enumerate(zip(bounds, reported_values(fitted), strict=True))
         if i not in free and not b.owner
     }
     return result.Posterior(
@@ -191,32 +195,37 @@ def read_posterior(folder: Path) -> EarlierPosterior:
     Run.open(folder)
     path = folder / FIT_FILE
     fit = need_result(path, result.FitFile, also=("posterior", "from"))
+    # The Laplace approximation holds at an optimum. Away from it neither the mean nor the
+    # covariance is one of a posterior.
     if not fit.converged:
         raise ConvergenceError(
             f"{path}: that fit did not converge ({fit.why or 'no reason given'}), so "
-            "nothing can be built on it.",
+            "it cannot be the prior of another fit.",
             "Fit it with other recordings first.",
         )
-    if (found := fit.posterior) is None:
+    if (posterior := fit.posterior) is None:
         raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {FIT_ANEW}")
-    keys, log, rows = found.keys, found.log, found.covariance
+    keys, log, rows = posterior.keys, posterior.log, posterior.covariance
     centre, spread, value, held = (
-        np.array(one, np.float64) for one in (found.centre, found.spread, found.value, found.held)
+        np.array(values, np.float64)
+        for values in (posterior.centre, posterior.spread, posterior.value, posterior.held)
     )
     lower = np.zeros((len(keys), len(keys)))
     if [len(row) for row in rows] != list(range(1, len(keys) + 1)):
         _refuse(path, "its covariance is no lower triangle")
     lower[np.tril_indices(len(keys))] = [number for row in rows for number in row]
     fitted = {r.sha256 for r in fit.recordings if r.role != "held-out"}
+    # A chain of fits rests on the recordings of all its stages.
     fitted |= set(fit.from_.recordings if fit.from_ else ())
-    own = [set(c.members) for c in fit.combinations.values() if c.declared]
+    declared = [set(c.members) for c in fit.combinations.values() if c.declared]
     ridges = tuple(
         tie.parameters
         for tie in fit.tied
-        if not any(members & set(tie.parameters) for members in own)
+        if not any(members & set(tie.parameters) for members in declared)
     )
     lists = (centre, spread, value, held)
     sizes = {len(keys), len(set(keys)), len(log), *(x.size for x in lists)}
+    # Half of it is stored, which cannot become unsymmetric by an edit.
     covariance = lower + np.tril(lower, -1).T
     if len(sizes) > 1:
         _refuse(path, "its lists differ in length")
@@ -233,7 +242,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
         value,
         held,
         covariance,
-        found.others,
+        posterior.others,
         frozenset(fitted),
         ridges,
     )
@@ -244,7 +253,7 @@ def _refuse(path: Path, what: str) -> NoReturn:
 
 
 def started_from(posterior: EarlierPosterior, remarks: list[str]) -> result.StartedFrom:
-    """The part of fit.json that says what the fit began from."""
+    """The entry `from` of fit.json: the earlier fit."""
     return result.StartedFrom(
         path=str(posterior.path.parent),
         sha256=posterior.sha256,

@@ -2,9 +2,9 @@
 itself and, where there was one, an earlier fit.
 
 The data sheet costs |s|^2. An earlier fit adds its recordings' Laplace approximation, |R (x(s) -
-x(at)) + a|^2 with R'R their information and R'a half their gradient, in coordinates x in which a
-ridge of theirs is straight: in s itself the quadratic would hold along a curved ridge only
-nearby."""
+x(at)) + a|^2 with R'R their information and R'a half their gradient. The coordinates x make its
+ridges straight: in s itself the quadratic would hold along a curved ridge only nearby.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def terms_of_sheet(s: Array, drawn: Array | None = None) -> tuple[float, Array, 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The recordings of an earlier fit, beside the data sheet: |root (x - x at) +
+    """The recordings of an earlier fit, in addition to the data sheet: |root (x - x at) +
     away|^2 for the k free parameters in coordinates x in which it is straight."""
 
     at: Array
@@ -46,6 +46,8 @@ class Prior:
         scaled parameters `at`."""
         turn = np.linalg.inv(coordinates(at)[1])
         values, vectors = np.linalg.eigh(turn.T @ information @ turn)
+        # Small and negative eigenvalues are rounding of a difference of two inverses. Their
+        # gradient, divided by a root, would be arbitrary.
         informed = values > 1e-9 * max(float(values[-1]), 1e-9)
         # information V E V' in x: with root = E^1/2 V' and away = E^-1/2 V' gradient the square
         # has information root'root and half gradient root'away, where anything is known at all
@@ -66,12 +68,12 @@ class Prior:
         """s + ds, but straight in the prior's coordinates: a stiff ridge is not left by a long step
         along it."""
         x, turned = self.coordinates(s)
-        goal, found = x + turned @ ds, s + ds  # Newton's method for x(found) = goal
+        goal, solution = x + turned @ ds, s + ds  # Newton's method for x(s) = goal
         for _ in range(NEWTON):
-            x, turned = self.coordinates(found)
-            found = found - np.linalg.lstsq(turned, x - goal, rcond=None)[0]
-        return found if np.isfinite(found).all() else s + ds
+            x, turned = self.coordinates(solution)
+            solution = solution - np.linalg.lstsq(turned, x - goal, rcond=None)[0]
+        return solution if np.isfinite(solution).all() else s + ds
 
     def drawn(self, random: np.random.Generator) -> Prior:
-        """As if those recordings had been made again: for the bootstrap."""
+        """The prior as if those recordings had been made another time: for the bootstrap."""
         return replace(self, away=self.away + random.standard_normal(len(self.away)))

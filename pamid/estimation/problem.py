@@ -29,7 +29,7 @@ SHORTEST = 20  # samples
 class Problem:
     """Fitting problem: model, tracks and free parameters. free: places of the fitted parameters;
     importance: a factor per window, sheet: another draw of the data sheet in prior spreads
-    (bootstrap); prior: an earlier fit's, beside it."""
+    (bootstrap); prior: an earlier fit's, in addition."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]
@@ -46,7 +46,7 @@ class Problem:
         return Scale([a.parameters[i] for i in free], a.values()[free])
 
     def start(self) -> Array:
-        """Where a fit begins (SI): at the data sheet, or at an earlier fit's posterior."""
+        """Start of a fit (SI): the data sheet, or an earlier fit's posterior."""
         p = self.assembly.values()
         if self.prior is not None:
             p[list(self.free)] = self.scale.outside(self.prior.at)
@@ -54,7 +54,7 @@ class Problem:
 
     @cached_property
     def noise(self) -> Array:
-        """Of the sensors, per channel (SI)."""
+        """Noise of the sensors, per channel (SI)."""
         return noise_of(self.tracks, stated_noise(self.assembly.rig, self.assembly.program.outputs))
 
     @property
@@ -88,13 +88,13 @@ class Fit:
     # per track: samples x channels, model - measured
     residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
-    # per track: slopes of what is stepped, for a fit that goes on from here
+    # per track: slopes of a simulator, for a fit that goes on from here
     known: tuple[KnownSlopes | None, ...] = field(repr=False, compare=False, default=())
 
     @cached_property
     def left(self) -> tuple[Array, Array]:
-        """How many residuals were recorded per channel, and their mean square (SI, NaN of none); of
-        a fit that has not failed."""
+        """Number of recorded residuals per channel, and their mean square (SI, NaN without any);
+        for a fit that has not failed."""
         residuals = np.concatenate(self.residuals)
         return np.isfinite(residuals).sum(axis=0), seen_mean(residuals**2)
 
@@ -127,12 +127,12 @@ class Scale:
         return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
 
     def held(self, s: Array, g: Array) -> NDArray[np.bool_]:
-        """Which parameters are at a bound that a step against the gradient g would push them
-        through: the active set of a projected step (Nocedal and Wright (2006), ch. 16.7)."""
-        found: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
+        """Parameters at a bound that a step against the gradient g would cross: the active set of a
+        projected step (Nocedal and Wright (2006), ch. 16.7)."""
+        at_bound: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
             (s >= self.high - 1e-12) & (g < 0)
         )
-        return found
+        return at_bound
 
     def slope(self, p: Array) -> Array:
         """Derivatives of the parameters (SI) by the scaled ones."""
@@ -152,8 +152,8 @@ def careful_stepping(problem: Problem, p: Array) -> Stepping:
     """The most careful of the steppings that the recordings ask for: implicit before explicit, then
     finer."""
     a = problem.assembly
-    found = []
+    steppings = []
     for track in problem.tracks:
         values = Runner(a, track, Stepping()).parameters(p)
-        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
-    return max(found, key=lambda s: (s.implicit, s.substeps))
+        steppings.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return max(steppings, key=lambda s: (s.implicit, s.substeps))

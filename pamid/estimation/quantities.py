@@ -1,4 +1,4 @@
-"""Functions of several parameters and what a posterior says of them: derivatives, spreads, names;
+"""Functions of several parameters under a posterior: derivatives, spreads, names;
 and the coordinates in which such a posterior is straight."""
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Space:
         self.bounds = [bounds[i] for i in self.places]
         self.names = [b.full_name for b in self.bounds]
         self.covariance, self.p = covariance, p
-        self.own = [k for k, b in enumerate(self.bounds) if not b.nuisance]
+        self.named = [k for k, b in enumerate(self.bounds) if not b.nuisance]
         self.s = self.scale.inside(p[self.places])
 
     def at(self, s: Array) -> Array:
@@ -88,7 +88,7 @@ class Space:
     def slope(self, of: Measure, s: Array) -> Array:
         """Derivatives at s by the scaled parameters, by central differences."""
         out = np.zeros(len(s))
-        for k in self.own:
+        for k in self.named:
             step = np.zeros(len(s))
             step[k] = STEP
             out[k] = (of(self.at(s + step)) - of(self.at(s - step))) / (2.0 * STEP)
@@ -117,22 +117,22 @@ class Space:
         )
 
     def share_together(self, terms: Terms) -> tuple[Array, float]:
-        """Derivatives of what `together` makes of these (of its logarithm if it is a product), and
-        its share."""
+        """Derivatives of `together` of these terms (of its logarithm for a product), and its
+        share."""
         log = all(q.log for q, _ in terms)
-        here, there = np.zeros(len(self.s)), np.zeros(len(self.s))
+        slope, there = np.zeros(len(self.s)), np.zeros(len(self.s))
         for q, n in terms:
-            here += n * (q.slope / q.value if log else q.slope)
+            slope += n * (q.slope / q.value if log else q.slope)
             there += n * (q.slope_prior / q.prior if log else q.slope_prior)
-        return here, self.share(here, there)
+        return slope, self.share(slope, there)
 
     def share(self, slope: Array, slope_prior: Array) -> float:
-        """Posterior over prior standard deviation of what has these derivatives."""
+        """Posterior over prior standard deviation of a quantity with these derivatives."""
         prior = float(np.linalg.norm(slope_prior))
         return self.spread(slope) / prior if prior else 1.0
 
     def spread(self, slope: Array) -> float:
-        """Posterior standard deviation of what has these derivatives."""
+        """Posterior standard deviation of a quantity with these derivatives."""
         return math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
 
 
@@ -142,10 +142,12 @@ def _power(name: str, n: float) -> str:
 
 def declared(assembly: Assembly) -> dict[str, Measure]:
     """The rig's own combinations by name, in the unit of the name."""
-    own = [(b.key, i) for i, b in enumerate(assembly.parameters) if not b.owner]
+    places = [(b.key, i) for i, b in enumerate(assembly.parameters) if not b.owner]
 
     def read(p: Array) -> dict[str, Any]:
-        return assembly.rig.combinations(Names({key: float(p[i]) for key, i in own}, "parameter"))
+        return assembly.rig.combinations(
+            Names({key: float(p[i]) for key, i in places}, "parameter")
+        )
 
     def measure(name: str) -> Measure:
         shown = column_size(name, 1.0)
@@ -154,20 +156,20 @@ def declared(assembly: Assembly) -> dict[str, Measure]:
     return {name: measure(name) for name in read(assembly.values())}
 
 
-def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
-    """Coordinates in which what a fit with this posterior (SI, scaled) knows is straight.
+def straight_coordinates(problem: Problem, p: Array, covariance: Array) -> Coordinates:
+    """Coordinates in which the ridges of a posterior (SI, scaled) are straight.
 
-    Scaled parameters, but for as many as the rig's combinations can replace, by their logarithms
-    where they are positive: a ridge along which masses and centres may slide is curved in those. So
-    is one along which a friction goes with the scale of all inertias: a positive parameter tied to
-    a logarithm gives way to its own.
+    These are the scaled parameters, as many as possible replaced by the rig's combinations, by
+    their logarithms where they are positive. A ridge along which masses and centres may slide is
+    straight in those. So is one along which a friction grows with the scale of all inertias: a
+    positive parameter tied to a logarithm is replaced by its own.
     """
     space = Space(problem, p, covariance)
     chosen: list[tuple[int, Quantity]] = []
     rows = np.zeros((0, len(space.s)))
     # Gaussian elimination with pivots: a combination takes the place of the parameter that it moves
     # most and no earlier one has taken, so that the new coordinates stay independent
-    for q in own_of(space, problem.assembly):
+    for q in declared_quantities(space, problem.assembly):
         row = q.slope / np.linalg.norm(q.slope)
         for (pivot, _), before in zip(chosen, rows, strict=True):
             row = row - row[pivot] / before[pivot] * before
@@ -191,7 +193,7 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
         np.arange(len(spread)), [pivot for pivot, q in chosen if q.log]
     )
     for k in (
-        k for k in space.own if not space.scale.log[k] and all(k != pivot for pivot, _ in chosen)
+        k for k in space.named if not space.scale.log[k] and all(k != pivot for pivot, _ in chosen)
     ):
         q, shared = (
             space.single(k),
@@ -202,14 +204,16 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     return coordinates
 
 
-def own_of(space: Space, assembly: Assembly) -> list[Quantity]:
+def declared_quantities(space: Space, assembly: Assembly) -> list[Quantity]:
     """The rig's combinations that hold a free parameter."""
     measures = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
-    found = [space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in measures]
-    return [q for q in found if q.slope.any()]
+    quantities = [
+        space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in measures
+    ]
+    return [q for q in quantities if q.slope.any()]
 
 
-def agreed(fitted: Fit) -> Array:
+def reported_values(fitted: Fit) -> Array:
     """All parameters (SI) as fitted; those that every recording states alike as stated."""
     p, tracks = fitted.p.copy(), fitted.problem.tracks
     for i in set.intersection(*(set(t.known) for t in tracks)):

@@ -1,11 +1,11 @@
-"""A restart for fits that ended in a local minimum: initial states estimated anew.
+"""Restart of fits that ended in a local minimum: initial states estimated anew.
 
-The states in which windows begin are estimated once, with the first parameters, and then fitted
-with them. Where something sticks (friction, play) the outputs do not depend on such a state within
-some range, so no derivative leads out of it: the fit ends short of the optimum, and an interval
-drawn there misses the truth. Estimated anew with the parameters found, the states are right or
-nearly so, and the fit goes on to the optimum. Three steps show whether the cost falls; a fit that
-is in no local minimum is returned as it is.
+The states at the window starts are estimated once, with the first parameters, and then fitted with
+them. Where something sticks (friction, play) the outputs do not depend on such a state within some
+range, so that no derivative leads out of it. The fit ends short of the optimum, and its interval
+misses the truth. States estimated anew with the fitted parameters are nearly right, and the fit
+goes on to the optimum. Three steps show whether the cost falls; a fit without a local minimum is
+returned unchanged.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SHORTER = 0.25  # of a window: where a fit begins that long windows would trap
 RESTARTS = 4  # starting parameters drawn from the priors for a fit that failed
 DRAW_STEPS = 8  # that each is given
-# of the cost: what a fit from new starts must come below for the old one to have been a trap
+# of the cost: a fit from new starts below it shows that the old one was a trap
 TRAPPED = 0.5
 PROBE_STEPS = 3  # that show whether the cost falls
 REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
@@ -48,18 +48,20 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     )
     if not begun.point.normal.fine:
         return fitted
+    # New states cost a little at first, because they were not fitted. A fall by half within three
+    # steps is no accident.
     probe = iterate(shooting, begun, PROBE_STEPS)
     if not probe.point.cost < TRAPPED * fitted.cost:
         return fitted
     tried = shooting.resumed(probe)
     for _ in range(REWEIGHT_ROUNDS):
         weights = residual_weights(tried.residuals, noise, problem.window)
-        again = fit(
+        refit = fit(
             problem, p=tried.p, starts=tried.starts, weights=weights, stepping=tried.stepping
         )
-        if not again.residuals:
+        if not refit.residuals:
             break
-        tried = again
+        tried = refit
     return tried
 
 
@@ -67,12 +69,12 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     """The fit, or the one that begins at the parameters found with windows of a quarter of its own,
     where that leaves clearly less.
 
-    A motion that touches something is another one after every impact: over a long window the misfit
-    has a minimum for every order of impacts, over a short one there are few of them. An arm whose
-    payload is not in the model falls another way, and the misfit of a long window has a narrow,
-    curved valley in which the fit does not converge. Growing windows are the usual way past
-    (Ribeiro, Tiels, Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of
-    nonlinear system identification).
+    A motion with contacts changes after every impact. Over a long window the misfit has a minimum
+    for every order of impacts, over a short one there are few of them. An arm whose payload is not
+    in the model falls another way, and the misfit of a long window has a narrow, curved valley in
+    which the fit does not converge. Growing windows are the usual way past (Ribeiro, Tiels,
+    Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of nonlinear system
+    identification).
     """
     problem = fitted.problem
     period = max(problem.tracks, key=len).period_s
@@ -82,18 +84,20 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     begun = fit_robustly(short)
     if not begun.residuals:
         return fitted
+    # The short windows give parameters only. Their many free starts would hide what the model
+    # lacks.
     grown = fit_robustly(problem, p=begun.p)
     return grown if _closeness(grown) > _closeness(fitted) - np.log(TRAPPED) else fitted
 
 
 def _closeness(fitted: Fit) -> float:
-    """How small the residuals are, by channel (minus the sum of the logarithms of their sizes)."""
+    """Minus the sum over channels of the logarithms of the residuals' sizes."""
     return float(np.log(fitted.weights.root).sum()) if fitted.residuals else -np.inf
 
 
 def is_failed(fitted: Fit) -> bool:
-    """Did the fit end above the data sheet's own cost, by the same weights and with the states of
-    its windows estimated for it? Then it has not found even what was known before."""
+    """Whether the fit ended above the data sheet's own cost, with the same weights and with window
+    states estimated for it: it is then worse than no fit."""
     if not fitted.residuals:
         return True
     _, begun = begin(
@@ -108,9 +112,9 @@ def is_failed(fitted: Fit) -> bool:
 
 
 def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
-    """The best of several fits that begin at parameters drawn from the priors (and at the data
-    sheet), each with a few steps, the best of them to its end; the fit itself where none is better.
-    noise: of the sensors, per channel (SI)."""
+    """The best of several fits that begin at draws from the priors and at the data sheet. Each
+    takes a few steps, and the best one is completed; the fit itself where none is better. noise: of
+    the sensors, per channel (SI)."""
     problem, scale = fitted.problem, fitted.problem.scale
     random = np.random.default_rng(seed)
     weights = fitted.weights
@@ -118,6 +122,7 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
     for k in range(RESTARTS + 1):
         p = problem.start()
         if k:
+            # From the prior itself, so that no range of starting values has to be invented.
             s = random.standard_normal(len(problem.free))
             p[list(problem.free)] = scale.outside(np.clip(s, scale.low, scale.high))
         tried = fit(problem, p=p, weights=weights, iterations=DRAW_STEPS, stepping=None)
@@ -126,14 +131,14 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
     if best is fitted:
         return fitted
     for _ in range(REWEIGHT_ROUNDS):
-        again = fit(
+        refit = fit(
             problem,
             p=best.p,
             starts=best.starts,
             weights=residual_weights(best.residuals, noise, problem.window),
             stepping=best.stepping,
         )
-        if not again.residuals:
+        if not refit.residuals:
             break
-        best = again
+        best = refit
     return best

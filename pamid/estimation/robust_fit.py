@@ -1,4 +1,4 @@
-"""A fit whose weights follow what the model leaves: iteratively reweighted least squares."""
+"""Fit with weights that follow the residuals: iteratively reweighted least squares."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def fit_robustly(
     rounds: int = ROUNDS,
     stepping: Stepping | None = None,
 ) -> Fit:
-    """Fit with weights that follow the residuals: from the misfit at p (default: the data sheet)
-    down to what the model leaves.
+    """Fit with weights that follow the residuals, from the misfit at p (default: the data sheet)
+    down to the remaining residual.
 
     Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
-    weights come from a single step: with those of the sensor noise, a long fit of a model that is
-    off by many times the noise would bend its parameters to what they cannot explain.
+    weights come from a single step. With those of the sensor noise, a long fit of a model that errs
+    by many times the noise would distort its parameters.
     """
     noise = problem.noise
     alone = Weights(noise, np.ones_like(noise))
@@ -53,6 +53,8 @@ def fit_robustly(
     for last in range(2 - rounds, 1):
         if not fitted.residuals:
             break
+        # Weights change between fits and not within one: a cost that moves with every step has no
+        # minimum to converge to.
         weights = residual_weights(fitted.residuals, noise, problem.window)
         fitted = fit(
             problem,

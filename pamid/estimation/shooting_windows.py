@@ -1,5 +1,5 @@
 """The windows of a fit by multiple shooting, simulated, and the normal equations that they add up
-to (`pamid.estimation.multiple_shooting` says of what)."""
+to (see `pamid.estimation.multiple_shooting`)."""
 
 from __future__ import annotations
 
@@ -81,17 +81,19 @@ def run_tracks(
     at = 0
     for i, track in enumerate(problem.tracks):
         runner = fitted.runners[i]
-        own = runner.parameters(values)
+        track_values = runner.parameters(values)
         windows, n = problem.windows(track), runner.start_states
         count, unknowns, cost = len(windows), (k + n) * derivatives, 0.0
         N, v = np.empty((count, unknowns, unknowns)), np.empty((count, unknowns))
         end, ends = np.empty((count, n)), np.empty((count, n, unknowns))
         whole, left = bool(track.seen.all()), np.empty_like(track.y)
-        own_root = np.where(track.seen, root, 0.0)
+        seen_root = np.where(track.seen, root, 0.0)
         simulated = runner.run_windows(
-            runner.memory(own), windows, starts[i], own, derivatives, own_root
+            runner.memory(track_values), windows, starts[i], track_values, derivatives, seen_root
         )
         for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
+            # One window that runs away makes the cost infinite, so that the damping rule rejects
+            # the step as a whole.
             if not run.fine:
                 return None
             important = 1.0 if problem.importance is None else float(problem.importance[at + w])
@@ -106,6 +108,8 @@ def run_tracks(
                 N[w] = important * (A.T @ A)[:unknowns, :unknowns]
                 v[w] = important * (A.T @ r)[:unknowns]
                 ends[w] = run.S[:, :unknowns]
+        # Scaling after the products costs one multiplication per entry of the sums, not one per
+        # sample.
         if derivatives:  # by scaled parameters, not by those in SI
             N[:, :k] *= slope[:, None]
             N[:, :, :k] *= slope

@@ -1,19 +1,19 @@
 """Latent values at ports of a model, smoothed together with its states over held-out recordings.
 
-At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process
-(a Matern-1/2 Gaussian process in time). States, value and the model's parameters, within what
-the fit knows of them, are found together, slice by slice, by Gauss-Newton on a block-tridiagonal
-system that the parameters border: the Kalman smoother of the linearised model, with its Laplace
-evidence. The parameters are estimated anew, because the fitted ones have absorbed part of what
-is missing. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426; Engelhardt,
+At every place of a port an unknown value is added, an Ornstein-Uhlenbeck process (a Matern-1/2
+Gaussian process in time). States, value and the model's parameters are estimated together, slice by
+slice, with the fit's posterior as the prior of the parameters. Gauss-Newton on a block-tridiagonal
+system that the parameters border is the Kalman smoother of the linearised model, with its Laplace
+evidence. The parameters are estimated anew, because the fitted ones have absorbed part of the
+missing effect. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426; Engelhardt,
 Froehlich and Kschischo (2016), Sci. Rep. 6.
 
-With x_i the states at the start of slice i and f(x_i) those at its end, a first-order Gauss-Markov
-prior links neighbours: x_(i+1) = a f(x_i) + w_i, w_i ~ N(0, Q_i), with a = exp(-length / time
-constant) and Q = size^2 (1 - a^2) for a latent value (the exact discretisation of an
-Ornstein-Uhlenbeck process) and a = 1 with a very small Q for the other states. Eliminating the
-states is the Rauch-Tung-Striebel smoother of the linearised model: Bell (1994), SIAM J. Optim.
-4(3); Särkkä (2013), Bayesian Filtering and Smoothing, ch. 10 and 13.
+Let x_i be the states at the start of slice i and f(x_i) those at its end. A first-order Gauss-
+Markov prior links neighbours: x_(i+1) = a f(x_i) + w_i, w_i ~ N(0, Q_i). For a latent value a =
+exp(-length / time constant) and Q = size^2 (1 - a^2), the exact discretisation of an Ornstein-
+Uhlenbeck process; for the other states a = 1 with a very small Q. Eliminating the states is the
+Rauch-Tung-Striebel smoother of the linearised model: Bell (1994), SIAM J. Optim. 4(3); Särkkä
+(2013), Bayesian Filtering and Smoothing, ch. 10 and 13.
 """
 
 from __future__ import annotations
@@ -110,14 +110,14 @@ class SlicedTrack:
 
     @cached_property
     def keeping(self) -> tuple[Runner, Runner]:
-        """The runner by the states alone, and by the parameters, too; what steps by itself keeps
-        slopes from one linearisation to the next."""
+        """The runner by the states alone, and by the parameters as well. A simulator's slopes are
+        kept from one linearisation to the next."""
         still, moving = self.known
         return replace(self.runner, free=()).keeping(still), self.runner.keeping(moving)
 
     def simulate(self, x: Array, p: Array, noise: Array, moving: bool) -> Simulation:
-        """Where the slices end, and their squared error; p: parameters (SI); moving: are they
-        improved, too?"""
+        """States at the ends of the slices, and their squared error. p: parameters (SI); moving:
+        whether they are estimated as well."""
         runner = self.keeping[moving]
         values = runner.parameters(p)
         end, cost, whole = np.zeros_like(x), 0.0, bool(runner.track.seen.all())
@@ -137,7 +137,7 @@ class SlicedTrack:
         runner = self.keeping[moving]
         count, n, k = len(x), x.shape[1], len(slope)
         values, root, seen = runner.parameters(p), 1.0 / noise, runner.track.seen
-        own_root = root if seen.all() else np.where(seen, root, 0.0)
+        seen_root = root if seen.all() else np.where(seen, root, 0.0)
         first = 0 if moving else k
         D, B, S = np.zeros((count, n, n)), np.zeros((count, n, k)), np.zeros((count, n, k + n))
         gx, end, H, g, cost = (
@@ -149,7 +149,7 @@ class SlicedTrack:
         )
         by = np.concatenate([slope, np.ones(n)])[first:]
         A = np.zeros((0, k + n))
-        runs = runner.run_windows(runner.memory(values), self.slices, x, values, True, own_root)
+        runs = runner.run_windows(runner.memory(values), self.slices, x, values, True, seen_root)
         for i, (window, run) in enumerate(zip(self.slices, runs, strict=True)):
             if not run.fine:
                 return Linearisation(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], np.inf)
@@ -176,6 +176,7 @@ class SlicedTrack:
         self, x: Array, missing: NDArray[np.intp], size: float, time_s: float
     ) -> TrajectoryPrior:
         """missing: places of the latent values among the states; size, time_s: theirs."""
+        # A state that rests has no spread, and the prior needs a positive one.
         spread = np.maximum(x.std(axis=0), 1e-9 * np.abs(x).max(axis=0) + 1e-100)
         joint = np.tile(1.0 / (STIFFNESS * spread) ** 2, (len(self.slices) - 1, 1))
         jump, free = self.runner.track.jump, WINDOW_JUMP * spread
@@ -196,7 +197,7 @@ class SlicedTrack:
         )
 
     def eliminated(
-        self, x: Array, one: Linearisation, prior: TrajectoryPrior, damping: float
+        self, x: Array, data: Linearisation, prior: TrajectoryPrior, damping: float
     ) -> tuple[Array, Array, Array, Array, Array, float]:
         """Contribution of the track to the parameters' information and gradient once its states
         are eliminated, the states' gradient, the solutions for [B | gx], and the log determinant
@@ -204,11 +205,11 @@ class SlicedTrack:
 
         The system is scaled to a unit diagonal: states in pascals and radians stand side by side.
         """
-        joint, decay, n, k = prior.joint, prior.decay, x.shape[1], len(one.g)
-        D, gx, B = one.D.copy(), one.gx.copy(), one.B.copy()
+        joint, decay, n, k = prior.joint, prior.decay, x.shape[1], len(data.g)
+        D, gx, B = data.D.copy(), data.gx.copy(), data.B.copy()
         # |x_(i+1) - a f(x_i, s)|^2 in Q^-1: its derivatives are 1 by x_(i+1), -A by x_i, -P by s
-        jump = x[1:] - decay * one.end[:-1]
-        A, P = decay[:, None] * one.by_start[:-1], decay[:, None] * one.by_parameters[:-1]
+        jump = x[1:] - decay * data.end[:-1]
+        A, P = decay[:, None] * data.by_start[:-1], decay[:, None] * data.by_parameters[:-1]
         weighed_jump = joint * jump
         off, weighed = -joint[:, :, None] * A, joint[:, :, None] * P
         D[:-1] -= np.matmul(A.transpose(0, 2, 1), off)
@@ -220,8 +221,8 @@ class SlicedTrack:
         # rows by number: there may be no parameters, and then no columns
         joints, rows = weighed_jump.size, gx.size
         flat_P = P.reshape(joints, k)
-        H = one.H + flat_P.T @ weighed.reshape(joints, k)
-        g = one.g - flat_P.T @ weighed_jump.ravel()
+        H = data.H + flat_P.T @ weighed.reshape(joints, k)
+        g = data.g - flat_P.T @ weighed_jump.ravel()
         D[0] += np.diag(prior.first)
         gx[0] += prior.first * x[0]
         scale = 1.0 / np.sqrt(np.einsum("kii->ki", D) + 1e-300)
@@ -324,8 +325,8 @@ class _SmoothingPoint(NamedTuple):
 
 
 class _SmoothingStep(NamedTuple):
-    """Of the parameters (in prior spreads) and of every track's states; what it promises to gain;
-    log determinant of the information against the priors'."""
+    """Step of the parameters (in prior spreads) and of every track's states; promised gain; log
+    determinant of the information against the priors'."""
 
     s: Array
     x: list[Array]
@@ -334,7 +335,7 @@ class _SmoothingStep(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class SmoothingResult:
     """Result of smoothing with latent values of a size and time constant: log evidence (nats, up to
     a constant shared by all ports), parameters in prior spreads (k,), per track the states at the
     start of every slice (slices x states), and the data linearised about them; moving: by the
@@ -349,7 +350,7 @@ class Smoothed:
     moving: bool
 
     @property
-    def found(self) -> tuple[float, float, float]:
+    def score(self) -> tuple[float, float, float]:
         """(log evidence, size, time constant)"""
         return self.log_evidence, self.size, self.time_s
 
@@ -408,10 +409,10 @@ class Smoother:
     @cached_property
     def information(self) -> Array:
         """Information of the fit on the parameters; little where its residual is large."""
-        found: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
+        information: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
             np.float64, copy=False
         )
-        return found
+        return information
 
     def parameters(self, s: Array) -> Array:
         """All parameters (SI) at those that move, in prior spreads."""
@@ -446,7 +447,7 @@ class Smoother:
         return [(s, t) for s in near for t in self.times_s]
 
     @cached_property
-    def rough(self) -> Smoothed:
+    def rough(self) -> SmoothingResult:
         """The most likely size and time constant of a coarse grid, as `best`, but with the
         parameters held: several times as fast."""
         time_s = self.times_s[0]
@@ -457,29 +458,29 @@ class Smoother:
         smallest, *larger = LATENT_SIZES
         start = self.smoothed(None, smallest, time_s, trusted=1.0, moving=False)
         rest = [self.smoothed(start, s, time_s, trusted=1.0, moving=False) for s in larger]
-        size = max([start, *rest], key=lambda one: one.found).size
+        size = max([start, *rest], key=lambda smoothed: smoothed.score).size
         there = self.smoothed(start, size, time_s, SMOOTHER_STEPS, moving=False)
         near = [self.smoothed(there, s, t, moving=False) for s, t in self._near(size)]
-        return max(near, key=lambda one: one.found)
+        return max(near, key=lambda smoothed: smoothed.score)
 
     @cached_property
-    def best(self) -> Smoothed:
+    def best(self) -> SmoothingResult:
         """The most likely size and time constant of a coarse grid."""
         there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, SMOOTHER_STEPS)
         if not self.ports:
             return there
         near = [self.smoothed(there, s, t) for s, t in self._near(self.rough.size)]
-        return max(near, key=lambda one: one.found)
+        return max(near, key=lambda smoothed: smoothed.score)
 
     def smoothed(
         self,
-        start: Smoothed | None,
+        start: SmoothingResult | None,
         size: float,
         time_s: float,
         rounds: int = 0,
         trusted: float = SMOOTHER_TRUSTED,
         moving: bool = True,
-    ) -> Smoothed:
+    ) -> SmoothingResult:
         """Smooth with values of this size and time constant, from where an earlier smoothing ended
         (None: from the fit's replays).
 
@@ -500,14 +501,14 @@ class Smoother:
         point = solver.point(ended.s, ended.x, ended.data)
         step = solver.step(point, SMOOTHER_DAMPING)
         # the quadratic's own minimum stands in for another iteration, up to a share of the cost
-        found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
-        found = found if np.isfinite(found) else -np.inf
-        return Smoothed(found, size, time_s, point.s, point.x, point.data, moving)
+        log_evidence = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
+        log_evidence = log_evidence if np.isfinite(log_evidence) else -np.inf
+        return SmoothingResult(log_evidence, size, time_s, point.s, point.x, point.data, moving)
 
     def _priors(self, x: tuple[Array, ...], size: float, time_s: float) -> list[TrajectoryPrior]:
         return [
-            track.prior(one, self.missing, size, time_s)
-            for track, one in zip(self.tracks, x, strict=True)
+            track.prior(states, self.missing, size, time_s)
+            for track, states in zip(self.tracks, x, strict=True)
         ]
 
     def _linearised(
@@ -515,8 +516,8 @@ class Smoother:
     ) -> tuple[Linearisation, ...]:
         p, slope = self.parameters(s), self.scale.slope(self.scale.outside(s))
         return tuple(
-            track.linearise(one, p, slope, self.evidence.noise, moving)
-            for track, one in zip(self.tracks, x, strict=True)
+            track.linearise(states, p, slope, self.evidence.noise, moving)
+            for track, states in zip(self.tracks, x, strict=True)
         )
 
 
@@ -535,8 +536,8 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     ) -> float:
         away = s - self.of.fitted
         return float(away @ self.of.information @ away) + sum(
-            one.cost + prior_cost(states, one, prior)
-            for states, one, prior in zip(x, data, self.priors, strict=True)
+            run.cost + prior_cost(states, run, prior)
+            for states, run, prior in zip(x, data, self.priors, strict=True)
         )
 
     def point(
@@ -547,10 +548,10 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     def moved(
         self, at: _SmoothingPoint, step: _SmoothingStep, last: bool = False
     ) -> _SmoothingPoint:
-        s, x = at.s + step.s, tuple(one + d for one, d in zip(at.x, step.x, strict=True))
+        s, x = at.s + step.s, tuple(states + d for states, d in zip(at.x, step.x, strict=True))
         p, noise = self.of.parameters(s), self.of.evidence.noise
         tracks = zip(self.of.tracks, x, strict=True)
-        runs = [t.simulate(one, p, noise, self.moving) for t, one in tracks]
+        runs = [t.simulate(states, p, noise, self.moving) for t, states in tracks]
         return _SmoothingPoint(s, x, self.cost(s, x, runs))
 
     def linearised(self, at: _SmoothingPoint) -> _SmoothingPoint:
@@ -567,8 +568,8 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         s, k, scale = at.s, len(at.s), self.of.scale
         H, parts, log_det = self.of.information, [], 0.0
         g = H @ (s - self.of.fitted)
-        for track, x, one, prior in zip(self.of.tracks, at.x, at.data, self.priors, strict=True):
-            more, right, gx, X, dx, det = track.eliminated(x, one, prior, damping)
+        for track, x, data, prior in zip(self.of.tracks, at.x, at.data, self.priors, strict=True):
+            more, right, gx, X, dx, det = track.eliminated(x, data, prior, damping)
             H, g, log_det = H + more, g + right, log_det + det
             parts.append((gx, X, dx))
         free = self.moving & ~scale.held(s, g)
@@ -580,7 +581,7 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
             log_det += float(np.linalg.slogdet(A)[1])
         ds = np.clip(s + ds, scale.low, scale.high) - s
         states = [-(dx + X @ ds) for _, X, dx in parts]
-        # what the quadratic promises, g'H^-1 g, by blocks: that of the parameters, with the reduced
+        # promise of the quadratic, g'H^-1 g, by blocks: that of the parameters, with the reduced
         # gradient, and that of the states
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
         return _SmoothingStep(ds, states, gain, log_det)

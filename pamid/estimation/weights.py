@@ -34,15 +34,18 @@ def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) ->
     """Size and correlation of residuals per channel (NaN where it was not recorded): rms (at least
     the noise) and integrated autocorrelation time.
 
-    window: samples per window. The correlation counts up to an eighth of it: what is slower, the
-    windows' own starts take up.
+    window: samples per window. The correlation counts up to an eighth of it: the windows' starts
+    absorb slower errors.
     """
     rms = np.sqrt(seen_mean(np.concatenate(residuals) ** 2))
     most = window / 8.0
     lengths = np.empty(len(rms))
     for c in range(len(rms)):
+        # One recording only: a correlation over the seam of two would be that of two offsets.
         longest = max((r for r in residuals if not np.isnan(r[0, c])), key=len)
         lengths[c] = correlation_length(longest[:, c])
+    # Not below the noise: a residual that is smaller by chance would give its channel a weight
+    # that no sensor justifies.
     return Weights(np.maximum(rms, noise), np.clip(lengths, 1.0, max(most, 1.0)))
 
 

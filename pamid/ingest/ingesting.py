@@ -28,7 +28,7 @@ from pamid.ingest.log_reader import read_log
 from pamid.ingest.mapping import Repair, load_mapping, named_by_units
 from pamid.ingest.memory_budget import limited_memory
 from pamid.ingest.parts import parted
-from pamid.model.registry import RigLike, catalogue_rig, name_of, rig_given, rig_named
+from pamid.model.registry import RigLike, catalogue_rig, name_of, resolved_rig, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of
 from pamid.schemas.ingest_file import IngestFile, RecordingMade
@@ -157,7 +157,7 @@ def ingest(
         raise UsageError(f"repair={repair!r}: take {', '.join(CURES)}.")
     file, target = Path(mapping), None if output is None else Path(output)
     parsed = load_mapping(file, pressures, _period(period))
-    given = rig_given(rig)
+    given = resolved_rig(rig)
     named = name_of(given) if given is not None else parsed.rig
     target_rig = _rig(parsed.rig, file) if given is None else rig_named(given)
     parsed = parsed.model_copy(
@@ -232,7 +232,7 @@ def guess_mapping(
     answers = Answers(pressures or "", angles or "", _period(period), dict(known or {}))
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
-    given = rig_given(rig)
+    given = resolved_rig(rig)
     target_rig, name = (None, "") if given is None else (rig_named(given), name_of(given))
     with limited_memory(memory_limit):
         guess = guess_of(read_log(Path(log), kind), target_rig, name, answers, only)

@@ -34,7 +34,7 @@ from pamid.symbolic.vocabulary import Expr, held
 Array = NDArray[np.float64]
 
 MEMORIES = frozenset({"play", "bristle"})  # operators whose deflection only travel makes forget
-EVEN_DRAWS = 3  # points at which outputs are asked whether they show a sign
+EVEN_DRAWS = 3  # points at which outputs are tested for the sign of a state
 
 
 def nuisance_owner(term: Effect, place: str) -> str:
@@ -50,7 +50,7 @@ class Assembly:
                 `pamid.simulation.free_runs.port_sizes`)
     background  whether the rig's tolerance-sized nuisance terms take part
     controller  the [controller] table of a recording: the command is then computed, not read
-    sensitive   keys of the parameters that sensitivities may be asked for (default: all); fewer are
+    sensitive   keys of the parameters with sensitivities (default: all); fewer are
                 cheaper
     outputs     only these outputs of the rig (empty: all): what a recording lacks need not be
                 computed
@@ -140,13 +140,13 @@ class Assembly:
 
     def known_objections(self, known: Mapping[str, float]) -> list[KnownObjection]:
         """Known values of the rig's own parameters that lie outside their bounds."""
-        found = []
+        objections = []
         for name, value in known.items():
             i, factor = self.place_of(name)
             b = self.parameters[i]
             if not b.owner and (fault := objection(b, name, value, value * factor)):
-                found.append(fault)
-        return found
+                objections.append(fault)
+        return objections
 
     def data_sheet(self) -> Array:
         """Parameter vector (SI) of the rig as its data sheet has it: every effect at its null."""
@@ -165,8 +165,8 @@ class Assembly:
                 return i, b.factor
         stem, symbol = split_column(name)
         for i, b in enumerate(self.parameters):
-            own, unit = split_column(b.full_name)
-            if own == stem and symbol != NONE and unit != NONE and compatible(symbol, unit):
+            known, unit = split_column(b.full_name)
+            if known == stem and symbol != NONE and unit != NONE and compatible(symbol, unit):
                 return i, to_si(1.0, symbol) - to_si(0.0, symbol)
         names = [b.full_name for b in self.parameters]
         raise FileError(
@@ -175,7 +175,7 @@ class Assembly:
         )
 
     def knows(self, name: str) -> bool:
-        """Is there a parameter of this name? See `place_of`."""
+        """Whether there is a parameter of this name. See `place_of`."""
         try:
             self.place_of(name)
         except FileError:
@@ -189,8 +189,8 @@ class Assembly:
 
     def begin(self, p: Array) -> dict[str, float]:
         """The rig's own states at the beginning of a recording, by name (SI)."""
-        own = {b.key: float(p[i]) for i, b in enumerate(self.parameters) if not b.owner}
-        given = self.rig.start(Names(own, "parameter"))
+        values = {b.key: float(p[i]) for i, b in enumerate(self.parameters) if not b.owner}
+        given = self.rig.start(Names(values, "parameter"))
         return {s.name: given.get(s.name, s.start) for s in self.rig.states}
 
     # ---- equations ------------------------------------------------------------------------------
@@ -219,8 +219,8 @@ class Assembly:
 
     @cached_property
     def keeps_memories(self) -> bool:
-        """Does an equation hold a play or a bristle? Its deflection is forgotten over travel, not
-        over time: a wide one keeps for good what it was at the beginning."""
+        """Whether an equation holds a play or a bristle. Its deflection fades over travel, not over
+        time: a wide one keeps its initial value for good."""
         t = self.traced
         cells = [e for c in t.cells for e in (c.update, c.joined) if isinstance(e, Expr)]
         return any(n.op in MEMORIES for n in walk([*t.rates.values(), *t.outputs.values(), *cells]))
@@ -236,19 +236,21 @@ class Assembly:
             u = random.standard_normal(len(self.traced.inputs))
             if not even.any():  # one point is enough to show a sign
                 break
-            here = self._read(x, u)
+            readings = self._read(x, u)
             for i in np.flatnonzero(even):
                 turned, larger = x.copy(), x.copy()
                 turned[i], larger[i] = -x[i], 2.0 * x[i]
-                even[i] = bool(np.allclose(self._read(turned, u), here, rtol=1e-9, atol=0.0))
+                even[i] = bool(np.allclose(self._read(turned, u), readings, rtol=1e-9, atol=0.0))
                 if even[i]:
-                    shown[i] |= not np.allclose(self._read(larger, u), here, rtol=1e-6, atol=0.0)
+                    shown[i] |= not np.allclose(
+                        self._read(larger, u), readings, rtol=1e-6, atol=0.0
+                    )
         return tuple(int(i) for i in np.flatnonzero(even & shown))
 
     def reads_as(self, other: Assembly) -> bool:
         """Whether the outputs are the same expressions as those of another assembly."""
-        own, theirs = self.traced, other.traced
-        return own.cells == theirs.cells and own.outputs == theirs.outputs
+        traced, theirs = self.traced, other.traced
+        return traced.cells == theirs.cells and traced.outputs == theirs.outputs
 
     def _read(self, x: Array, u: Array) -> Array:
         """Outputs in these states of the rig, at the data sheet's parameters and inputs u."""

@@ -1,5 +1,4 @@
-"""Where effects can go: which effects fit which ports of a rig, and what such an attachment is
-called."""
+"""Attachments of effects to ports of a rig, and their names."""
 
 from __future__ import annotations
 
@@ -55,7 +54,7 @@ class Addition:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of its members, which own its parameters."""
+        """Labels of its members, the owners of its parameters."""
         return tuple(a.label for a in self.members)
 
     @property
@@ -79,17 +78,17 @@ def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
     """Attachments as candidates add them: the same effect at joints of one unit is one addition.
     Ports that are kin are tried by themselves and, with one set of parameters, together.
     """
-    found: dict[tuple[str, ...], list[Attachment]] = {}
+    groups: dict[tuple[str, ...], list[Attachment]] = {}
     for a in attached:
         port = rig.ports[a.ports[0]]
         alone = len(a.ports) > 1 or port.kin or port.kind not in JOINT_KINDS
         key = (a.label,) if alone else (a.effect.name, port.kind, port.unit)
-        found.setdefault(key, []).append(a)
-    return [Addition(tuple(members)) for members in found.values()]
+        groups.setdefault(key, []).append(a)
+    return [Addition(tuple(members)) for members in groups.values()]
 
 
 def fits(effect: type[Effect], port: Port) -> bool:
-    """Can the effect act at this port?"""
+    """Whether the effect can act at this port."""
     home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
     offered |= {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
@@ -102,7 +101,7 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
     set of parameters, at ports that are kin. A special case stays away where its general form fits.
     """
     known = list(effects)
-    found: list[Attachment] = []
+    result: list[Attachment] = []
     for effect in known:
         parents = [e for e in known if e is not effect and issubclass(effect, e)]
         ports = [
@@ -111,30 +110,30 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
             if fits(effect, port) and not any(fits(parent, port) for parent in parents)
         ]
         if effect.roles:
-            found += _together(effect, rig, ports)
+            result += _together(effect, rig, ports)
         elif effect.everywhere and ports:
-            found.append(Attachment(effect(), tuple(ports), effect.name))
+            result.append(Attachment(effect(), tuple(ports), effect.name))
         elif len(ports) == 1:
-            found.append(Attachment(effect(), (ports[0],), effect.name))
+            result.append(Attachment(effect(), (ports[0],), effect.name))
         else:
-            found += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
-            found += [
+            result += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
+            result += [
                 Attachment(effect(), kin, f"{effect.name}@{rig.ports[kin[0]].kin}")
                 for kin in _kin(rig, ports)
             ]
-    return found
+    return result
 
 
 def needed_port(effect: type[Effect]) -> str:
     """The port that an effect takes, in words: "a transmission port offering stretch"."""
     kinds = " or ".join(dict.fromkeys((*effect.kinds, *effect.general_kinds)))
-    asked = [
+    needed = [
         " and ".join(dict.fromkeys((*effect.signals, *role))) for role in effect.roles or ((),)
     ]
     article = "an" if kinds.startswith("a") else "a"
     passed = f" in {effect.unit}" if effect.unit else ""
     passed += f" not in {' or '.join(effect.excluded_units)}" if effect.excluded_units else ""
-    offered = f" offering {'; and one offering '.join(asked)}" if asked[0] else ""
+    offered = f" offering {'; and one offering '.join(needed)}" if needed[0] else ""
     return f"{article} {kinds} port{passed}{offered}"
 
 
@@ -165,7 +164,7 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
     possible = [a for a in attachments(rig, effects.values()) if a.effect.name == name]
     if not possible:
         raise FileError(
-            f"effect {name!r} finds no place on rig {rig.name!r}: it takes "
+            f"effect {name!r} fits no port of rig {rig.name!r}: it needs "
             f"{needed_port(effects[name])}; the rig has "
             + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items())
         )

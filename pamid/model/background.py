@@ -1,8 +1,8 @@
-"""Tolerance-sized nuisance terms: what every real specimen differs by, part of every model that is
-compared.
+"""Tolerance-sized nuisance terms: the deviations of every real specimen, part of every model that
+is compared.
 
 They are effects like any other, one copy per place, with a prior as wide as the tolerance. An
-effect of the catalogue counts only beyond what they explain.
+effect of the catalogue counts only beyond their contribution.
 
     background = {"muscle": SmoothGain("force_map", ("position", 0.0, 0.25), tolerance=0.03)}
 """
@@ -19,17 +19,17 @@ from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, cos, where
 
-LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
-HALF_WARM = 0.3  # of the longest recording: where nobody says how long the machine warms up
+LEVEL = 0.3  # of the tolerance: deviation of a single place as a whole
+HALF_WARM = 0.3  # of the longest recording: default time constant of the warm-up
 FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
 ORDINARY_ROUGHNESS = 0.02  # of most maps; data/rigs/README.md
-ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of what is reached
+ROUGH_WAVES = 10  # terms of a rough curve: bumps as short as a quarter of the range
 BEYOND_SIZE = 1.25  # of the size of a signal (95th percentile): where a rough curve ends
-REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
+REACH = 3.0  # tolerances that bound a nuisance term: beyond lies structure
 
 
 class Background(Effect):
-    """Base of the nuisance terms; `name` is what the report calls them."""
+    """Base of the nuisance terms; `name` is their name in the report."""
 
     family = "background"
     kinds = tuple(KINDS)
@@ -50,7 +50,7 @@ class Background(Effect):
         )
 
     def pull(self, strains: Sequence[float]) -> float:
-        """How far it stands, in tolerances, its terms being so many of their own off."""
+        """Deviation in tolerances, from those of its terms."""
         return _largest(strains)
 
 
@@ -72,7 +72,7 @@ class SmoothGain(Background):
              tolerance falls with the degree, as a measured map's roughness does
     along    (signal, low, high): two such terms
     drift    a change as the machine warms up, half of it within `warming_s` of the recording's
-             start; where that is not said, within a share of the longest recording
+             start; where it is not stated, within a share of the longest recording
     """
 
     def __init__(
@@ -135,11 +135,11 @@ def _scaled(at: Any, over: tuple[str, float, float]) -> Expr:
 def _chebyshev(s: Expr, weights: list[Expr]) -> Number:
     """Weighted Chebyshev polynomials of degree 1, 2, ... in s."""
     before: Number = 1.0
-    here: Number = s
+    value: Number = s
     total: Number = 0.0
     for weight in weights:
-        total = total + weight * here
-        before, here = here, 2.0 * s * here - before
+        total = total + weight * value
+        before, value = value, 2.0 * s * value - before
     return total
 
 
@@ -153,8 +153,8 @@ class RoughMap(Background):
 
     with one prior for all c_i, so that its root mean square is the tolerance: a smooth random
     function by the first terms of its trigonometric series (Wahba 1990, Spline Models for
-    Observational Data, chapter 2). One of them may be all of it, as the slots of a motor are one
-    wave: what is within REACH is the root mean square, and the single term may go as far as that.
+    Observational Data, chapter 2). A single term may be all of it, as the slots of a motor are one
+    wave. REACH therefore bounds the root mean square, and a single term may reach that bound.
 
     over      "value", what passes, or a signal of the port, as far as the recordings reach
     of        "value", or a signal in the same unit of which the curve is a share: where what passes

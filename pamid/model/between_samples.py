@@ -1,14 +1,13 @@
 """Inputs between two samples: held, or linear to the next one.
 
-A zero-order hold is what a converter sends; what is measured, or comes out of a filter, moves
-between samples. A straight line through its samples follows it to second order, where the hold lags
-by half a sample. The rig says which (`between = {"drive_v": "linear"}`), and a recording's TOML
-may say otherwise for its own ([between]); what nobody states is held. Its [free] releases
-parameters that the rig holds.
+A converter sends a zero-order hold; a measured or filtered input moves between samples. A straight
+line through its samples follows it to second order, where the hold lags by half a sample. The rig
+states which (`between = {"drive_v": "linear"}`), and a recording's TOML may override it for its own
+([between]); the default is held. Its [free] releases parameters that the rig holds.
 
 An output may depend on an input of the same instant, as a current on the voltage. Most logs send
-the command of a row and then read; `between = {"current_a": "before"}` says that a reading of a row
-is taken before: the command of the row before still acts on it.
+the command of a row and then read; `between = {"current_a": "before"}` states that a reading of a
+row is taken before: the command of the row before still acts on it.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ HELD, LINEAR = "held", "linear"
 
 
 def between_of(rig: Rig, column: str) -> str:
-    """ "held" or "linear": what this input does between two samples."""
+    """ "held" or "linear": the course of this input between two samples."""
     return rig.between.get(column, HELD)
 
 
@@ -36,8 +35,8 @@ def other(way: str) -> str:
 
 
 def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
-    """The rig with these inputs held or linear, whatever it says itself; the same one where nothing
-    changes."""
+    """The rig with these inputs held or linear, in place of its own choice; the same one where
+    nothing changes."""
     if all(between_of(rig, column) == way for column, way in ways.items()):
         return rig
     changed = copy.copy(rig)
@@ -46,9 +45,9 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
 
 
 def released(rig: Rig, free: Mapping[str, float]) -> Rig:
-    """The rig with these parameters fitted, which it holds, and known within these standard
-    deviations (in the unit of the name); a name of `Rig.on_request` adds parameters, known within
-    so many of their spreads. FileError for a name that it does not have."""
+    """The rig with these held parameters fitted, with these standard deviations as priors (in the
+    unit of the name). A name of `Rig.on_request` adds parameters, with a prior of so many spreads.
+    FileError for a name that it does not have."""
     if not free:
         return rig
     names = (*(p.outside_name for p in rig.parameters), *rig.on_request)
@@ -88,9 +87,9 @@ def _with_parameters(rig: Rig, parameters: tuple[Parameter, ...]) -> Rig:
 
 
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
-    """The rig in the form that the recordings need, unless one has been decided; with inputs held
-    or linear, outputs read before the command of their row, and parameters released, as the
-    recordings' TOML files say; FileError where two of them differ: a model is fitted one way."""
+    """The rig in the form that the recordings need, unless it has one. Inputs are held or linear,
+    outputs read before the command of their row, and parameters released, as the recordings' TOML
+    files state. FileError where two of them differ."""
     recordings = list(recordings)
     if rig.forms is not None and not rig.form:
         rig = rig.forms.suiting(recordings) or rig
@@ -99,8 +98,8 @@ def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
     by: dict[str, Recording] = {}
     for recording in recordings:
         for column in (*rig.inputs, *rig.outputs):
-            found = match_column(recording.columns, column) if recording.between else None
-            if (way := recording.between.get(found or "")) is None:
+            match = match_column(recording.columns, column) if recording.between else None
+            if (way := recording.between.get(match or "")) is None:
                 continue
             if (way == BEFORE) != (column in rig.outputs):
                 raise FileError(
@@ -111,8 +110,8 @@ def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
                 )
             if ways.setdefault(column, way) != way:
                 raise FileError(
-                    f"{by[column].path} says that {column} is {ways[column]!r} in [between], "
-                    f"{recording.path} that it is {way!r}.",
+                    f"[between] {column} is {ways[column]!r} in {by[column].path}, but {way!r} in "
+                    f"{recording.path}.",
                     "Fit recordings of one kind together, or state it in the rig alone.",
                 )
             by[column] = recording

@@ -51,7 +51,7 @@ class Bound:
 
     @property
     def nuisance(self) -> bool:
-        """Does it belong to a tolerance-sized term of the background?"""
+        """Whether it belongs to a tolerance-sized term of the background."""
         return self.owner.startswith("background.")
 
 
@@ -65,10 +65,10 @@ def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
 
 
 def _known_size(port: Port, name: str, signal: str, sizes: Sizes) -> float | None:
-    found = sizes.get(("", signal)) or sizes.get((name, signal)) or port.size.get(signal)
-    if not found and signal == TRAVEL:  # stated of the position, for one that goes about its zero
+    size = sizes.get(("", signal)) or sizes.get((name, signal)) or port.size.get(signal)
+    if not size and signal == TRAVEL:  # stated of the position, for one that goes about its zero
         return _known_size(port, name, TRAVELLED, sizes)
-    return found
+    return size
 
 
 def _unit(port: Port, what: str) -> str:
@@ -77,8 +77,8 @@ def _unit(port: Port, what: str) -> str:
     if what == "1/timescale":
         return "Hz"
     top, *below = (port.unit_of(TRAVELLED if s == TRAVEL else s) for s in what.split("/"))
-    found = quotient(top, *below) if below else top
-    return "" if found == NONE else found
+    unit = quotient(top, *below) if below else top
+    return "" if unit == NONE else unit
 
 
 def parameters_of(effect: Effect, port: Port) -> tuple[Parameter, ...]:

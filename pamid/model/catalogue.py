@@ -36,7 +36,7 @@ ON_REQUEST = (
     "NAME = SHARE under [free] releases the whole inertia of a body: its centre of mass and all "
     "moments of inertia, known within this share (1: 100 %)"
 )
-MANY_TERMS = 6  # of a background: more are told by the first and the last
+MANY_TERMS = 6  # of a background: longer lists are printed as the first and the last
 MOST_EQUATION_LINES = 250  # of the shipped rigs fewer; of a robot of seven joints 600
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
@@ -218,10 +218,10 @@ def equations(rig: Rig) -> result.RigEquations:
     }
     parts = {k: dict(zip(part, plain(part.values()), strict=True)) for k, part in parts.items()}
     short, shorthands = _shorten([e for part in parts.values() for e in part.values()])
-    said = {
+    printed = {
         part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()
     }
-    return result.RigEquations(**said, where={name: text(e) for name, e in shorthands.items()})
+    return result.RigEquations(**printed, where={name: text(e) for name, e in shorthands.items()})
 
 
 def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
@@ -269,58 +269,58 @@ def effects_text(rows: Sequence[result.EffectRow]) -> str:
     )
 
 
-def effect_text(said: result.EffectStory) -> str:
+def effect_text(story: result.EffectStory) -> str:
     """The whole story of one effect."""
     lines = [
-        f"{said.name}: {said.story.get('title', '')}",
+        f"{story.name}: {story.story.get('title', '')}",
         "",
         "family "
-        + ", ".join(dict.fromkeys(said.families.values()))
+        + ", ".join(dict.fromkeys(story.families.values()))
         + "; port "
-        + ", ".join(said.kinds)
-        + (f" in {said.unit}" if said.unit else "")
-        + (f", offering {', '.join(said.signals)}" if said.signals else ""),
-        *(f"{s} may be offered as {', '.join(names)}" for s, names in said.stand_ins.items()),
+        + ", ".join(story.kinds)
+        + (f" in {story.unit}" if story.unit else "")
+        + (f", offering {', '.join(story.signals)}" if story.signals else ""),
+        *(f"{s} may be offered as {', '.join(names)}" for s, names in story.stand_ins.items()),
         *(
-            ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in said.roles)]
-            if said.roles
+            ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in story.roles)]
+            if story.roles
             else []
         ),
     ]
     for section in SECTIONS:
-        if said.story.get(section):
-            lines += ["", section, textwrap.indent(said.story[section], "    ")]
-    lines += ["", "Parameters", *_parameter_lines(said.parameters)]
-    if said.general_parameters:
-        where = ", ".join(k for k in said.general if k not in said.home)
-        if said.home_signals:
-            where = f"{', '.join(said.home)} without {', '.join(said.home_signals)}"
-        lines += ["", f"At port {where}", *_parameter_lines(said.general_parameters)]
+        if story.story.get(section):
+            lines += ["", section, textwrap.indent(story.story[section], "    ")]
+    lines += ["", "Parameters", *_parameter_lines(story.parameters)]
+    if story.general_parameters:
+        where = ", ".join(k for k in story.general if k not in story.home)
+        if story.home_signals:
+            where = f"{', '.join(story.home)} without {', '.join(story.home_signals)}"
+        lines += ["", f"At port {where}", *_parameter_lines(story.general_parameters)]
     for key, title in (
         ("symptoms", "Symptoms"),
         ("look_alikes", "Look-alikes"),
         ("absorbed_by", "Absorbed by a rig's"),
     ):
-        if names := getattr(said, key):
+        if names := getattr(story, key):
             lines += ["", f"{title}: {', '.join(names)}"]
     lines += ["", "Fits"] + [
         f"    {place.rig}: {place.effect} at {', '.join(place.ports)} ("
         + ", ".join(p.name for p in place.parameters)
         + ")"
-        for place in said.places
+        for place in story.places
     ]
-    return "\n".join(lines if said.places else [*lines, "    no port of the rigs looked at"])
+    return "\n".join(lines if story.places else [*lines, "    no port of the rigs looked at"])
 
 
-def rig_text(said: result.RigStory, *, everything: bool = True) -> str:
+def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
     """The whole story of one rig; its equations only up to `MOST_EQUATION_LINES`, unless everything
     is wanted."""
-    lines = [f"{said.name}: {said.title}"]
-    if said.variants:
-        lines.append(f"variants: {', '.join(said.name + ':' + v for v in said.variants)}")
+    lines = [f"{story.name}: {story.title}"]
+    if story.variants:
+        lines.append(f"variants: {', '.join(story.name + ':' + v for v in story.variants)}")
     for section in ("What it is", "Typically missing"):
-        if said.story.get(section):
-            lines += ["", section, textwrap.indent(said.story[section], "    ")]
+        if story.story.get(section):
+            lines += ["", section, textwrap.indent(story.story[section], "    ")]
     for part in ("inputs", "outputs"):
         lines += [
             "",
@@ -328,17 +328,17 @@ def rig_text(said: result.RigStory, *, everything: bool = True) -> str:
             *(
                 f"    {row.column}{' (optional)' if getattr(row, 'optional', False) else ''}"
                 f"{_in(row.unit)}"
-                for row in getattr(said, part)
+                for row in getattr(story, part)
             ),
         ]
     lines += [
         "",
         "States",
-        "    " + (", ".join(f"{s.name}{_in(s.unit)}" for s in said.states) or "none"),
+        "    " + (", ".join(f"{s.name}{_in(s.unit)}" for s in story.states) or "none"),
         "",
         "Ports",
     ]
-    for names, port in _like_ports(said.ports):
+    for names, port in _like_ports(story.ports):
         signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port.signals.items())
         places = f" at places {', '.join(port.places)}" if port.places else ""
         lines += _wrapped(
@@ -347,23 +347,23 @@ def rig_text(said: result.RigStory, *, everything: bool = True) -> str:
             4,
         )
         lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
-    if said.no_place:
+    if story.no_place:
         lines += ["", "What it has no place for, and which rig has"]
-    for none in said.no_place:
+    for none in story.no_place:
         effects = ", ".join(f"{name} ({title})" for name, title in none.effects.items())
         lines += _wrapped(f"{effects}: {', '.join(none.rigs)}, with {none.needs}", 4)
     lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
-    lines += ["", "Parameters", *_parameter_lines(said.parameters)]
+    lines += ["", "Parameters", *_parameter_lines(story.parameters)]
     lines += ["", *_wrapped(f"Hold or release: {HOLD_OR_RELEASE}", 0)]
-    if said.on_request:
-        lines += _wrapped(f"{ON_REQUEST}: {', '.join(said.on_request)}.", 0)
-    if said.background:
+    if story.on_request:
+        lines += _wrapped(f"{ON_REQUEST}: {', '.join(story.on_request)}.", 0)
+    if story.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
-    for b in said.background:
+    for b in story.background:
         few = len(b.terms) <= MANY_TERMS
         terms = ", ".join(b.terms) if few else f"{b.terms[0]} .. {b.terms[-1]}"
         lines.append(f"    {b.name} at {b.port}: {terms}, sd {b.tolerance:g}")
-    equations = _equation_lines(said.equations)
+    equations = _equation_lines(story.equations)
     if not everything and len(equations) > MOST_EQUATION_LINES:
         equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
     return "\n".join([*lines, *equations])

@@ -50,7 +50,7 @@ def determined(
     """
     plain = trace(rig, lambda port, place: [], {})
     loose = undetermined_states(plain, outputs)
-    kept, reasons = list[Attachment](), dict[str, str]()
+    usable, reasons = list[Attachment](), dict[str, str]()
     for candidate in candidates:
         reason = _still(plain, candidate, frozenset(still))
         if not reason and not isinstance(rig, StepRig):  # its equations are not known
@@ -58,8 +58,8 @@ def determined(
         if reason:
             reasons[candidate.label] = reason
         else:
-            kept.append(candidate)
-    return kept, reasons
+            usable.append(candidate)
+    return usable, reasons
 
 
 def undetermined_states(traced: Traced, outputs: Collection[str]) -> frozenset[str]:
@@ -80,9 +80,9 @@ def _reached(traced: Traced, roots: Iterable[Expr]) -> set[str]:
     reached: set[str] = set()
     waiting = list(roots)
     while waiting:
-        found = {name for space, name in symbols([waiting.pop()]) if space == "state"}
-        waiting += [traced.rates[name] for name in found - reached if name in traced.rates]
-        reached |= found
+        states = {name for space, name in symbols([waiting.pop()]) if space == "state"}
+        waiting += [traced.rates[name] for name in states - reached if name in traced.rates]
+        reached |= states
     return reached
 
 
@@ -101,12 +101,12 @@ def _still(plain: Traced, candidate: Attachment, still: frozenset[str]) -> str:
 
 def _signal(passed: list[Passage], effect: Effect, name: str) -> list[Expr]:
     """A signal of the effect, under the name that each port offers it."""
-    found = []
+    values = []
     for q in passed:
         offered = dict(q.signals)
         value = offered.get(effect.offered_as(name, set(offered)))
-        found += [value] if isinstance(value, Expr) else []
-    return found
+        values += [value] if isinstance(value, Expr) else []
+    return values
 
 
 def _inputs_alone(root: Expr) -> frozenset[str]:
@@ -130,8 +130,8 @@ def _undetermined(
     there is none."""
 
     def effects_at(port: str, place: str) -> list[tuple[str, Effect]]:
-        here = candidate.acts_at(port, place)
-        return [(candidate.label, candidate.effect)] if here else []
+        acting = candidate.acts_at(port, place)
+        return [(candidate.label, candidate.effect)] if acting else []
 
     keys = [f"{candidate.label}:{p.name}" for p in candidate.effect.parameters]
     try:
@@ -162,7 +162,7 @@ def _integrals(roots: list[Expr]) -> set[Expr]:
 
 
 def _is_absolute(roots: list[Expr], shifted: Expr) -> bool:
-    """Does one of these depend on the value of a node, not on its changes alone?"""
+    """Whether one of these depends on the value of a node, not on its changes alone."""
     by: dict[Expr, Expr | None] = {}
     for node in walk(roots):
         by[node] = ONE if node is shifted else _shift(node, [by[a] for a in node.args])

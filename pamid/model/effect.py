@@ -13,7 +13,7 @@
 `value` is what passes through the port, `at` holds the signals offered there, `p` the parameters
 (SI) and `z` the effect's own states. `act` returns the new value, or (value, {state: rate}).
 
-Three things beyond that are said where they are needed, as class attributes:
+Three further properties are class attributes, where they are needed:
     general_parameters  other sizes and bounds at ports of `general_kinds`, or at those that offer
                         none of the `home_signals`, under the same names
     stand_ins           a signal that ports may offer under other names: {"level": ("load", ...)}
@@ -56,10 +56,13 @@ class State:
 
 
 class Signals:
-    """Signals of a port at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time, in
-    s; at.step and at.period, of the integrator and of the recording, in s; at.kind, the kind of the
-    port; rig_period_s: the rig's usual sampling period, a number; upper_bounds: by parameter of the
-    effect, where its range ends (SI), numbers."""
+    """Signals of a port at one place: at.velocity, at.pressure, ...
+
+    at.offers("law"): whether a signal is there; at.time, in s; at.step and at.period, of the
+    integrator and of the recording, in s; at.kind: kind of the port; rig_period_s: the rig's usual
+    sampling period, a number; upper_bounds: by parameter of the effect, upper end of its range
+    (SI), numbers.
+    """
 
     def __init__(
         self,
@@ -145,7 +148,7 @@ class Effect:
         raise NotImplementedError
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Starting values for a fit (SI), beside the typical ones; usually none."""
+        """Further starting values for a fit (SI), after the typical ones; usually none."""
         return []
 
     @classmethod
@@ -154,7 +157,7 @@ class Effect:
 
     @classmethod
     def suits_unit(cls, unit: str) -> bool:
-        """Has its physics a meaning for a quantity in this SI unit?"""
+        """Whether its physics applies to a quantity in this SI unit."""
         return cls.unit in ("", unit) and unit not in cls.excluded_units
 
     @classmethod
@@ -175,8 +178,10 @@ class Effect:
         """The docstring of the effect's file, section by section: title, What it is, Equation,
         ..."""
         module = sys.modules.get(cls.__module__)
-        own = inspect.cleandoc(cls.__doc__) if cls.__doc__ and cls.__doc__ != Effect.__doc__ else ""
-        return sections((module.__doc__ if module and module.__doc__ else "") or own)
+        text = (
+            inspect.cleandoc(cls.__doc__) if cls.__doc__ and cls.__doc__ != Effect.__doc__ else ""
+        )
+        return sections((module.__doc__ if module and module.__doc__ else "") or text)
 
 
 @dataclass(frozen=True)
@@ -208,15 +213,15 @@ SECTIONS = ("What it is", "What it looks like", "Looks like it", "Equation", "Re
 def sections(doc: str, named: tuple[str, ...] = SECTIONS) -> dict[str, str]:
     """Split a docstring into its title and the sections of these names."""
     lines = inspect.cleandoc(doc).splitlines()
-    found: dict[str, list[str]] = {"title": lines[:1]}
-    here = ""
+    by_heading: dict[str, list[str]] = {"title": lines[:1]}
+    heading = ""
     for line in lines[1:]:
         if line.strip() in named:
-            here = line.strip()
-            found[here] = []
-        elif here:
-            found[here].append(line.strip())
-    return {k: "\n".join(v).strip() for k, v in found.items()}
+            heading = line.strip()
+            by_heading[heading] = []
+        elif heading:
+            by_heading[heading].append(line.strip())
+    return {k: "\n".join(v).strip() for k, v in by_heading.items()}
 
 
 def problems(effect: type[Effect]) -> list[str]:
@@ -243,8 +248,8 @@ def problems(effect: type[Effect]) -> list[str]:
     ]
     if effect.act is Effect.act:
         wrong.append("it has no act()")
-    told = effect.story()
-    wrong += [f"its docstring lacks the section {s!r}" for s in SECTIONS if not told.get(s)]
+    story = effect.story()
+    wrong += [f"its docstring lacks the section {s!r}" for s in SECTIONS if not story.get(s)]
     wrong += [f"parameter {p.name!r} names no source" for p in effect.parameters if not p.source]
     wrong += [
         f"general parameter {p.name!r} names no source"

@@ -82,8 +82,8 @@ def program_of(
     `pamid.engine.program.build_program`."""
     if isinstance(rig, StepRig):
         return _stepped(rig, traced, outputs, parameters, sensitive)
-    asked = tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
-    lowered = _lowered(*asked)
+    key = tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
+    lowered = _lowered(*key)
     return build_program(
         lowered, traced.inputs, parameters, tuple(outputs), sensitive, traced.linear
     )
@@ -109,7 +109,7 @@ def _lowered(
     cells: tuple[Cell, ...],
     linear: tuple[str, ...],
 ) -> StateEquations:
-    """`expand_memory`; the same equations are asked for several times in every fit."""
+    """`expand_memory`; a fit needs the same equations several times."""
     return expand_memory(dict(rates), dict(outputs), cells, linear)
 
 
@@ -120,12 +120,12 @@ def _stepped(
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None,
 ) -> SteppedProgram:
-    own = tuple(rig.rated())
+    equation_states = tuple(rig.rated())
     simulated = [e for e in traced.rates.values() if e.op == SIMULATED]
-    if len(simulated) > len(own):
+    if len(simulated) > len(equation_states):
         raise UsageError(
-            f"rig {rig.name!r} is stepped: it cannot be computed twice in one model",
-            "a correction at a port wants a rig with equations; one behind a channel does not",
+            f"rig {rig.name!r} is stepped: one model cannot contain it twice",
+            "a correction at a port needs a rig with equations; one of a channel does not",
         )
     goes_in: dict[str, Expr] = {}
     for node in simulated:
@@ -137,13 +137,13 @@ def _stepped(
         for node in walk([*traced.rates.values(), *outputs.values(), *parts])
         if node.op == SIMULATED and node.value[0] == "read"
     }
-    held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(own, ZERO)
+    held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(equation_states, ZERO)
     simulator = rig.carrier() if rig.carries else RigSimulator(rig, into)
-    rates = {name: e for name, e in traced.rates.items() if name not in own}
+    rates = {name: e for name, e in traced.rates.items() if name not in equation_states}
     around = {**outputs, **{f"into.{name}": goes_in[name] for name in into}}
-    told = iter(substitute([*rates.values(), *around.values()], read))
-    rates = held | {name: next(told) for name in rates}
-    around = {name: next(told) for name in around}
+    expressions = iter(substitute([*rates.values(), *around.values()], read))
+    rates = held | {name: next(expressions) for name in rates}
+    around = {name: next(expressions) for name in around}
     cells = []
     for c in traced.cells:
         update, start = substitute([c.update, c.start], read)

@@ -1,19 +1,20 @@
-"""A free form of a family: what a family has in common, without a law.
+"""A free form of a family: the common property of the family, without a law.
 
 A friction of no known law is still an odd or even function of the velocity; a spring of no known
-law a function of the position. A free form says the family and leaves the curve to the recordings:
-a sum of fixed shapes over the range that these reach, linear in its coefficients,
+law is a function of the position. A free form fixes the family and leaves the curve to the
+recordings. It is a sum of fixed shapes over the range of the recordings, linear in its
+coefficients,
 
     y(x) = sum_k c_k phi_k(x),    c_k ~ N(0, spread_k^2),
 
-so that without any it is nothing, and what the recordings do not show stays at nothing. The shapes
-of a function are ramps between knots: their coefficients are the rises from knot to knot, and the
-prior of each is that of a random walk, with a variance in proportion to the distance. That is a
-penalty on slopes: Eilers and Marx (1996), Statistical Science 11(2), 89-121. Beyond the last knot
-the curve stays where it is, and no effect can run away.
+so that it is zero without coefficients, and stays at zero where the recordings show nothing. The
+shapes of a function are ramps between knots: their coefficients are the rises from knot to knot,
+and the prior of each is that of a random walk, with a variance in proportion to the distance. That
+is a penalty on slopes: Eilers and Marx (1996), Statistical Science 11(2), 89-121. Beyond the last
+knot the curve is constant, so that no effect can run away.
 
-Free forms take no part in the ranking of causes: they say which family an effect outside the
-catalogue belongs to (`pamid.diagnosis.family_forms`).
+Free forms take no part in the ranking of causes: they name the family of an effect outside the
+catalogue (`pamid.diagnosis.family_forms`).
 """
 
 from __future__ import annotations
@@ -53,9 +54,9 @@ class FreeFormEffect(Effect):
     """Base of all free forms: `shapes` are the functions, `act` adds them up."""
 
     along: ClassVar[str] = ""  # the signal that its curve is drawn over
-    shown: ClassVar[str] = ""  # what its curve shows
-    known_by: ClassVar[str] = ""  # what its family has in common, in words
-    taken_off: ClassVar[bool] = True  # its curve is taken off the value; else it is added
+    shown: ClassVar[str] = ""  # quantity of its curve
+    known_by: ClassVar[str] = ""  # common property of its family, in words
+    subtracted: ClassVar[bool] = True  # its curve is taken off the value; else it is added
 
     @classmethod
     def coefficients(cls) -> tuple[str, ...]:
@@ -71,7 +72,7 @@ class FreeFormEffect(Effect):
         whole: Number = 0.0
         for name, shape in zip(self.coefficients(), shapes, strict=True):
             whole = whole + getattr(p, name) * shape
-        return value - whole if self.taken_off else value + whole
+        return value - whole if self.subtracted else value + whole
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         x = value if self.along == "value" else getattr(at, self.along)
@@ -79,7 +80,7 @@ class FreeFormEffect(Effect):
 
     @classmethod
     def placed(cls, low: float, high: float) -> dict[str, float]:
-        """Where its shapes lie (SI, by parameter), for a signal that goes from low to high."""
+        """Places of its shapes (SI, by parameter), for a signal that goes from low to high."""
         return {"middle": 0.5 * (low + high), "half": 0.5 * (high - low)}
 
     def curve(self, p: Any, low: float, high: float) -> FormShapes:
@@ -101,12 +102,12 @@ def ramps(x: Number, middle: Number, half: Number, knots: Sequence[float]) -> li
     above the middle, and fall from 0 to -1 between the same below it: an odd function has the same
     coefficients on both sides, an even one opposite ones."""
     share = (expression(x) - middle) / half
-    found = []
+    columns = []
     for side in (1.0, -1.0):
         for before, after in zip((0.0, *knots), knots, strict=False):
             rise = clip((side * share - before) * (1.0 / (after - before)), 0.0, 1.0)
-            found.append(side * rise)
-    return found
+            columns.append(side * rise)
+    return columns
 
 
 def rises(

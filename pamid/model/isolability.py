@@ -1,15 +1,15 @@
-"""Which ports a set of sensors can tell apart at all, by the structure of the rig's own equations.
+"""Structural isolability: ports that a set of sensors can separate, by the rig's own equations.
 
-Every port is cut at every place: what leaves it is an unknown, with the equation  cut = f(states,
-inputs, other cuts) + fault. A state and its rate are one unknown with one equation; every measured
-output is one equation more. The part with more equations than unknowns (Dulmage and Mendelsohn,
-Canad. J. Math. 10, 1958, 517) is what the sensors check. A fault hides behind another if it leaves
+Every port is cut at every place: the value that leaves it is an unknown, with the equation cut =
+f(states, inputs, other cuts) + fault. A state and its rate are one unknown with one equation; every
+measured output is one equation more. The sensors check the part with more equations than unknowns
+(Dulmage and Mendelsohn, Canad. J. Math. 10, 1958, 517). A fault hides behind another if it leaves
 that part once the other's equation is taken away (Krysander, Aslund and Nyberg, IEEE Trans. SMC-A
 38, 2008, 197).
 
-One place is at fault at a time and parameters count as known. Only what enters which equation
-counts, in any regime; gains, noise and the form of an effect do not. So this is the best to be had
-for an effect of unknown form, and the form may still tell apart what hides here.
+One place is at fault at a time and parameters count as known. The analysis uses only the occurrence
+of unknowns in equations, in any regime; gains, noise and the form of an effect do not count. It is
+thus a bound for an effect of unknown form, and a known form may separate ports that hide here.
 """
 
 from __future__ import annotations
@@ -80,14 +80,14 @@ def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
                 nearest(name, rig.outputs) or f"outputs: {', '.join(rig.outputs)}",
             )
     traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
-    here = _View(rig, traced, outputs)
+    view = _View(rig, traced, outputs)
     return Isolability(
-        here.groups,
-        here.unseen,
-        tuple(_splits(here)),
-        here.structure.redundancy,
-        here.classes(_where),
-        here.unseen_by(_where),
+        view.groups,
+        view.unseen,
+        tuple(_splits(view)),
+        view.structure.redundancy,
+        view.classes(_where),
+        view.unseen_by(_where),
     )
 
 
@@ -103,8 +103,8 @@ class Structure:
     def checked(self, without: frozenset[int] = frozenset()) -> frozenset[int]:
         """The over-determined part of the system less some equations: all that an alternating path
         reaches from an equation left over by a largest matching."""
-        kept = [i for i in range(len(self.equations)) if i not in without]
-        owner, over = self._matched(kept)
+        rows = [i for i in range(len(self.equations)) if i not in without]
+        owner, over = self._matched(rows)
         reached = set(over)
         while over:
             for i in {owner[v] for v in self.equations[over.pop()]} - reached:
@@ -112,23 +112,23 @@ class Structure:
                 over.append(i)
         return frozenset(reached)
 
-    def _matched(self, kept: list[int]) -> tuple[dict[Unknown, int], list[int]]:
+    def _matched(self, rows: list[int]) -> tuple[dict[Unknown, int], list[int]]:
         """The equation matched to each unknown, and the equations left over."""
         # loads half of scipy, which a worker process need not do
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import maximum_bipartite_matching
 
-        column = {v: k for k, v in enumerate(sorted({v for i in kept for v in self.equations[i]}))}
+        column = {v: k for k, v in enumerate(sorted({v for i in rows for v in self.equations[i]}))}
         if not column:
-            return {}, kept
-        indices = [column[v] for i in kept for v in sorted(self.equations[i])]
-        indptr = np.cumsum([0, *(len(self.equations[i]) for i in kept)])
-        graph = csr_array((np.ones(len(indices)), indices, indptr), shape=(len(kept), len(column)))
+            return {}, rows
+        indices = [column[v] for i in rows for v in sorted(self.equations[i])]
+        indptr = np.cumsum([0, *(len(self.equations[i]) for i in rows)])
+        graph = csr_array((np.ones(len(indices)), indices, indptr), shape=(len(rows), len(column)))
         match = maximum_bipartite_matching(graph, perm_type="column").tolist()
         unknowns = list(column)
         return (
-            {unknowns[k]: i for i, k in zip(kept, match, strict=True) if k >= 0},
-            [i for i, k in zip(kept, match, strict=True) if k < 0],
+            {unknowns[k]: i for i, k in zip(rows, match, strict=True) if k >= 0},
+            [i for i, k in zip(rows, match, strict=True) if k < 0],
         )
 
     @cached_property
@@ -188,16 +188,16 @@ class _View:
         """Those that a state or a measured output depends on, in the order of the rig's ports."""
         by_name = {p.where: p for p in self.traced.passages}
         waiting = [*self.traced.rates.values(), *(self.traced.outputs[o] for o in self.outputs)]
-        found: set[str] = set()
+        ports: set[str] = set()
         while waiting:
-            new = _cuts(waiting.pop()) - found
-            found |= new
+            new = _cuts(waiting.pop()) - ports
+            ports |= new
             waiting += [by_name[n].value for n in new]
         return tuple(
             by_name[p.where]
             for name in self.rig.ports
             for p in self.traced.passages
-            if p.port == name and p.where in found
+            if p.port == name and p.where in ports
         )
 
     @cached_property
@@ -227,11 +227,11 @@ class _View:
     def classes(self, name: Callable[[Passage], str]) -> tuple[tuple[str, ...], ...]:
         """The names in each class of passages, less what is part of a larger set."""
         order = list(dict.fromkeys(map(name, self.passages)))
-        found = dict.fromkeys(frozenset(map(name, passages)) for passages in self._classes)
+        by_passages = dict.fromkeys(frozenset(map(name, passages)) for passages in self._classes)
         return tuple(
             tuple(sorted(f, key=order.index))
-            for f in found
-            if not any(f < other for other in found)
+            for f in by_passages
+            if not any(f < other for other in by_passages)
         )
 
     def group(self, passage: Passage) -> str:
@@ -254,21 +254,21 @@ class _View:
 # ---- further sensors ---------------------------------------------------------------------------
 
 
-def _further(here: _View) -> list[tuple[str, _View]]:
+def _further(view: _View) -> list[tuple[str, _View]]:
     """The outputs not measured yet, those that one port returns taken together; then what leaves
     each port."""
     sensors: dict[tuple[str, ...], list[str]] = {}
-    for name in here.rig.outputs:
-        if name not in here.outputs:
-            cuts = _cuts(here.traced.outputs[name])
-            ports = {p.port for p in here.traced.passages if p.where in cuts}
+    for name in view.rig.outputs:
+        if name not in view.outputs:
+            cuts = _cuts(view.traced.outputs[name])
+            ports = {p.port for p in view.traced.passages if p.where in cuts}
             sensors.setdefault(tuple(sorted(ports)) or (name,), []).append(name)
     outputs = [
-        (" and ".join(s), replace(here, outputs=(*here.outputs, *s))) for s in sensors.values()
+        (" and ".join(s), replace(view, outputs=(*view.outputs, *s))) for s in sensors.values()
     ]
-    cut = dict.fromkeys(p.port for p in here.passages)
+    cut = dict.fromkeys(p.port for p in view.passages)
     return outputs + [
-        (f"the value at port {port}", replace(here, measured=(port,))) for port in cut
+        (f"the value at port {port}", replace(view, measured=(port,))) for port in cut
     ]
 
 
@@ -276,16 +276,16 @@ def _pairs(groups: Sequence[tuple[str, ...]]) -> set[tuple[str, str]]:
     return {pair for group in groups for pair in combinations(group, 2)}
 
 
-def _splits(here: _View) -> list[Split]:
+def _splits(view: _View) -> list[Split]:
     """Sensors that bring something, outputs first, each kind by the pairs of port groups taken
     apart or shown."""
-    found: list[tuple[bool, int, Split]] = []
-    for name, there in _further(here):
+    splits: list[tuple[bool, int, Split]] = []
+    for name, there in _further(view):
         apart = tuple(
-            g for g in here.groups if not any(set(g) <= set(other) for other in there.groups)
+            g for g in view.groups if not any(set(g) <= set(other) for other in there.groups)
         )
-        shows = tuple(g for g in here.unseen if g not in there.unseen)
+        shows = tuple(g for g in view.unseen if g not in there.unseen)
         if apart or shows:
-            gain = len(_pairs(here.groups) - _pairs(there.groups)) + len(shows)
-            found.append((there.outputs == here.outputs, -gain, Split(name, apart, shows)))
-    return [split for *_, split in sorted(found, key=lambda f: f[:2])[:MOST_SENSORS]]
+            gain = len(_pairs(view.groups) - _pairs(there.groups)) + len(shows)
+            splits.append((there.outputs == view.outputs, -gain, Split(name, apart, shows)))
+    return [split for *_, split in sorted(splits, key=lambda f: f[:2])[:MOST_SENSORS]]

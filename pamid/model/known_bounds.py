@@ -37,9 +37,9 @@ def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | 
         return None
     low, high = b.low / b.factor, b.high / b.factor
     bounds = f"the bounds {low:g} .. {high:g} {b.unit}".rstrip()
-    one_sign = b.low >= 0.0 or b.high <= 0.0
+    has_sign = b.low >= 0.0 or b.high <= 0.0
     # a range that excludes 0 is that of a mass, a stiffness, a time: something that is there
-    wrong_sign = one_sign and (si == 0.0 or (si > 0.0) != (b.high > 0.0))
+    wrong_sign = has_sign and (si == 0.0 or (si > 0.0) != (b.high > 0.0))
     if not math.isfinite(si):
         fault = "is not finite"
     elif wrong_sign:
@@ -52,8 +52,8 @@ def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | 
 
 
 def _far(b: Bound, size: float) -> bool:
-    """Is the size beyond the largest bound, or below the smallest of bounds of one sign, by more
-    than the factor?"""
+    """Whether the size is beyond the largest bound, or below the smallest of bounds of one sign, by
+    more than the factor."""
     small, large = sorted((abs(b.low), abs(b.high)))
     below = b.low * b.high > 0.0 and size < small / IMPOSSIBLE_FACTOR
     return below or size > IMPOSSIBLE_FACTOR * large

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-#: what a log says of a joint, by what its values have units of
+#: quantities of a joint in a log, by the kind of their units
 QUANTITIES = ("position", "velocity", "effort")
 
 

@@ -19,7 +19,7 @@ from pamid.schemas.catalogue_files import NoPlaceRow
 
 
 def no_place_words(row: NoPlaceRow) -> str:
-    """For people: what has no place, the port that it needs, and where that is."""
+    """A sentence on effects without a place, the port that they need, and the rigs that have it."""
     named = ", ".join(f"{name} ({title})" for name, title in row.effects.items())
     have = f"{' and '.join(row.rigs)} {'have' if len(row.rigs) > 1 else 'has'}"
     return f"no place for {named}: it takes {row.needs}, which {have}"
@@ -40,12 +40,12 @@ def no_places(
         Rigs to compare with, by name.
     """
     known = {effect.name: effect for effect in effects}
-    here = _placed(rig, known.values())
+    placed = _placed(rig, known.values())
     elsewhere: dict[str, list[str]] = {}
     for name, kind in others.items():
         other = kind()
         if name != rig.name and _same_quantities(rig, other):
-            for effect in sorted(_placed(other, known.values()) - here):
+            for effect in sorted(_placed(other, known.values()) - placed):
                 elsewhere.setdefault(effect, []).append(name)
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for effect, names in elsewhere.items():
@@ -61,13 +61,15 @@ def _placed(rig: Rig, effects: Iterable[type[Effect]]) -> set[str]:
 
 
 def _same_quantities(rig: Rig, other: Rig) -> bool:
-    taken, needed = (
-        Counter(symbol for column, symbol in one.inputs.items() if column not in one.optional)
-        for one in (rig, other)
+    available, needed = (
+        Counter(
+            symbol for column, symbol in machine.inputs.items() if column not in machine.optional
+        )
+        for machine in (rig, other)
     )
-    general = all(port.general for one in (rig, other) for port in one.ports.values())
-    # a command without a unit, which any machine may take, says nothing of which it is
-    same = needed == taken and any(needed) == bool(rig.inputs)
+    general = all(port.general for machine in (rig, other) for port in machine.ports.values())
+    # a command without a unit, which any machine may take, does not identify it
+    same = needed == available and any(needed) == bool(rig.inputs)
     read = set(rig.outputs.values()) & set(other.outputs.values())
     return general and same and bool(read) and len(other.states) >= len(rig.states)
 

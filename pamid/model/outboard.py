@@ -60,16 +60,16 @@ class Outboard:
 
 
 class OutboardEffect(Effect):
-    """Base of effects by which what a port drives moves against it; their states are `twist` and
+    """Base of effects by which a load moves against its drive; their states are `twist` and
     `twisting`, its rate."""
 
     @classmethod
     def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:
-        """With the share of what the joint carries where the port says what that is."""
-        own = super().parameters_at(kind, offered)
+        """The parameters, with the share of the carried load where the port offers it."""
+        parameters = super().parameters_at(kind, offered)
         if "behind" not in offered:
-            return own
-        return tuple(CARRIED_SHARE if p is LOAD_SHARE else p for p in own)
+            return parameters
+        return tuple(CARRIED_SHARE if p is LOAD_SHARE else p for p in parameters)
 
     def outboard(self, torque: Expr, at: Any, share: Expr, z: Any, turned: bool = True) -> Outboard:
         """The two sides of a port under this torque, with the twist in the states z.

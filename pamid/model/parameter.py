@@ -27,7 +27,7 @@ class Parameter:
     unit       unit of value, low, high, spread and null. The equations see SI, p.area_cm2 = 5e-4
                for 5 cm2, and the outside sees `<name>_<suffix>` ("inertia" in "kg m2" ->
                inertia_kg_m2; "area_cm2" stays as it is). Without one, here and in the name, the
-               number is used as written; "1" says that it has none although the name seems to end
+               number is used as written; "1" states that it has none although the name seems to end
                in one ("side_l")
     low, high  bounds
     spread     one standard deviation of the prior (default: a quarter of the range); with log=True
@@ -50,7 +50,7 @@ class Parameter:
     softens    effects only, with log=True: the equation grows softer as the value falls (a spring's
                own frequency), so that the lower bound is widened, too; that of other factors stays,
                below which an equation grows stiff
-    fitted     False: held at its value unless a fit is told otherwise
+    fitted     False: held at its value unless a fit frees it
     inner      rigs only: a coordinate without a meaning of its own, such as a factor of a matrix;
                in its place the combinations (`Rig.combinations`) that hold it are reported
     """

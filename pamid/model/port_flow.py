@@ -1,7 +1,7 @@
-"""Which port of a rig leads to which, read from its own equations: what a block diagram shows.
+"""Connections between the ports of a rig, read from its own equations, for a block diagram.
 
-Every port is cut, as in `isolability`. A port follows another where its value holds what leaves the
-other, or a state whose rate, through further states, does.
+Every port is cut, as in `isolability`. A port follows another where its value holds the value that
+leaves the other, or a state whose rate, through further states, does.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
 
     def sources(value: Expr) -> set[str]:
         """Ports that a value holds, at once or through states."""
-        found: set[str] = set()
+        ports: set[str] = set()
         for space, name in unknowns_of(value):
-            found |= {port_of[name]} if space == "cut" else behind.get(name, set())
-        return found
+            ports |= {port_of[name]} if space == "cut" else behind.get(name, set())
+        return ports
 
     for passage in traced.passages:
         before[passage.port] |= sources(passage.value)
@@ -69,16 +69,16 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
 
 def _cuts_behind_states(traced: Traced) -> dict[str, set[str]]:
     """State -> the cuts that its rate holds, its own or through the rates of other states."""
-    own = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
-    found = {}
-    for name in own:
+    unknowns = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
+    by_state = {}
+    for name in unknowns:
         seen, waiting, cuts = {name}, [name], set()
         while waiting:
-            for space, other in own.get(waiting.pop(), frozenset()):
+            for space, other in unknowns.get(waiting.pop(), frozenset()):
                 if space == "cut":
                     cuts.add(other)
                 elif other not in seen:
                     seen.add(other)
                     waiting.append(other)
-        found[name] = cuts
-    return found
+        by_state[name] = cuts
+    return by_state

@@ -62,7 +62,7 @@ GUIDE = {
     ),
 }
 
-#: what a signal of the catalogue stands for
+#: meaning of a signal of the catalogue
 SIGNALS = {
     "position": "the coordinate along which the port counts; its zero is free",
     "velocity": "the rate of `position`; where it is offered, `position` need not be",
@@ -135,7 +135,7 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
 
 
-def taken_up(rig: Rig, *names: str) -> str:
+def absorbed_effects(rig: Rig, *names: str) -> str:
     """Effects that maps at these ports can absorb besides roughness."""
     along = {_along(rig.ports[name]) for name in names}
     return "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
@@ -155,11 +155,11 @@ def _of(rig: Rig, name: str) -> str:
 
 
 def _is_balance(passage: Passage) -> bool:
-    """Does what passes follow both what is offered of its own motion or store and something else:
-    what resists and what drives? A spring's force follows the former alone."""
-    own = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
+    """Whether the value follows both the port's own motion or store and something else: a balance
+    of resistance and drive. A spring's force follows the former alone."""
+    zeros = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
     try:
-        (rest,) = substitute([passage.value], own)
+        (rest,) = substitute([passage.value], zeros)
     except EquationError:  # not defined there: nothing can be said
         return False
     driven = any(space in ("state", "input") for space, _ in symbols([rest]))
@@ -167,7 +167,7 @@ def _is_balance(passage: Passage) -> bool:
 
 
 def _is_whole(rig: Rig, name: str) -> bool:
-    """Is a rough map at this port one of what passes?"""
+    """Whether a rough map at this port is a share of its value."""
     stated = rig.background[name]
     terms = stated if isinstance(stated, (list, tuple)) else [stated]
     return any(isinstance(term, RoughMap) and term.of == "value" for term in terms)
@@ -204,7 +204,7 @@ def tolerance_words(rig: Rig) -> list[str]:
     return [
         "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
         "passes for a missing effect, or hides one. A map allows for it, but within its tolerance "
-        f"it can take up {taken_up(rig, *mapped)}. If yours may be off: "
+        f"it can take up {absorbed_effects(rig, *mapped)}. If yours may be off: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 
@@ -215,7 +215,7 @@ def reachable(
     """Effects that could act at the port, by the further signals that it would have to offer: ()
     those that act there now. any_unit: whatever the port's unit."""
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
-    found: dict[tuple[str, ...], list[str]] = {(): []}
+    by_signals: dict[tuple[str, ...], list[str]] = {(): []}
     for effect in effects:
         home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
         if home and (any_unit or effect.suits_unit(port.unit)):
@@ -227,9 +227,9 @@ def reachable(
                     lacking.discard("position")
                 every.add(tuple(sorted(lacking)))
             for signals in {()} if () in every else every:
-                found.setdefault(signals, []).append(effect.name)
-    order = sorted(found, key=lambda signals: (len(signals), signals))
-    return {signals: sorted(found[signals]) for signals in order}
+                by_signals.setdefault(signals, []).append(effect.name)
+    order = sorted(by_signals, key=lambda signals: (len(signals), signals))
+    return {signals: sorted(by_signals[signals]) for signals in order}
 
 
 def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
@@ -268,15 +268,15 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
 
 def _imposed(rig: Rig) -> set[str]:
     """Ports of motion and actuators whose position or velocity follows from inputs directly."""
-    found = set()
+    signals = set()
     for passage in Assembly(rig).traced.passages:
         if rig.ports[passage.port].kind not in ("motion", "actuator-force"):
             continue
         for name, value in passage.signals:
             moves = symbols([value]) if isinstance(value, Expr) else set()
             if name in ("position", "velocity") and any(space == "input" for space, _ in moves):
-                found.add(passage.port)
-    return found
+                signals.add(passage.port)
+    return signals
 
 
 def driven_by_speed(rig: Rig) -> dict[str, float]:
@@ -292,7 +292,7 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
     known = {symbol("parameter", b.key): const(p[i]) for i, b in enumerate(assembly.parameters)}
     known |= {symbol("state", name): const(x) for name, x in assembly.begin(p).items()}
     known |= {symbol("input", name): const(0.0) for name in assembly.traced.inputs}
-    found = {}
+    resistances = {}
     for passage in assembly.traced.passages:
         velocity = dict(passage.signals).get("velocity")
         if rig.ports[passage.port].kind != "motion" or not isinstance(velocity, Expr):
@@ -305,8 +305,8 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
         except EquationError:  # not defined there: nothing can be said
             continue
         if ahead.op == back.op == "const" and ahead.value > back.value:
-            found[passage.port] = 0.5 * (ahead.value - back.value)
-    return found
+            resistances[passage.port] = 0.5 * (ahead.value - back.value)
+    return resistances
 
 
 def driving_words(rig: Rig) -> list[str]:
@@ -401,7 +401,7 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
             "|---|---|",
         ]
         for signals, names in reachable(Port(kind), known, any_unit=True).items():
-            home = [_worded(name, kind, known) for name in names]
+            home = [_marked(name, kind, known) for name in names]
             offers = ", ".join(f"`{s}`" for s in signals) or "nothing"
             lines += [f"| {offers} | {', '.join(home)} |"] if home else []
         lines.append("")
@@ -413,9 +413,9 @@ def page_section(effects: Iterable[type[Effect]]) -> str:
     return "\n".join(lines)
 
 
-def _worded(name: str, kind: str, effects: list[type[Effect]]) -> str:
+def _marked(name: str, kind: str, effects: list[type[Effect]]) -> str:
     effect = next(e for e in effects if e.name == name)
     unit = f" (in {effect.unit})" if effect.unit else ""
     unit += f" (not in {', '.join(effect.excluded_units)})" if effect.excluded_units else ""
-    own = "" if kind in effect.kinds else "*"
-    return f"`{name}`{unit}{own}"
+    mark = "" if kind in effect.kinds else "*"
+    return f"`{name}`{unit}{mark}"

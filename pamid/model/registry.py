@@ -1,8 +1,7 @@
 """Registry of effects and rigs: found by scanning their folders, or loaded from a user's file.
 
-Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from
-data, which no file can ever answer, and `rig_named` (`effects_with`) for words that the user said,
-where a path is Python code and is run.
+Two look-ups decide which code may run. `catalogue_rig` is for names from data, and never loads a
+file. `rig_named` (`effects_with`) is for words of the user, where a path is Python code and is run.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ def rigs() -> dict[str, type[Rig]]:
 def load_file(path: Path, sha256: str = "") -> ModuleType:
     """Run a user's Python file and return it as a module; errors name the file and the line.
 
-    The file is read once and what was read is run: no compiled copy beside it (`__pycache__`),
+    The file is read once and what was read is run: no compiled copy next to it (`__pycache__`),
     which may be another's, and no other content than the one of this SHA-256, if it is given.
     """
     if not path.is_file():
@@ -126,7 +125,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
     return module
 
 
-def rig_given(rig: RigLike | None) -> str | Rig | None:
+def resolved_rig(rig: RigLike | None) -> str | Rig | None:
     """A word for `rig_named`, or the rig itself; UsageError for anything else."""
     if isinstance(rig, type) and issubclass(rig, Rig):
         return rig()
@@ -135,7 +134,7 @@ def rig_given(rig: RigLike | None) -> str | Rig | None:
     if isinstance(rig, os.PathLike):
         return as_file(rig)
     raise UsageError(
-        f"rig={rig!r:.60} is no rig.",
+        f"rig={rig!r:.60} is not a rig.",
         "Give a name (see `pamid rigs`), the path of a rig file, or a pamid.Rig.",
     )
 
@@ -157,18 +156,19 @@ def name_of(rig: str | Rig) -> str:
     kind = type(rig)
     if rigs().get(rig.name) is kind:
         variants = {f"{rig.name}:{v}": kind(v) for v in getattr(kind, "variants", ())}  # type: ignore[call-arg]
-        for name, one in {rig.name: kind(), **variants}.items():
-            if vars(one) == vars(rig):
+        for name, variant in {rig.name: kind(), **variants}.items():
+            if vars(variant) == vars(rig):
                 return name
     return f"{_IN_PROGRAM}{kind.__qualname__}"
 
 
 def in_catalogue(name: str) -> bool:
-    """Does this word name a rig of the catalogue, or a variant of one? Nothing is run to tell."""
+    """Whether this word names a rig of the catalogue, or a variant of one. No file is run for
+    it."""
     return name.partition(":")[0] in rigs()
 
 
-def _file_beside(name: str) -> str:
+def _rig_file_in(name: str) -> str:
     """A rig file of that name in the folder, which is named by its path."""
     file = Path(f"{name}.py")
     there = name.isidentifier() and file.is_file()
@@ -191,7 +191,7 @@ def catalogue_rig(name: str) -> Rig:
             raise FileError(f"{name!r} is a rig file.", f"{_RUNS_CODE} add --rig FILE.", code="rig")
         raise FileError(
             f"unknown rig {base!r}",
-            _file_beside(base)
+            _rig_file_in(base)
             or nearest(base, list(known))
             or f"rigs: {', '.join(known)}; or the path of a rig file",
         )
@@ -210,23 +210,23 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
     if kind := model_kinds().get(path.suffix):
         if sha256:
             _source_of(path, sha256)
-        made = kind.rig(path)
-        check_rig(made, str(path))
-        return made
-    found = classes_of(load_file(path, sha256), Rig)
-    if not found:
+        model = kind.rig(path)
+        check_rig(model, str(path))
+        return model
+    kinds = classes_of(load_file(path, sha256), Rig)
+    if not kinds:
         raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
-    if len(found) > 1:
+    if len(kinds) > 1:
         raise FileError(
-            f"{path} holds {len(found)} rigs: {', '.join(c.__name__ for c in found)}",
+            f"{path} holds {len(kinds)} rigs: {', '.join(c.__name__ for c in kinds)}",
             "keep one rig in one file",
         )
-    rig: Rig = found[0]()
+    rig: Rig = kinds[0]()
     check_rig(rig, str(path))
     return rig
 
 
-def rig_again(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) -> Rig:
+def noted_rig(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) -> Rig:
     """The rig that a run notes; its file only where the caller names it, too, and it is the same as
     then; a rig of a program only where the caller gives it.
 
@@ -245,7 +245,7 @@ def rig_again(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) ->
     return _rig_in(Path(named), sha256.get(noted, ""))
 
 
-def effects_again(
+def noted_effects(
     noted: tuple[str, ...], named: tuple[str | type[Effect], ...], sha256: Mapping[str, str]
 ) -> dict[str, type[Effect]]:
     """The catalogue, widened by the effect files that a run notes, each named again and the same as
@@ -264,7 +264,7 @@ def effects_again(
 
 
 def code_files(rig: str | Rig | None, specs: Sequence[str | type[Effect]]) -> list[Path]:
-    """The rig and effect files among what was asked for."""
+    """The rig and effect files among the user's words."""
     names = [rig, *(_file_of(spec) for spec in specs if isinstance(spec, str))]
     return [Path(name) for name in names if isinstance(name, str) and is_code(name)]
 
@@ -302,7 +302,7 @@ def effects_with(
     specs: tuple[str | type[Effect], ...], sha256: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[dict[str, type[Effect]], list[str]]:
     """The catalogue, widened by the effects and the free forms among `specs` and by the effect
-    files, which a user said and which are run; and the specs as names. sha256: what files have to
+    files, which a user named and which are run; and the specs as names. sha256: what files have to
     be, by spec."""
     known, names = effects(), []
     for spec in specs:
@@ -313,15 +313,15 @@ def effects_with(
             continue
         path = _file_of(spec)
         if is_code(path):
-            found = classes_of(load_file(Path(path), sha256.get(spec, "")), Effect)
-            if not found:
+            kinds = classes_of(load_file(Path(path), sha256.get(spec, "")), Effect)
+            if not kinds:
                 raise FileError(
                     f"{path} holds no effect", "an effect is a class that derives from pamid.Effect"
                 )
-            for cls in found:
+            for cls in kinds:
                 require_sound(cls, path)  # type: ignore[arg-type]
                 known[cls.name] = cls  # type: ignore[attr-defined]
-            names.append(found[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
+            names.append(kinds[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
         else:
             free = free_form_effects()
             known |= {n: free[n] for n in free if n == re.split("[@:]", spec, maxsplit=1)[0]}

@@ -21,8 +21,8 @@ Inputs and outputs are columns of a recording, with the SI unit in which the equ
 name ends in the unit of its column, "pressure_bar": "Pa". Parameters likewise: `mass_kg` is stated
 in kg, `area_cm2` in cm2, and p.area_cm2 is in m2.
 
-`between = {"drive_v": "linear"}` says that an input leads from one sample to the next in a straight
-line (a measured force, a filtered voltage) instead of being held (what a converter sends);
+`between = {"drive_v": "linear"}` states that an input leads from one sample to the next in a
+straight line (a measured force, a filtered voltage) instead of being held (what a converter sends);
 `ranges = {"valve": (0.0, 1.0)}` what an input can be, in the unit of its column.
 """
 
@@ -168,10 +168,10 @@ class Rig:
     inputs: ClassVar[dict[str, str]] = {}
     # inputs that may be missing in a recording, with their value
     optional: ClassVar[dict[str, float]] = {}
-    # what an input does between two samples: "held" (the default) or "linear"; a recording's TOML
+    # course of an input between two samples: "held" (the default) or "linear"; a recording's TOML
     # may say otherwise under [between]; an output may be "before": read before its row's command
     between: ClassVar[dict[str, str]] = {}
-    # what an input can be, in the unit of its column: (lowest, highest)
+    # range of an input, in the unit of its column: (lowest, highest)
     ranges: ClassVar[dict[str, tuple[float, float]]] = {}
     outputs: ClassVar[dict[str, str]] = {}
     ports: ClassVar[dict[str, Port]] = {}
@@ -194,7 +194,7 @@ class Rig:
     timescale_s: ClassVar[float | None] = None
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
-    # what an excitation swings about where that is not 0, column's unit
+    # centre of an excitation where that is not 0, column's unit
     centre: ClassVar[dict[str, float]] = {}
     # usual shortest and longest time at one level of an excitation, s
     hold_s: ClassVar[tuple[float, float]] = (0.4, 1.6)
@@ -209,7 +209,7 @@ class Rig:
     changeable: ClassVar[dict[str, float]] = {}
     # input for a force or torque from outside -> its usual highest value, column's unit
     external: ClassVar[dict[str, float]] = {}
-    # what the rate of change of an output is called, by the output without its unit
+    # name of an output's rate of change, by the output without its unit
     rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
     # what a robot's log calls a column, and how long the vectors are that such logs hold
     log_names: ClassVar[dict[str, LogName]] = {}
@@ -221,7 +221,7 @@ class Rig:
     forms: ClassVar[RigForms | None] = None
     form: ClassVar[str] = ""
     form_note: ClassVar[str] = ""
-    # what there is to know of it beside its tables: how it was made, what it leaves out
+    # remarks in addition to its tables: how it was made, what it leaves out
     remarks: ClassVar[tuple[str, ...]] = ()
     # of the catalogue, the one that is meant where a recording names none
     usual: ClassVar[bool] = False
@@ -335,7 +335,7 @@ def check_rig(rig: Rig, where: str) -> None:
 
 
 def _check_inputs(rig: Rig, kind: str) -> None:
-    """Refuse units that the columns' names contradict, and what is said of inputs there are not."""
+    """Refuse units that contradict a column's name, and entries for inputs that do not exist."""
     for what in ("inputs", "outputs"):
         for column, declared in getattr(rig, what).items():
             _check_column(f"{kind}: {what[:-1]} {column!r}", column, declared)
@@ -350,7 +350,7 @@ def _check_inputs(rig: Rig, kind: str) -> None:
     for column, way in rig.between.items():
         if way not in BETWEEN and column not in read_before:
             raise FileError(
-                f"{kind}: between says {way!r} of {column!r}",
+                f"{kind}: between is {way!r} for the input {column!r}",
                 f'between = {{"{column}": "linear"}}, or "held"',
             )
     for column, limits in rig.ranges.items():

@@ -1,8 +1,4 @@
-"""The usual sampling period of a rig: what its file states, or else that of its recordings.
-
-Some effects are sized by it (a dead time of a few samples), and a rig that is sampled every four
-seconds is not one of 3 ms because its file says nothing.
-"""
+"""The usual sampling period of a rig: that of its file, or else that of its recordings."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from pamid.model.rig import Rig
 
 
 def stated_period(rig: Rig) -> float | None:
-    """The sampling period (s) that a rig says is usual for it; None where it says nothing."""
+    """The usual sampling period (s) of a rig; None where it states none."""
     return next(
         (
             float(kind.__dict__["period_s"])

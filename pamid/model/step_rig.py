@@ -23,11 +23,11 @@
 `drive` and `measure` are equations, as `rates` and `measure` of a Rig are: they say what goes into
 the simulation and what is read from it, through which ports, and effects act there. `step` is any
 Python: it is given numbers (SI), returns the states h seconds later, and may call what it likes, so
-long as the same arguments lead to the same states. `read(x, p)` says what the equations see
-besides, its names and units in `readings`.
+long as the same arguments lead to the same states. `read(x, p)` returns the readings of the
+equations besides, its names and units in `readings`.
 
 What acts from outside is held over an exchange, which is `exchange_s` long, or a sample where that
-is shorter: state it where the machine is fast beside its sampling.
+is shorter: state it where the machine is fast compared with its sampling.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.engine.carried import Carrier
+from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import DIFFERENCE, LibraryStep, slopes_of
 from pamid.engine.stepped import FarRunner
 from pamid.model.rig import Rig
@@ -52,8 +52,8 @@ from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
-SIMULATED = "simulated"  # the operator of what only a simulation knows
-TRIED_POINTS = 4  # points at which it is tried what depends on what
+SIMULATED = "simulated"  # the operator of values that only a simulation has
+TRIED_POINTS = 4  # points at which dependences are tried
 # of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
 # there at all, of the largest in its row
 BY_WAY, THERE = 0.5, 1e-5
@@ -62,16 +62,16 @@ BY_WAY, THERE = 0.5, 1e-5
 class StepRig(Rig):
     """Base of all rigs that are stepped. See the module's docstring for a whole one.
 
-    What it needs and what cannot be sent to another process (a window, a library's handle) belongs
-    into a `cached_property`: it is made again there.
+    Members that cannot be sent to another process (a window, a library's handle) belong into a
+    `cached_property`, which each process computes anew.
     """
 
     written_as = {"rates": "drive"}
     # the simulation keeps its states to itself, and there are readings alone: `carrier`
     carries: ClassVar[bool] = False
-    # what `read` returns: name -> SI unit
+    # values of `read`: name -> SI unit
     readings: ClassVar[dict[str, str]] = {}
-    # longest time, s, over which what goes in is held; a sample where that is shorter
+    # longest time, s, over which forces are held; a sample where that is shorter
     exchange_s: ClassVar[float] = float("inf")
     # typical magnitude (SI) of a state, or of what goes in, where it is far from 1: differences
     # are taken over a millionth of it
@@ -95,22 +95,22 @@ class StepRig(Rig):
     ) -> tuple[Array, Array]:
         """See `pamid.engine.simulator.Simulator`; one copy after the other. into: names of what
         goes in."""
-        states, own = self._named
-        after, pushed, known = list[list[float]](), _Given(into), _Given(own)
+        states, parameters = self._named
+        after, pushed, known = list[list[float]](), _NumberCache(into), _NumberCache(parameters)
         for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
             after.append(
                 self._called(self.step, states, given, pushed.of(forces), known.of(values), h)
             )
-        told = np.array(after)
-        return told, self.reads(told, p)
+        results = np.array(after)
+        return results, self.reads(results, p)
 
     def reads(self, x: Array, p: Array) -> Array:
         """See `pamid.engine.simulator.Simulator`; one copy after the other."""
         wanted = tuple(self.readings)
         if not wanted:
             return np.empty((len(x), 0))
-        states, known = self._named[0], _Given(self._named[1])
+        states, known = self._named[0], _NumberCache(self._named[1])
         out = list[list[float]]()
         for row, values in zip(x.tolist(), p.tolist(), strict=True):
             given = SimpleNamespace(**dict(zip(states, row, strict=True)))
@@ -129,10 +129,10 @@ class StepRig(Rig):
         """Result of `step` or `read`, in the wanted order. FileError for any fault in it."""
         what = "step" if method == self.step else "read"
         try:
-            found = method(*given)
-            if isinstance(found, dict):
-                found = [found[name] for name in wanted] if len(found) == len(wanted) else found
-            row = list(map(float, found))
+            values = method(*given)
+            if isinstance(values, dict):
+                values = [values[name] for name in wanted] if len(values) == len(wanted) else values
+            row = list(map(float, values))
         except Exception as error:
             raise self._failed(what, wanted, given, error) from error
         if len(row) != len(wanted):
@@ -161,7 +161,9 @@ class StepRig(Rig):
         states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
         hint = "it must return numbers for any states that a fit may try, NaN where there are none"
         if isinstance(error, AttributeError) and error.name:
-            known = [n for one in given if isinstance(one, SimpleNamespace) for n in vars(one)]
+            known = [
+                n for value in given if isinstance(value, SimpleNamespace) for n in vars(value)
+            ]
             hint = nearest(error.name, known) or f"there are {', '.join(known)}"
         return FileError(
             f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
@@ -171,17 +173,17 @@ class StepRig(Rig):
 
     @cached_property
     def _named(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Of the states and of the parameters."""
+        """Names of the states and of the parameters."""
         return tuple(s.name for s in self.states), tuple(q.name for q in self.parameters)
 
-    # ---- what the equations see ----------------------------------------------------------
+    # ---- signals of the equations --------------------------------------------------------
 
     def carrier(self) -> Carrier:
         """Simulator that steps where the rig `carries`."""
         raise FileError("there is none", "a rig that carries has carrier()")
 
     def far_runner(self) -> FarRunner | None:
-        """Where whole runs are made, if the simulation lives in a process of its own."""
+        """Runner of whole runs for a simulation in another process."""
         return None
 
     def rated(self) -> list[str]:
@@ -192,14 +194,14 @@ class StepRig(Rig):
         if self.carries:
             return {name: symbol("state", _read(name)) for name in self.readings}
         states = self._named[0]
-        by = self._shown if self.readings else np.zeros((0, len(states)), bool)
+        by = self._dependence if self.readings else np.zeros((0, len(states)), bool)
         return {
             name: Expr(SIMULATED, _chosen(states, row), ("read", name))
             for name, row in zip(self.readings, by, strict=True)
         }
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        """Of every state's rate what it depends on; what it is, only the simulation knows."""
+        """Dependences of every state's rate. Only the simulation has its value."""
         if not (self.states or self.carries):
             raise FileError(
                 "there are no states, so nothing can be stepped",
@@ -217,29 +219,30 @@ class StepRig(Rig):
                 for name in self.readings
             }
         by_state, by_force = self._links(names)
-        found: dict[str, Number] = {}
-        for state, own, driven in zip(states, by_state, by_force, strict=True):
+        by_state_name: dict[str, Number] = {}
+        for state, states_read, driven in zip(states, by_state, by_force, strict=True):
             used = tuple(name for name, there in zip(names, driven, strict=True) if there)
-            args = (*_chosen(states, own), *(forces[name] for name in used))
-            found[state] = Expr(SIMULATED, args, ("rate", state, used, names))
-        return found
+            args = (*_chosen(states, states_read), *(forces[name] for name in used))
+            by_state_name[state] = Expr(SIMULATED, args, ("rate", state, used, names))
+        return by_state_name
 
     @cached_property
-    def _shown(self) -> NDArray[np.bool_]:
-        """Which readings (rows) depend on which states, found by trying it."""
+    def _dependence(self) -> NDArray[np.bool_]:
+        """Dependence of the readings (rows) on the states, found by trying it."""
         linked = np.zeros((len(self.readings), len(self.states)), bool)
         for x in _draws(self):
             n, size = len(x), self.sizes(())[0]
             by = DIFFERENCE * np.maximum(np.abs(x), size)
             moved = x + np.concatenate([np.zeros((1, n)), np.diag(by)])
             rows = self.reads(moved, _sheet(self, 1 + n))
-            linked |= _there((rows[1:] - rows[0]).T / by * size)
+            linked |= _above_rounding((rows[1:] - rows[0]).T / by * size)
         return linked
 
     def _links(self, into: tuple[str, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which states' rates (rows) depend on which states, and on what goes in: by differences
-        over two steps, at points about the start. What acts by way of another state fades with the
-        step and is none; what moves nothing there is taken to move everything."""
+        """Dependence of the states' rates (rows) on the states and on the forces: by differences
+        over two steps, at points about the start. An influence by way of another state fades with
+        the step and does not count; a value that moves nothing there is assumed to move everything.
+        """
         known: dict[tuple[str, ...], Any] = self.__dict__.setdefault("_known_links", {})
         if into in known:
             return known[into]  # type: ignore[no-any-return]
@@ -259,7 +262,7 @@ class StepRig(Rig):
                 by[:, :n] -= np.eye(n)
                 rates.append(np.abs(by / h * sizes))
             whole, quarter = rates
-            linked |= _there(quarter) & (quarter > BY_WAY * whole)
+            linked |= _above_rounding(quarter) & (quarter > BY_WAY * whole)
         linked[:, n:] |= ~linked[:, n:].any(axis=0)
         known[into] = linked[:, :n], linked[:, n:]
         return linked[:, :n], linked[:, n:]
@@ -274,21 +277,21 @@ class StepRig(Rig):
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process without what was made in this one."""
-        kept = (k for k in vars(self) if k != "_known_links" and not _is_made(type(self), k))
-        return {k: vars(self)[k] for k in kept}
+        names = (k for k in vars(self) if k != "_known_links" and not _is_cached(type(self), k))
+        return {k: vars(self)[k] for k in names}
 
 
-class _Given:
+class _NumberCache:
     """Named numbers, made again only where they differ from the last ones."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
-        self.names, self.last, self.made = names, list[float](), SimpleNamespace()
+        self.names, self.last, self.numbers = names, list[float](), SimpleNamespace()
 
     def of(self, values: list[float]) -> SimpleNamespace:
         if values != self.last:
             self.last = values
-            self.made = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
-        return self.made
+            self.numbers = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
+        return self.numbers
 
 
 class RigSimulator:
@@ -334,8 +337,8 @@ def _draws(rig: StepRig) -> list[Array]:
     return [start, *(start + 0.3 * rig.sizes(())[0] * away)]
 
 
-def _there(slopes: Array) -> NDArray[np.bool_]:
-    """Which slopes are more than what rounding leaves, row by row."""
+def _above_rounding(slopes: Array) -> NDArray[np.bool_]:
+    """Slopes above rounding, row by row."""
     size = np.abs(np.nan_to_num(slopes, nan=np.inf))
     largest = size.max(axis=1, initial=0.0, keepdims=True)
     return (size > THERE * largest) & (size > 0.0)
@@ -344,9 +347,9 @@ def _there(slopes: Array) -> NDArray[np.bool_]:
 def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     """Refuse a simulation that gives no numbers where a recording starts, or that remembers more
     than its states."""
-    here, other = _draws(rig)[:2]
+    state, other = _draws(rig)[:2]
     h, f = min(rig.period_s, rig.exchange_s), np.outer([0.0, 1.0, 0.0], np.ones(len(into)))
-    first, _, again = rig.steps(np.stack([here, other, here]), f, _sheet(rig, 3), h, into)[0]
+    first, _, repeated = rig.steps(np.stack([state, other, state]), f, _sheet(rig, 3), h, into)[0]
     for name, value in zip(rig._named[0], first, strict=True):
         if not np.isfinite(value):
             raise FileError(
@@ -355,15 +358,15 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
                 "mend the start, a parameter, or a step that is too long for it: exchange_s",
                 code="simulation",
             )
-    if not np.array_equal(first, again):
-        name = rig._named[0][int(np.argmax(first != again))]
+    if not np.array_equal(first, repeated):
+        name = rig._named[0][int(np.argmax(first != repeated))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
-            "another call: it remembers something that is none of its states",
+            "another call: it keeps a memory that is not one of its states",
             "set everything from x at the beginning of step(), or declare it as a state",
             code="simulation",
         )
 
 
-def _is_made(kind: type, name: str) -> bool:
+def _is_cached(kind: type, name: str) -> bool:
     return any(isinstance(vars(c).get(name), cached_property) for c in kind.__mro__)

@@ -91,7 +91,7 @@ class _Tracer:
         self.rig, self.effects_at, self.controller = rig, effects_at, controller
         self.upper_bounds = upper_bounds
         self.passages: dict[tuple[str, str], Passage] = {}
-        self.own_rates: dict[str, Expr] = {}
+        self.effect_rates: dict[str, Expr] = {}
         self.inputs = list(self.rig.inputs)
         self.cells: list[Cell] = []
 
@@ -113,7 +113,7 @@ class _Tracer:
                 self._close(loop, outputs)
         self._every_port_used()
         return Traced(
-            {**rates, **self.own_rates},
+            {**rates, **self.effect_rates},
             outputs,
             tuple(self.cells),
             tuple(self.inputs),
@@ -137,9 +137,9 @@ class _Tracer:
     ) -> dict[str, Expr]:
         where_ = f"rig {self.rig.name!r}, {self.rig.written_as.get(method, method)}()"
         try:
-            found = getattr(self.rig, method)(x, u, p, self.port)
+            values = getattr(self.rig, method)(x, u, p, self.port)
         except PamidError as error:
-            if error.code == "simulation":  # says itself where it was
+            if error.code == "simulation":  # its message has the place already
                 raise
             raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
         except Exception as error:
@@ -148,13 +148,13 @@ class _Tracer:
                 f"{where_}, line {line}: {type(error).__name__}: {error}",
                 FUNCTIONS_HINT,
             ) from error
-        if not isinstance(found, dict):
+        if not isinstance(values, dict):
             raise FileError(
-                f"{where_} returned {type(found).__name__}, not a dict of name: expression"
+                f"{where_} returned {type(values).__name__}, not a dict of name: expression"
             )
         missing, strange = (
-            [w for w in wanted if w not in found],
-            [k for k in found if k not in wanted],
+            [w for w in wanted if w not in values],
+            [k for k in values if k not in wanted],
         )
         if strange:
             raise FileError(
@@ -163,7 +163,7 @@ class _Tracer:
             )
         if missing:
             raise FileError(f"{where_} returned nothing for {', '.join(map(repr, missing))}")
-        return {w: expression(found[w]) for w in wanted}
+        return {w: expression(values[w]) for w in wanted}
 
     def port(self, name: str, value: Any, place: str = "", **signals: Any) -> Expr:
         """Pass a value through a port, once; the same value again is the same passage."""
@@ -181,7 +181,7 @@ class _Tracer:
         lacking = [s for s in port.signals if s not in signals]
         if lacking:
             raise EquationError(
-                f"port {name!r} promises the signal {lacking[0]!r} but is not given it",
+                f"port {name!r} declares the signal {lacking[0]!r} but gets no value for it",
                 f"write port({name!r}, value, {lacking[0]}=...)",
             )
         value = expression(value)
@@ -250,7 +250,7 @@ class _Tracer:
                 f"{where_}: act() gives rates for {sorted(rates)}, its states are "
                 f"{[s.name for s in effect.states]}"
             )
-        self.own_rates |= {prefix + k: expression(v) for k, v in rates.items()}
+        self.effect_rates |= {prefix + k: expression(v) for k, v in rates.items()}
         return expression(after)
 
     def _close(self, loop: Loop, outputs: dict[str, Expr]) -> None:
@@ -318,37 +318,39 @@ def signals_of(traced: Traced) -> dict[str, Expr]:
     }
 
 
-def beside(own: Traced, other: Traced, prefix: str) -> Traced:
-    """A model's equations, its states and parameters under names of their own, driven by what
-    drives another one."""
-    driven, roots = signals_of(other), [*own.rates.values(), *own.outputs.values()]
+def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
+    """A model's equations with prefixed states and parameters, driven by the inputs of another
+    one."""
+    driven, roots = signals_of(other), [*model.rates.values(), *model.outputs.values()]
     new = {
         symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
         for space, name in symbols(roots)
         if space != "tick"
     }
-    told = iter(substitute(roots, new))
-    rates = {prefix + name: next(told) for name in own.rates}
-    outputs = {name: next(told) for name in own.outputs}
-    made = tuple(c for c in other.cells if c.name in own.inputs)
-    return Traced(rates, outputs, made, other.inputs, (), other.linear)
+    expressions = iter(substitute(roots, new))
+    rates = {prefix + name: next(expressions) for name in model.rates}
+    outputs = {name: next(expressions) for name in model.outputs}
+    driven_cells = tuple(c for c in other.cells if c.name in model.inputs)
+    return Traced(rates, outputs, driven_cells, other.inputs, (), other.linear)
 
 
-def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
-    """Both models as one that puts out what the first does, with this value in the place of one of
-    its inputs."""
+def with_input_replaced(
+    driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]
+) -> Traced:
+    """Both models as one: the outputs of the first, with this value in the place of one of its
+    inputs."""
     put = {symbol("input", name): value}
-    rates = dict(zip(own.rates, substitute(own.rates.values(), put), strict=True))
-    outputs = dict(zip(own.outputs, substitute(own.outputs.values(), put), strict=True))
-    made = []
-    for c in own.cells:
+    rates = dict(zip(driven.rates, substitute(driven.rates.values(), put), strict=True))
+    outputs = dict(zip(driven.outputs, substitute(driven.outputs.values(), put), strict=True))
+    fed_cells = []
+    for c in driven.cells:
         update, start = substitute([c.update, c.start], put)
-        made.append(Cell(c.name, update, start, c.sampled))
+        fed_cells.append(Cell(c.name, update, start, c.sampled))
     return Traced(
         {**rates, **before.rates},
         outputs,
-        (*made, *cells),
-        tuple(i for i in own.inputs if i != name),
+        (*fed_cells, *cells),
+        tuple(i for i in driven.inputs if i != name),
         (),
-        tuple(i for i in own.linear if i != name),
+        tuple(i for i in driven.linear if i != name),
     )

@@ -56,7 +56,7 @@ WIDTH_IN_SPACINGS = {"gaussian": 0.6, "bell": 0.7}
 # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
 BELL_SLOPE = 2.0
 MOST_CONSEQUENTS = 5000
-MOST_RULES, MOST_SETS = 64, 5  # where no number of sets is asked for
+MOST_RULES, MOST_SETS = 64, 5  # default without a number of sets
 START = 0.05  # standard deviation of a random start's premises
 CONSEQUENT_RIDGE = 1e-6  # of a start's least squares, per sample
 
@@ -82,6 +82,7 @@ def _usual_sets(inputs: int) -> int:
             f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than {MOST_RULES}.",
             "Name fewer with --inputs, or ask for them with --sets 2.",
         )
+    # A grid that is too coarse only costs accuracy. One that is too fine has rules without data.
     return max(sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
 
 
@@ -117,6 +118,7 @@ class Anfis(Network):
             hint = nearest(str(self.shape), SHAPES) or f"Shapes: {', '.join(SHAPES)}."
             raise DataError(f"Anfis: unknown shape {self.shape!r}.", hint)
         if (
+            # On logarithms: the power itself may be an integer of thousands of digits.
             self.inputs * math.log(self.sets) + math.log(self.inputs + 1)
             > math.log(MOST_CONSEQUENTS) + 1e-9
         ):
@@ -158,8 +160,9 @@ class Anfis(Network):
         return 2.0 / (self.sets - 1)
 
     def initial(self, seed: int) -> Array:
-        """Random start that knows no data: premises a little off the grid, consequents zero."""
+        """Random start without data: premises a little off the grid, consequents zero."""
         weights = np.zeros(self.n_weights)
+        # The grid itself would be a start as well, but the same one for every seed.
         weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(
             self.premises
         )
@@ -180,6 +183,7 @@ class Anfis(Network):
             self.inputs, self.sets, self._per_set
         )
         limits = np.array(LIMITS[: self._per_set])
+        # A smooth limit needs no bounds in the optimiser, and its slope at zero is one.
         bent = np.tanh(deviation / limits)
         moved = limits * bent
         return Sets(
@@ -202,6 +206,8 @@ class Anfis(Network):
         # wild trial weights may overflow: the caller judges the outcome
         with np.errstate(all="ignore"):
             for start in range(0, len(u), CHUNK):
+                # Samples run along the last axis, so that every operation on a set is one
+                # contiguous vector.
                 x = np.ascontiguousarray(u[start : start + CHUNK].T)
                 firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
                 y[start : start + CHUNK] = np.sum(
@@ -280,6 +286,8 @@ class Anfis(Network):
             column = g.add("Reshape", a, g.index(-1, 1))
             return g.add("Reshape", g.add("Mul", column, b), g.index(-1))
 
+        # Rows times columns, input by input: the set of the last input then runs fastest, as in the
+        # weights.
         firing = reduce(crossed, each)
         slopes, constants = self.planes(self.consequents(weights))
         rules = affine(g, slopes, inside, g.array(constants))
@@ -306,9 +314,11 @@ class Anfis(Network):
                 )
                 grid = parts.reshape(*(self.sets,) * self.inputs, n)
                 for k, (shares, slopes) in enumerate(known):
+                    # Sums over the other axes of the grid replace a loop over all rules for every
+                    # set.
                     others = tuple(j for j in range(self.inputs) if j != k)
                     # y = sum over rules of share x plane, the shares a softmax: dy/d log m_i is
-                    # what the rules with set i contribute, less their share of y
+                    # the contribution of the rules with set i, less their share of y
                     by_log = grid.sum(axis=others) - shares * y  # dy/d log membership, (sets, n)
                     np.multiply(slopes, by_log[:, None, :], out=premise[k])
                 self._fill(
@@ -375,11 +385,11 @@ class Anfis(Network):
 
     @cached_property
     def _rule_sets(self) -> NDArray[np.intp]:
-        """The set of every input that each rule asks for (rules, m)."""
+        """The set of every input in each rule (rules, m)."""
         return np.array(list(product(range(self.sets), repeat=self.inputs)))
 
     def consequents(self, weights: ArrayLike) -> Array:
-        """(rules, m + 1) as the module says."""
+        """Consequents (rules, m + 1), in the order of the module."""
         return self.flat(weights)[self.linear].reshape(self.rules, self.inputs + 1)
 
     def table(self, inputs: ArrayLike) -> Array:

@@ -99,6 +99,8 @@ class BatchedElman:
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Outputs (S, N) for inputs (N, m), each from a zero state."""
+        # One state needs the one before, so that a device could not share out a single start. The
+        # compiled kernel is faster.
         return np.stack(
             run_jobs(
                 lambda w: self.network.simulate(w, inputs), self._checked(weights), jobs=_cores()
@@ -141,7 +143,9 @@ class BatchedElman:
             rows = jacobian[:, max(washout - first, 0) :]
             end = first + jacobian.shape[1]
             jtj.baddbmm_(rows.mT, rows)
-            jte.baddbmm_(rows.mT, self._sent(error[:, end - rows.shape[1] : end, None]))
+            jte.baddbmm_(rows.mT, self._on_device(error[:, end - rows.shape[1] : end, None]))
+        # A batched product may round its two triangles differently, and a Cholesky factor reads
+        # one of them.
         symmetric = torch.tril(jtj) + torch.tril(jtj, -1).mT
         return sse, symmetric.cpu().numpy(), jte[:, :, 0].cpu().numpy()
 
@@ -152,13 +156,15 @@ class BatchedElman:
         import torch
 
         (starts, n), (samples, m), h = flat.shape, inputs.shape, self.network.hidden
+        # Nearly equal parts leave little padding in the last block.
         length = _equal_part(samples, self.block)
         held = length * _equal_part(
             math.ceil(samples / length), self.memory // (8 * starts * n * length)
         )
+        # Small arrays, sent once per pass: a transfer per block would cost more than its products.
         layers = [self.network.layers(w) for w in flat]
-        context = self._sent(np.stack([layer.context for layer in layers]))
-        output = self._sent(np.stack([layer.output for layer in layers]))[:, None]
+        context = self._on_device(np.stack([layer.context for layer in layers]))
+        output = self._on_device(np.stack([layer.output for layer in layers]))[:, None]
         sensitivity = context.new_zeros(starts, h, n - h - 1)
         for first in range(0, samples, held):
             count = min(held, samples - first)
@@ -167,11 +173,11 @@ class BatchedElman:
             # fill the last block
             known = min(first, 1)
             x = context.new_zeros(starts, 1 + blocks * length, h)
-            x[:, 1 - known : 1 + count] = self._sent(
+            x[:, 1 - known : 1 + count] = self._on_device(
                 features[:, first - known : first + count, :-1]
             )
             u = context.new_zeros(starts, blocks * length, m)
-            u[:, :count] = self._sent(inputs[first : first + count])
+            u[:, :count] = self._on_device(inputs[first : first + count])
             seen = torch.cat([x[:, :-1], u, u.new_ones(starts, blocks * length, 1)], 2).unflatten(
                 1, (blocks, length)
             )
@@ -182,7 +188,7 @@ class BatchedElman:
             rows[..., n - h - 1 : -1] = after
             yield first, rows.flatten(1, 2)[:, :count]
 
-    def _sent(self, values: Array) -> "torch.Tensor":
+    def _on_device(self, values: Array) -> "torch.Tensor":
         import torch
 
         return torch.tensor(values, device=self.device)
@@ -220,6 +226,7 @@ def _advance(
     moved = torch.empty_like(carried)
     source, moved_flat = carried.flatten(2), moved.flatten(2)
     # weight (i, .) enters unit i only
+    # A view of the diagonal saves a product with a matrix that is nearly all zero.
     direct = moved[..., :p].unflatten(3, (h, per_unit)).diagonal(dim1=1, dim2=3)
     slopes = slope.permute(2, 0, 3, 1).unsqueeze(4).contiguous()
     for k in range(length):
@@ -233,7 +240,8 @@ def _advance(
 def _complete(
     ends: "torch.Tensor", sensitivity: "torch.Tensor", rows: "torch.Tensor"
 ) -> "torch.Tensor":
-    """Add to the first p columns of `rows` what the sensitivity at each block's beginning brings.
+    """Add the contribution of the sensitivity at each block's beginning to the first p columns of
+    `rows`.
 
     `sensitivity` (S, h, p) is that before the first block; the one after the last is returned.
     """
@@ -241,6 +249,8 @@ def _complete(
 
     (starts, h, p), blocks = sensitivity.shape, rows.shape[1]
     begins = sensitivity.new_empty(starts, blocks, h, p)
+    # Serial, but over blocks and not over samples: this is the step that the transition matrices
+    # make short.
     for block in range(blocks):
         begins[:, block] = sensitivity
         sensitivity = torch.baddbmm(ends[:, :, block, :p], ends[:, :, block, p:], sensitivity)

@@ -21,7 +21,7 @@ class Engine(Protocol):
 
 
 class BatchQueue:
-    """Each of `parties` threads asks for a pass and waits until all of them have asked or left.
+    """Each of `parties` threads requests a pass and waits until all have requested one or left.
 
     Who takes part in a batch depends on the steps of the starts alone, not on the clock: the same
     training gives the same batches. An error in a batch is raised in every thread that waits for
@@ -33,14 +33,14 @@ class BatchQueue:
     ) -> None:
         self.engine, self.records, self.washout, self.parties = engine, records, washout, parties
         self.changed = Condition()
-        self.asked: dict[int, tuple[int, Array]] = {}
+        self.requests: dict[int, tuple[int, Array]] = {}
         self.answers: dict[int, Sums | BaseException] = {}
 
     def normal_equations(self, record: int, weights: Array) -> Sums:
         """(sum of e^2, J'J, J'e) over one recording, by its number."""
         me = get_ident()
         with self.changed:
-            self.asked[me] = (record, weights)
+            self.requests[me] = (record, weights)
             self._serve()
             self.changed.wait_for(lambda: me in self.answers)
             answer = self.answers.pop(me)
@@ -49,19 +49,22 @@ class BatchQueue:
         return answer
 
     def leave(self) -> None:
-        """One of the parties asks no more."""
+        """Take part in no further batch."""
         with self.changed:
+            # The others may all be waiting for this one, so that its leaving can complete a batch.
             self.parties -= 1
             self._serve()
 
     def _serve(self) -> None:
-        if not self.asked or len(self.asked) < self.parties:
+        if not self.requests or len(self.requests) < self.parties:
             return
-        for record in sorted({r for r, _ in self.asked.values()}):
-            those = [who for who, (r, _) in self.asked.items() if r == record]
+        # In the order of the recordings, so that the same requests give the same batches in every
+        # run.
+        for record in sorted({r for r, _ in self.requests.values()}):
+            those = [who for who, (r, _) in self.requests.items() if r == record]
             try:
                 sums = self.engine.normal_equations(
-                    np.stack([self.asked[who][1] for who in those]),
+                    np.stack([self.requests[who][1] for who in those]),
                     *self.records[record],
                     self.washout,
                 )
@@ -73,5 +76,5 @@ class BatchQueue:
                 )
             except BaseException as error:  # whatever it is, nobody may wait for ever
                 self.answers.update(dict.fromkeys(those, error))
-        self.asked.clear()
+        self.requests.clear()
         self.changed.notify_all()

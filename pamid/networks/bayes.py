@@ -64,13 +64,13 @@ def effective_weights(evidence: Evidence, sums: Array | Spectrum) -> float:
     if factor is not None:
         inverse = lapack.dtrtri(factor, lower=1)[0] / size
         return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
-    # nobody has taken the root of J: what cannot be told from zero in its square is not counted
+    # without the root of J, directions below the rounding of its square are not counted
     values = eigh(evidence.beta * sums, eigvals_only=True)
     return _counted(values[values > evidence.beta * _rounding(sums)], evidence.alpha)
 
 
 def resolved(evidence: Evidence, jtj: Array) -> bool:
-    """Does J'J hold what decides gamma and the steps, or has rounding taken too much of it?"""
+    """Whether J'J determines gamma and the steps in spite of rounding."""
     return (
         evidence.alpha == 0.0 or _scaled_factor(evidence.beta * jtj, evidence.alpha)[0] is not None
     )
@@ -85,6 +85,7 @@ def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
     paper's size.
     """
     matrix[np.diag_indices(len(matrix))] += alpha
+    # A unit diagonal is within a factor n of the best scaling that a diagonal can give.
     size = np.sqrt(np.maximum(np.diag(matrix), _TINY))
     scaled = matrix / size / size[:, None]
     norm = float(np.abs(scaled).sum(axis=0).max())
@@ -96,15 +97,20 @@ def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
 
 def _counted(values: Array, alpha: float) -> float:
     """gamma = sum of l / (l + alpha) over the eigenvalues l of beta J'J (MacKay 1992)."""
+    # Without weight decay every weight counts, also one of which the data show nothing.
     return float(np.sum(values / (values + alpha))) if alpha else float(len(values))
 
 
 def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
-    """How much lower F would be after a full, undamped step if it were the quadratic it looks
-    like: g' (H / 2)^-1 g with g half of -dF/dw; where rounding hides some directions of the
-    Hessian, over those that it decides."""
+    """Decrease of F by a full, undamped step of its quadratic model.
+
+    g' (H / 2)^-1 g with g half of -dF/dw; where rounding hides some directions of the Hessian, over
+    the others.
+    """
     if _scaled_factor(half_hessian.copy(), 0.0)[0] is not None:
         return float(half_descent @ solve_damped(half_hessian, 0.0, half_descent))
+    # Slower than a Cholesky factor by a multiple, but it separates the directions that rounding
+    # has left undecided.
     values, vectors = eigh(half_hessian)
     keep = values > _rounding(half_hessian)
     along = vectors[:, keep].T @ half_descent
@@ -143,19 +149,22 @@ def solve_damped(matrix: Array, damping: float, right: Array) -> Array:
 
 
 def effective_samples(residual: ArrayLike) -> float:
-    """How many independent samples a correlated residual (N,) is worth: N / (1 + 2 sum of
+    """Number of independent samples in a correlated residual (N,): N / (1 + 2 sum of
     autocorrelations).
 
     The sum runs while neighbouring pairs of autocorrelations stay positive (Geyer 1992, Statistical
-    Science 7(4)). At 3 ms a residual changes little from sample to sample, and N overstates what
-    the record knows.
+    Science 7(4)). At 3 ms a residual changes little from sample to sample, and N overstates the
+    information in the record.
     """
     e = np.asarray(residual, dtype=np.float64)
     n = len(e)
+    # A constant offset would look like a correlation that never ends.
     e = e - e.mean()
     power = float(e @ e)
     if n < 4 or power <= n * _TINY:
         return float(n)
+    # Padded to twice the length, because the transform is periodic and would correlate the end
+    # with the beginning.
     spectrum = np.fft.rfft(e, 1 << int(2 * n - 1).bit_length())
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n] / power
     # rho_2k + rho_2k+1; with the first pair, which holds rho_0 = 1, counted in full, the sum of the
@@ -163,4 +172,6 @@ def effective_samples(residual: ArrayLike) -> float:
     pairs = correlation[0 : n - 1 : 2] + correlation[1:n:2]
     ends = np.flatnonzero(pairs <= 0.0)
     total = 2.0 * float(np.sum(pairs[: ends[0] if len(ends) else len(pairs)])) - 1.0
+    # A residual that alternates in sign is worth more than n samples by this formula. It never
+    # counts as more.
     return float(np.clip(n / max(total, 1.0), 1.0, n))

@@ -79,6 +79,8 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             len(a.steps), len(TrainingStep._fields)
         )
         arrays[f"why_{k}"] = np.array(a.why)
+    # In memory first: the file is replaced in one step, so that an interruption leaves the
+    # checkpoint before.
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     write_atomically(Path(path), buffer.getvalue())
@@ -87,6 +89,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
     """Read a checkpoint of this very problem; FileError when it is another's, or no checkpoint at
     all."""
+    # The fingerprint comes first: weights of another network could have the right shape by chance.
     arrays = load_arrays(Path(path))
     if "problem" not in arrays or str(arrays["problem"]) != problem:
         raise FileError(
@@ -99,7 +102,7 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _STORED)
         except KeyError as missing:
             raise FileError(
-                f"{path} is no whole checkpoint: {missing} is missing.", "Train afresh."
+                f"{path} is not a complete checkpoint: {missing} is missing.", "Train afresh."
             ) from None
         if (
             weights.shape != (n_weights,)
@@ -107,9 +110,13 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             or steps.shape[1:] != (len(TrainingStep._fields),)
         ):
             raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
+        # Whole numbers are stored as floats. A NaN among them would only fail later, in a
+        # comparison.
         counts = (numbers[:1], steps[:, 0], steps[:, -1])
         if not all(c.dtype.kind in "fiu" and np.isfinite(c).all() for c in counts):
-            raise FileError(f"{path}: attempt {k} counts in what is no number.", "Train afresh.")
+            raise FileError(
+                f"{path}: attempt {k} has counts that are not finite numbers.", "Train afresh."
+            )
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(TrainingStep._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
         attempts.append(

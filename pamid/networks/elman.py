@@ -38,7 +38,7 @@ from pamid.engine.recurrence_kernels import (
     run_states,
 )
 from pamid.networks.modal_start import find_modes
-from pamid.networks.network import Network, Records, decided_by, weighted
+from pamid.networks.network import Network, Records, largest_determined, weighted
 from pamid.networks.normal_equations import CHUNK, Rows, aligned
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
@@ -100,7 +100,7 @@ class Elman(Network):
     ) -> Network:
         if sizes:
             return cls(inputs, **sizes)
-        return decided_by(lambda hidden: cls(inputs, hidden), samples)
+        return largest_determined(lambda hidden: cls(inputs, hidden), samples)
 
     def words(self) -> str:
         return f"elman {self.inputs}-{self.hidden}-1"
@@ -121,7 +121,7 @@ class Elman(Network):
         return np.concatenate([layers.units.ravel(), layers.output, [layers.output_bias]])
 
     def initial(self, seed: int) -> Array:
-        """Random start that knows no data, for inputs and target scaled into [-1, 1].
+        """Random start without data, for inputs and target scaled into [-1, 1].
 
         The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time
         constants spread over `TIME_CONSTANTS`, with input weights that bring each
@@ -132,6 +132,8 @@ class Elman(Network):
         context, loss = np.zeros((h, h)), np.empty(h)
         for first in range(0, h, 2):
             memory = np.exp(draw.uniform(*np.log(TIME_CONSTANTS)))
+            # A turn in proportion to the decay gives slow units slow oscillations, and few that
+            # ring for many periods.
             decay, turn = np.exp(-1.0 / memory), draw.uniform(0.0, 3.0) / memory
             pair = slice(first, min(first + 2, h))
             if first + 1 < h:
@@ -146,6 +148,8 @@ class Elman(Network):
         # of one; `loss` takes off the static gain 1 / |1 - pole|, which is large for a slow unit
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
         bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
+        # Nearly zero, so that the first output is near the target's middle whatever the states do.
+        # Zero exactly would leave the context without a gradient.
         output = 0.01 * draw.uniform(-1.0, 1.0, h) / np.sqrt(h)
         return self.flatten(ElmanLayers(np.column_stack([context, entering, bias]), output, 0.0))
 
@@ -165,7 +169,10 @@ class Elman(Network):
         layers = self.layers(self.initial(seed))
         modes = find_modes(records, washout, self.hidden // 2, seed)
         largest = np.max(
-            [np.abs(modes.states(u)).max(axis=0, initial=1e-300) for u, _ in records], axis=0
+            # Over all recordings: a mode that is small in one of them would otherwise saturate in
+            # another.
+            [np.abs(modes.states(u)).max(axis=0, initial=1e-300) for u, _ in records],
+            axis=0,
         )
         paired = slice(0, 2 * len(modes.poles))
         layers.units[paired] = layers.output[paired] = 0.0
@@ -186,7 +193,7 @@ class Elman(Network):
         """The start of MATLAB's Elman network, `initnw`: every unit's weights a random direction of
         the length with which the units share out the range of their arguments (Nguyen and Widrow
         1990, IJCNN vol. 3, pp. 21-26), that of tanh being -2 .. 2; the linear output, for which
-        that rule says nothing, uniform in -1 .. 1."""
+        that rule has no value, uniform in -1 .. 1."""
         draw = np.random.default_rng(seed)
         h, seen = self.hidden, self.hidden + self.inputs
         direction = draw.uniform(-1.0, 1.0, (h, seen))
@@ -208,6 +215,7 @@ class Elman(Network):
         """States x(k+1) and a column of ones (N, h + 1), from a zero state: the output is linear in
         them."""
         layers, u = self.layers(weights), self.table(inputs)
+        # Padding to whole vectors lets the kernel run without a remainder loop.
         states = np.ones((len(u), self.hidden + 1))
         run_states(_padded(layers.units.T), u, np.zeros(self.hidden), states)
         return states
@@ -266,6 +274,7 @@ class Elman(Network):
             along.output,
             bend,
         )
+        # Washed-out samples have no error to weigh, though their states still feed the later ones.
         bend[:washout] = 0.0
         gradient = np.zeros_like(layers.units)
         run_adjoint(_padded(layers.context), layers.output, states, u, bend, gradient)
@@ -278,8 +287,12 @@ class Elman(Network):
         layers, u = self.layers(weights), self.table(inputs)
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)
+        # Two copies, the state before and after: the recursion reads all units while it writes
+        # one.
         sensitivity = aligned(2, h, _multiple_of_lanes(carried))
         size = min(CHUNK, max(len(u), 1))
+        # Two buffers in turn, so that a second thread can add up one chunk while the next is
+        # computed.
         buffers = [(np.empty(size), aligned(size * self.n_weights + LANES)) for _ in range(2)]
         columns = _padded(layers.units.T)
         for number, start in enumerate(range(0, len(u), CHUNK)):

@@ -5,7 +5,7 @@ With e = target - y the errors, J = dy/dw and w the weights the objective is
 and a step v solves (beta J'J + (alpha + mu) I) v = beta J'e - alpha w, the Gauss-Newton Hessian of
 F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's:
   * geodesic acceleration: half of a, which solves the same system for - beta J'(d2y along v), bends
-    the step where the model of the errors is not linear, as long as it is short beside v;
+    the step where the model of the errors is not linear, as long as it is short compared with v;
   * variable projection: after the step the weights in which the output is linear take their best
     values;
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`);
@@ -124,6 +124,8 @@ def fresh(problem: TrainingProblem, seed: int, start: int) -> Attempt:
         return Attempt(
             start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ()
         )
+    # The first alpha and beta need errors, and errors of arbitrary output weights say nothing. One
+    # projection settles both.
     weights, errors = problem.projected(weights, _first(problem, weights, problem.errors(weights)))
     return Attempt(start, weights, problem.damping.start, _first(problem, weights, errors), ())
 
@@ -137,7 +139,7 @@ def _first(problem: TrainingProblem, weights: Array, errors: Errors) -> Evidence
 def levenberg_marquardt_steps(
     problem: TrainingProblem, attempt: Attempt, iterations: int
 ) -> Iterator[Attempt]:
-    """Yield the attempt after every accepted step; the last one yielded says why it ended."""
+    """Yield the attempt after every accepted step; the last one has the reason of its end."""
     point = _evaluate(
         problem, replace(attempt, why="", converged=False), problem.errors(attempt.weights)
     )
@@ -161,12 +163,13 @@ def levenberg_marquardt_steps(
 def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Point | None:
     """Normal equations at the attempt's weights.
 
-    `errors` are those of a plain simulation: the pass with derivatives adds up in another order,
-    and a step must be judged by the same arithmetic before and after, to the last bit.
+    `errors` are those of a plain simulation. The pass with derivatives adds up in another order,
+    and a step must be compared by the same arithmetic before and after, to the last bit.
     """
     point = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
     if point is None:
         return None
+    # The root costs a second pass, and most points do not need it.
     if resolved(attempt.evidence, point[1]):
         return Point(attempt, errors, point[1], point[2])
     spectrum = problem.spectrum(attempt.weights, attempt.evidence)
@@ -182,6 +185,7 @@ def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tup
         return f"gradient below {goals.gradient:g}", True
     if last.iteration > 0:
         pairs = ((steps[-2].alpha, last.alpha), (steps[-2].beta, last.beta))
+        # F alone is no criterion: it moves with alpha and beta even where the weights do not.
         still = all(abs(new - old) <= goals.drift * abs(new) for old, new in pairs)
         if still and point.promise < goals.promise:
             return "settled: objective, alpha and beta have stopped changing", True
@@ -190,8 +194,8 @@ def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tup
 
 @dataclass(frozen=True)
 class _Trial:
-    """A step with damping mu: where it leads, by how much it lowers F and what share of its promise
-    that is."""
+    """A step with damping mu: its weights and errors, the decrease of F, and the share of its
+    promise."""
 
     mu: float
     weights: Array
@@ -209,6 +213,7 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
             if not _bounded(problem, point, trial):
                 unbounded = True
                 continue
+            # A floor keeps mu from underflowing to zero, from where no factor could raise it.
             following = max(trial.mu * damping.factor(trial.gain), damping.smallest)
             moved = _evaluate(
                 problem, replace(old, weights=trial.weights, mu=following), trial.errors
@@ -219,6 +224,8 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
                 return _with_row(problem, moved, trials), "", False
     why = f"mu reached {damping.largest:g}: no step lowers the objective"
     why += " with a bounded context" if unbounded else ""
+    # Steps also fail at a minimum, by rounding. The promised decrease tells that case from a
+    # failure.
     converged = point.promise < problem.goals.stuck
     if not converged:
         why += f", though a full step promises {100.0 * point.promise:.2g} % of it"
@@ -226,14 +233,14 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
 
 
 def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
-    """Does a small disturbance of the context grow along the recordings no more than it may, or
-    than it did before the step?
+    """Whether a small disturbance of the context grows along the recordings no more than `GROWTH`,
+    or no more than before the step.
 
-    The poles of the context's weights would not tell: where units are bent by what they see, a
-    context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035 never does
-    (40 s of the first paper's twin). Every pole kept below 1 instead, by the projection that costs
-    least in the metric of the step, left twice the mean squared error there after 60 steps (median
-    of five seeds), and 1.5 times after 150 steps on 200 s (three).
+    The poles of the context's weights are no measure of this: in the range where its units are
+    bent, a context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035
+    never does (40 s of the first paper's twin). Keeping every pole below 1, by the projection that
+    costs least in the metric of the step, was tried as well. It left twice the mean squared error
+    after 60 steps (median of five seeds), and 1.5 times after 150 steps on 200 s (three).
     """
     if problem.plain:
         return True
@@ -246,6 +253,7 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
 def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
     """Trials with rising mu; with more than one thread some are computed ahead, whether they are
     wanted or not."""
+    # All trials of one point share its normal equations; only the damping differs.
     right = point.descent
     mu = [point.attempt.mu]
     while mu[-1] * problem.damping.increase <= problem.damping.largest:
@@ -268,10 +276,11 @@ def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _
 
 
 def _accelerated(problem: TrainingProblem, point: Point, mu: float, step: Array) -> Array:
-    """The step with its acceleration, where that is short beside it and not left out."""
+    """The step with its acceleration, where that is short compared with it and not switched off."""
     if problem.plain:
         return step
     pulled = problem.curvature(point.attempt.weights, step)
+    # Where the second derivative overflows the plain step is still a descent direction.
     if pulled is None:
         return step
     bend = 0.5 * point.solved(mu, -point.attempt.evidence.beta * pulled)
@@ -283,6 +292,8 @@ def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
     trace."""
     old = point.attempt
     evidence = old.evidence
+    # The start's weights are a draw, so that alpha and beta of these would regularise against the
+    # draw.
     if problem.regularise and old.steps:
         counted = problem.counted_samples(point.errors)
         evidence = reestimate(

@@ -5,7 +5,7 @@ With complex poles p, |p| < 1, the model is
     z(k+1) = p z(k) + r . u(k),   y(k) = b + sum over modes of Re z(k+1)
 Given the poles it is linear in the residues r: poles are drawn at random and chosen greedily, each
 with the residues of all inputs that lower the squared error most (orthogonal least squares; Chen,
-Cowan and Grant 1991, IEEE TNN 2(2)). A start that knows the slow and the lightly damped parts of
+Cowan and Grant 1991, IEEE TNN 2(2)). A start with the slow and the lightly damped parts of
 what it has to learn matters more than anything that comes after: gradients of a free-running
 network say little about memories it does not have yet.
 """
@@ -52,6 +52,7 @@ def find_modes(
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
     draws other poles."""
     poles = _random_poles(np.random.default_rng(seed))
+    # Responses run over all samples, and only then are rows left out: a pole needs its whole past.
     every = max(1, sum(len(t) - washout for _, t in records) // MOST_SCAN_ROWS)
     rows = slice(washout, None, every)
     target = np.concatenate([t[rows] for _, t in records])
@@ -60,7 +61,7 @@ def find_modes(
     basis = np.ones((len(target), 1))
     for _ in range(count):
         remaining = target - basis @ _least_squares(basis, target)
-        # only what is new beside the modes already chosen can lower the error further
+        # only what is orthogonal to the modes already chosen can lower the error further
         orthogonal = np.linalg.qr(basis)[0]
         gains = [
             -1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), remaining)
@@ -82,7 +83,10 @@ def find_modes(
 
 def _random_poles(random: np.random.Generator) -> Complex:
     turn, quality = (
-        low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY)
+        # Uniform on logarithms: time constants of a machine span decades, and each decade gets as
+        # many poles.
+        low * (high / low) ** random.uniform(size=POOL)
+        for low, high in (TURN, QUALITY)
     )
     return np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
 
@@ -117,5 +121,6 @@ def _least_squares(features: Array, target: Array) -> Array:
 
 def _ridge_gram(features: Array) -> Array:
     gram = features.T @ features
+    # Relative to the features, so that the choice of modes does not depend on a unit.
     gram[np.diag_indices(len(gram))] += RESIDUE_RIDGE * max(np.trace(gram) / len(gram), 1e-300)
     return gram

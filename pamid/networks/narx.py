@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
-from pamid.networks.network import Network, decided_by, weighted
+from pamid.networks.network import Network, largest_determined, weighted
 from pamid.networks.normal_equations import CHUNK, Rows
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
@@ -57,7 +57,7 @@ class Narx(Network):
     """A NARX network's sizes; weights are passed to every verb as one flat float64 vector (layout:
     module).
 
-    `input_lags` counts the delayed taps of every input beside the present one, `output_lags` those
+    `input_lags` counts the delayed taps of every input after the present one, `output_lags` those
     of the output. `stride` is the number of samples between taps; 10 are 30 ms at 3 ms.
     Neighbouring samples are nearly the same, so that the recursion must be right to many digits,
     while a wide stride overlooks what happens between taps. Mean squared errors on the first of the
@@ -92,7 +92,7 @@ class Narx(Network):
         stride = max(1, round(TAP_S / period_s))
         if sizes:
             return cls(inputs, stride=stride, **sizes)
-        return decided_by(lambda hidden: cls(inputs, hidden, stride=stride), samples)
+        return largest_determined(lambda hidden: cls(inputs, hidden, stride=stride), samples)
 
     def words(self) -> str:
         return (
@@ -118,6 +118,7 @@ class Narx(Network):
         flat = self.flat(weights)
         h, q = self.hidden, self._taps
         units = flat[: -h - 1].reshape(h, q + self.output_lags + 1)
+        # The kernel reads these weights at every sample; a strided view would miss the cache.
         feedback = np.ascontiguousarray(units[:, q:-1])
         return NarxLayers(
             units[:, :q], feedback, units[:, -1], flat[-h - 1 : -1].copy(), float(flat[-1])
@@ -131,15 +132,15 @@ class Narx(Network):
     def initial(self, seed: int) -> Array:
         """Random start, for inputs and target scaled into [-1, 1].
 
-        Dense random weights; where the recursion they make of the output would remember for longer
-        than `LONGEST_TIME_CONSTANT`, the feedback is weakened until it does not, so that the free
-        run and its sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants
-        sampled at 3 ms (10000 samples, held random levels), 4 starts each, 100 steps. The first,
-        with a saturated input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10
-        units: 4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to
-        1.3e-3 to 1.5e-3 (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the
-        grid of taps sets the floor. Starts of which half the units are a linear recursion with
-        drawn poles came no lower.
+        Dense random weights. Where their recursion of the output has a time constant above
+        `LONGEST_TIME_CONSTANT`, the feedback is weakened, so that the free run and its
+        sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants sampled at 3 ms
+        (10000 samples, held random levels), 4 starts each, 100 steps. The first, with a saturated
+        input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10 units: 4e-5 to
+        1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to 1.5e-3
+        (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the grid of taps
+        sets the floor. Starts of which half the units are a linear recursion with drawn poles came
+        no lower.
         """
         layers = self.layers(np.random.default_rng(seed).uniform(-1.0, 1.0, self.n_weights))
         # of variance 1 / (number of taps), so that what a unit sees adds up to size one
@@ -182,6 +183,8 @@ class Narx(Network):
         ]
         driven = weighted(layers.feedback, back, weighted(layers.taps, taps, layers.bias))
         (output,) = weighted(layers.output[None], [tanh(d) for d in driven], [layers.output_bias])
+        # Every sample between the taps has a cell, because a shift register moves by one sample at
+        # a time.
         cells = _chain(f"{name}_output", output, before=ZERO, length=self._reach)
         for n, u in zip(seen, inputs, strict=True):
             cells += _chain(n, u, before=u, length=self.input_lags * self.stride)
@@ -229,6 +232,8 @@ class Narx(Network):
                 buffers[number % 2],
                 buffers[number % 2 - 1],
             )
+            # The recursion of a chunk starts from the outputs that the chunk before has ended
+            # with, derivatives included.
             y[:reach], jacobian[:reach] = y_before[-reach:], jacobian_before[-reach:]
             taps = self._tapped(u, start, min(start + CHUNK, len(u)))
             end = reach + len(taps)

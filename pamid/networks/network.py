@@ -1,10 +1,10 @@
-"""Interface of every network of this package: five methods to implement, and what derives from
+"""Interface of every network of this package: five abstract methods, and the methods derived from
 them.
 
 A kind of network is a module with a frozen dataclass derived from `Network`, its sizes as fields
 (`repr` ties a checkpoint to them, network.json holds them). Weights are one flat float64 vector,
-passed to every verb; inputs and target are scaled into [-1, 1]. Choose weights whose natural value
-is zero: regularisation pulls them there.
+passed to every method; inputs and target are scaled into [-1, 1]. Choose weights whose natural
+value is zero: regularisation pulls them there.
 """
 
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ from pamid.symbolic.vocabulary import Expr, expression
 Array = NDArray[np.float64]
 
 ASIDE = 0.1  # of a step: where its second derivative is probed
-HIDDEN = 10  # units of a network for which no number is asked: the first paper's
+HIDDEN = 10  # default number of units: the first paper's
 Records = Sequence[tuple[Array, Array]]
 
 
@@ -36,9 +36,9 @@ def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | floa
     ]
 
 
-def decided_by(make: "Callable[[int], Network]", samples: int | None) -> "Network":
-    """The largest network of at most `HIDDEN` units whose weights this number of samples decides;
-    of one unit where none is that small. make: the network of a number of units."""
+def largest_determined(make: "Callable[[int], Network]", samples: int | None) -> "Network":
+    """The largest network of at most `HIDDEN` units with no more weights than samples; of one unit
+    where none is that small. make: the network of a number of units."""
     sizes = (make(hidden) for hidden in range(HIDDEN, 0, -1))
     return next((size for size in sizes if samples is None or size.n_weights <= samples), make(1))
 
@@ -68,8 +68,8 @@ class Network(ABC):
 
     def words(self) -> str:
         """Kind and sizes as people write them."""
-        own = ", ".join(f"{name} {value}" for name, value in vars(self).items())
-        return f"{self.kind} ({own})"
+        sizes = ", ".join(f"{name} {value}" for name, value in vars(self).items())
+        return f"{self.kind} ({sizes})"
 
     @property
     @abstractmethod
@@ -83,14 +83,14 @@ class Network(ABC):
 
     @abstractmethod
     def initial(self, seed: int) -> Array:
-        """A random start that knows no data."""
+        """A random start without data."""
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
         """A random start for these recordings, (inputs (N, m), target (N,)) each."""
         return self.initial(seed)
 
     def random_start(self, seed: int) -> Array:
-        """The start of a training as in the first paper: one that knows no data."""
+        """The start of a training as in the first paper: one without data."""
         return self.initial(seed)
 
     @abstractmethod
@@ -104,8 +104,7 @@ class Network(ABC):
         it remembers: sample by sample the same as `simulate`. DataError where a kind of network has
         none."""
         raise DataError(
-            f"A network of kind {self.kind!r} has no equations, so that it cannot run beside a "
-            "model."
+            f"A network of kind {self.kind!r} has no equations, so that it cannot run with a model."
         )
 
     @property
@@ -125,7 +124,7 @@ class Network(ABC):
 
     @property
     def in_matrices(self) -> bool:
-        """Does it have `onnx_nodes` of its own?"""
+        """Whether it has `onnx_nodes` of its own."""
         return type(self).onnx_nodes is not Network.onnx_nodes
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
@@ -148,6 +147,8 @@ class Network(ABC):
     def flat(self, weights: ArrayLike) -> Array:
         """The weights (n_weights,) as they are computed with; DataError when there are not that
         many."""
+        # Compiled kernels are specialised for contiguous float64; another layout would compile
+        # them anew.
         flat = np.ascontiguousarray(weights, dtype=np.float64)
         if flat.shape != (self.n_weights,):
             raise DataError(
@@ -189,7 +190,7 @@ class Network(ABC):
         washout: int = 0,
         threads: int = 1,
     ) -> None:
-        """The same, added to what other recordings have brought."""
+        """Add the normal equations of one recording to those of the others."""
         wanted = np.ascontiguousarray(target, dtype=np.float64)
         if wanted.shape != (len(np.asarray(inputs)),):
             raise DataError(
@@ -202,10 +203,12 @@ class Network(ABC):
     ) -> Array:
         """J' times the second derivative of the output along a change of the weights, over samples
         `washout` .. N-1; here the latter by a central difference."""
+        # Probed at a tenth of the step: nearer, rounding enters the second difference; farther,
+        # higher derivatives do.
         w, v = np.asarray(weights, dtype=np.float64), ASIDE * np.asarray(step, dtype=np.float64)
         with np.errstate(all="ignore"):
-            forward, here, backward = (self.simulate(at, inputs) for at in (w + v, w, w - v))
-            second = (forward - 2.0 * here + backward) / ASIDE**2
+            forward, middle, backward = (self.simulate(at, inputs) for at in (w + v, w, w - v))
+            second = (forward - 2.0 * middle + backward) / ASIDE**2
             second[:washout] = 0.0
             return np.sum(
                 [second[k : k + len(j)] @ j for k, _, j in self.sweep(weights, inputs)], axis=0

@@ -17,15 +17,15 @@ NETWORK_FILES = (NETWORK_FILE, WEIGHTS_FILE, TRACE_FILE)
 _CHANNEL = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,200}")
 
 
-def network_files_beside(channel: str) -> tuple[str, ...]:
-    """The files of a channel's network beside that of the run, relative to the run; FileError for a
-    name that is no channel's."""
+def channel_network_files(channel: str) -> tuple[str, ...]:
+    """The files of a channel's network next to that of the run, relative to the run; FileError for
+    a name that is no channel's."""
     if _CHANNEL.fullmatch(channel) is None:
-        raise FileError(f"{channel!r} is no name of a channel that could have a folder.")
+        raise FileError(f"{channel!r} is not a channel name that can name a folder.")
     return tuple(f"{NETWORKS_FOLDER}/{channel}/{name}" for name in NETWORK_FILES)
 
 
-def networks_beside(folder: Path) -> dict[str, Path]:
+def channel_networks(folder: Path) -> dict[str, Path]:
     """The folders of a run's other networks by channel, in alphabetical order."""
     files = (folder / NETWORKS_FOLDER).glob(f"*/{NETWORK_FILE}")
     return {

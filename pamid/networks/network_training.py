@@ -1,9 +1,9 @@
 """Training: full-batch Levenberg-Marquardt with Bayesian regularisation, for any network of this
 package.
 
-The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core
-each, as a race: at the iterations `GATES` the worse half of those still running is stopped, and the
-last one has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
+The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core each,
+as a race. At the iterations `GATES` the worse half of the running ones is stopped, and the last one
+has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
 """
 
 import math
@@ -96,8 +96,7 @@ class Training:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """How the training went, in plain numbers and words fit for strict JSON (None: not
-        finite)."""
+        """Course of the training in plain numbers and words, for strict JSON (None: not finite)."""
         last = {name: _finite(column[-1]) for name, column in self.trace.items() if len(column)}
         return {
             "why": self.why,
@@ -143,11 +142,11 @@ def train(
     a zero state. Start s begins at `network.start(..., seed + s)`; the starts race (module), the
     winner takes at most `iterations` steps and is kept. The first `washout` samples of every
     recording are simulated but not counted. `regularise=False` is plain least squares (alpha 0,
-    beta 1); `independent` lets alpha and beta count only the independent samples that the errors
-    are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after
-    every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`:
-    cores used; the result does not depend on it. `engine`: computes the passes of all starts that
-    are running in one batch (batch.py); the sums differ from the network's own in the last digits.
+    beta 1). With `independent`, alpha and beta count only the independent samples of the errors: at
+    3 ms far fewer, and more regularisation. `progress(step, start)` is called after every step;
+    KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used;
+    the result does not depend on it. `engine`: computes the passes of all starts that are running
+    in one batch (batch.py); the sums differ from the network's own in the last digits.
 
     `plain`: by the textbook's steps from a random start, as the first paper trained; the damping
     that goes with it is `PAPER_DAMPING`.
@@ -165,6 +164,8 @@ def train(
     check_problem(problem, iterations, starts, seed)
     if resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
+    # Computed before the first step, so that a checkpoint of other data is refused before any of
+    # it is overwritten.
     key = fingerprint(problem, seed, starts)
     attempts: dict[int, Attempt] = {}
     if resume and checkpoint is not None and checkpoint.exists():
@@ -200,6 +201,7 @@ class _Race:
     def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
         """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
         step."""
+        # One thread alone writes attempts and reports progress, so that neither needs a lock.
         messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
         stop = Event()
         open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
@@ -249,7 +251,9 @@ class _Race:
 
 
 def _ended(attempt: Attempt, gate: int) -> bool:
-    """Has it nothing to do up to this gate? Iterations that were used up once may be more now."""
+    """Whether it takes no step up to this gate. A start whose iterations were used up may have more
+    now."""
+    # A start that has converged or diverged takes no step at any later gate.
     return bool(attempt.why and attempt.why != USED_UP) or (len(attempt.steps) > gate)
 
 
@@ -261,6 +265,8 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
         steps = attempts[start].steps
         return steps[min(gate, len(steps) - 1)].mse if steps else math.inf
 
+    # The error at the gate, not the last one: a start that ran ahead after a resume must not win
+    # by that.
     order = sorted(running, key=lambda s: (standing(s), s))
     staying = order[: (len(order) + 1) // 2]
     for s in order[len(staying) :]:
@@ -274,6 +280,8 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
 def _training_of(
     problem: TrainingProblem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
 ) -> Training:
+    # Only among those still in the race. The result must not depend on how far a stopped start had
+    # come.
     best = min((a for a in attempts if a.start in running), key=lambda a: a.mse)
     columns = (
         np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(TrainingStep._fields)).T
@@ -322,6 +330,8 @@ class _Clock:
 
     def keep(self, attempts: dict[int, Attempt], always: bool = False) -> None:
         now = time.perf_counter()
+        # By the clock, as steps take from milliseconds to minutes. The clock decides when to write
+        # and nothing else.
         if self.path is not None and (always or now - self.last > _CHECKPOINT_SECONDS):
             save_checkpoint(
                 self.path, Checkpoint(self.problem, tuple(attempts[k] for k in sorted(attempts)))

@@ -1,5 +1,4 @@
-"""Normal equations from rows of a Jacobian that come in chunks: what every network's pass ends
-in."""
+"""Normal equations from rows of a Jacobian that come in chunks, the end of every network's pass."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +21,7 @@ _CACHE_LINE = 64
 
 def aligned(*shape: int) -> Array:
     """Zeros (C order) that begin at a cache line."""
+    # numpy may align to 16 bytes only.
     raw = np.zeros(int(np.prod(shape)) + _CACHE_LINE // 8)
     skip = (-raw.ctypes.data % _CACHE_LINE) // 8
     return raw[skip : skip + int(np.prod(shape))].reshape(shape)
@@ -36,23 +36,26 @@ def add_up(
     one is added. Its maker must leave the chunk before untouched.
     """
     with np.errstate(all="ignore"):
-        for start, y, jacobian in _made_ahead(chunks) if threads > 1 else chunks:
+        for start, y, jacobian in _computed_ahead(chunks) if threads > 1 else chunks:
             skip = min(max(washout - start, 0), len(y))
             sums.add(jacobian[skip:], target[start + skip : start + len(y)] - y[skip:])
 
 
 def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Results in the order of the items, a thread for each where there are several; no more than
-    that, since it stands in the middle of every step (jobs.run_jobs settles the threads of BLAS
-    first, which takes milliseconds)."""
+    """Results in the order of the items, with one thread for each where there are several.
+
+    A plain pool, since it is part of every step: jobs.run_jobs first settles the threads of BLAS,
+    which takes milliseconds.
+    """
     if len(items) < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(len(items)) as pool:
         return list(pool.map(work, items))
 
 
-def _made_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
-    """The same chunks, each made while the one before is in use."""
+def _computed_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
+    """The same chunks, each computed while the one before is in use."""
+    # One chunk ahead is enough to keep both threads busy, and two buffers hold it.
     with ThreadPoolExecutor(1) as maker:
         coming = maker.submit(next, chunks, None)
         while (chunk := coming.result()) is not None:

@@ -1,21 +1,23 @@
-"""Normal equations that keep what J'J loses: a triangular root R with R'R = J'J, from rows of J
-that come in chunks.
+"""Normal equations to full precision: a triangular root R with R'R = J'J, from rows of J that come
+in chunks.
 
 Rounded to 16 digits, J'J holds no eigenvalue below n eps trace(J'J). A recurrent network near the
-edge of stability has a trace so large (1e15 over the 66667 samples of the first paper's task) that
-most of what regularisation weighs lies below that line, and the number of weights that count would
-be a rank of floating point. R holds the singular values of J themselves, down to eps times the
+edge of stability has a very large trace: 1e15 over the 66667 samples of the first paper's task.
+Most of the regularised directions lie below that line, and the number of effective weights would be
+a rank of floating point. R holds the singular values of J themselves, down to eps times the
 largest: twice as many digits.
 
-Rows are added to J'J as they are while it can hold all that matters, eigenvalues down to `finest`.
-From there on they are added in the coordinates of the root so far,
+Rows are added to J'J directly while its rounding leaves all eigenvalues down to `finest`. From
+there on they are added in the coordinates of the root so far,
+
     K = J_chunk R^-1,   G = I + sum of K'K,   J'J = R' G R,
+
 where no direction is small: the Cholesky factor of G is as good as that of a well-conditioned
 matrix (the preconditioned Cholesky QR of Yamamoto, Nakatsukasa, Yanagisawa and Fukaya 2015, ETNA
-44, with what was summed so far as the preconditioner). Where G grows beyond `GROWN` the root takes
-it up, R := chol(G)' R, G := I; a chunk that alone is larger is taken up by a QR decomposition
-(Golub and Van Loan 2013, Matrix Computations, 5.2). A chunk costs a triangular product more than
-its J'J; `benchmarks/elman_pass.py` measures it.
+44, with the sums so far as the preconditioner). Where G grows beyond `GROWN` the root absorbs it, R
+:= chol(G)' R, G := I. A chunk that alone is larger is absorbed by a QR decomposition (Golub and Van
+Loan 2013, Matrix Computations, 5.2). A chunk costs a triangular product more than its J'J;
+`benchmarks/elman_pass.py` measures it.
 """
 
 from dataclasses import dataclass
@@ -26,7 +28,7 @@ from scipy.linalg import cholesky, qr, solve_triangular
 
 Array = NDArray[np.float64]
 
-# share of `finest` that may be lost: what it could move gamma by, per weight
+# share of `finest` that may be lost: its possible influence on gamma, per weight
 LOST = 1e-4
 # largest trace of G beyond its start: it keeps eps times this, relative to every direction
 GROWN = 1e7
@@ -36,7 +38,7 @@ BLOCKS = 4
 
 @dataclass(frozen=True)
 class Spectrum:
-    """J = U diag(values) vectors', and along = U'e: all that a step asks of the normal equations.
+    """J = U diag(values) vectors', and along = U'e: all that a step needs of the normal equations.
 
     values (n,), vectors (n, n) in columns, along (n,): J'J = vectors diag(values^2) vectors', J'e =
     vectors (values * along).
@@ -66,7 +68,7 @@ class Spectrum:
 class RootSums:
     """Sums over rows of a Jacobian: sse, and J'J and J'e either as they are or by their root.
 
-    finest: eigenvalues of J'J below it need not be told from zero; 0 where all of them are, which
+    finest: eigenvalues of J'J below it need not differ from zero; 0 where all of them must, which
     leaves J'J as it is.
     """
 
@@ -85,7 +87,7 @@ class RootSums:
         if self.root is None:
             # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
             square = rows.T @ rows
-            if not self.lost or self._kept(square):
+            if not self.lost or self._is_resolved(square):
                 self.jte += error @ rows
                 self.jtj += square
                 return
@@ -100,7 +102,7 @@ class RootSums:
         elif np.isfinite(rows).all() and np.isfinite(error).all():
             self._take_up()
             self._decompose(rows, error)
-        else:  # an overflow: it shows in what is handed out
+        else:  # an overflow: it shows in the result
             self.sse = np.inf
 
     def spectrum(self) -> Spectrum | None:
@@ -108,18 +110,17 @@ class RootSums:
         if self.root is None or not np.isfinite(self.sse):
             return None
         self._take_up()
+        # Of the root, not of J'J: squaring would lose the digits that the root was kept for.
         left, values, right = np.linalg.svd(self.root)
         return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
 
-    def _kept(self, square: Array) -> bool:
-        """Is what rounding takes from J'J with this chunk small beside what matters? (Not where it
-        is no number.)"""
+    def _is_resolved(self, square: Array) -> bool:
+        """Whether the rounding error of J'J with this chunk is below its limit (not for NaN)."""
         trace = float(np.trace(self.jtj) + np.trace(square))
         return not self.n * np.finfo(float).eps * trace > self.lost
 
     def _begin_root(self) -> None:
-        """The root of the sum so far; the weights that it says nothing of are held by what may be
-        lost."""
+        """The root of the sum so far. Directions without data are held by the admissible error."""
         self.jtj[np.diag_indices(self.n)] += self.lost
         self._set_root(cholesky(self.jtj, check_finite=False))
         self.along = solve_triangular(self.root, self.jte, trans="T", check_finite=False)
@@ -151,6 +152,8 @@ class RootSums:
         above = np.column_stack([self.root, self.along])
         stacked = np.vstack([above, np.column_stack([rows, error])])
         triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
+        # A QR decomposition leaves signs of its rows open. A positive diagonal makes the root
+        # unique, as a Cholesky factor is.
         signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
         triangle = signs[:, None] * triangle
         self.along = np.ascontiguousarray(triangle[:, -1])

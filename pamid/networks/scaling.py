@@ -71,6 +71,7 @@ def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
     check_finite(table, names)
     low, high = table.min(axis=0), table.max(axis=0)
     for name, a, b in zip(names, low, high, strict=True):
+        # A span of rounding errors would be blown up to the full range and trained on.
         if b - a <= 1e-12 * max(abs(a), abs(b)):
             raise DataError(
                 f"Column {name!r} is constant ({a:g}) and cannot be scaled into [-1, 1].",

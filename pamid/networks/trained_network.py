@@ -42,12 +42,12 @@ _REMEDY = "Train the network again."
 
 @dataclass(frozen=True)
 class TrainedNetwork:
-    """A network and what its numbers mean.
+    """A network with the meaning of its numbers.
 
     Names carry their unit after the last underscore (`angle_deg`), as in a recording; the scalings
     are in these units and in the order of the network's inputs. `period_s` is the sampling period
-    the network was trained at, the only one it is good for. `summary` tells readers how the
-    training went; it is not needed to predict.
+    of the training, the only one the network is valid for. `summary` describes the training; it is
+    not needed to predict.
     """
 
     network: Network
@@ -123,6 +123,8 @@ def train_on_signals(
         raise DataError("There is no recording to train on.")
     names = tuple(recordings[0])
     tables = [_columns(recording, names) for recording in recordings]
+    # One scaling for all recordings: with one each, the same input would mean something else in
+    # every file.
     input_scaling = scaling_of(np.concatenate(tables), names)
     output_scaling = scaling_of(np.concatenate(outputs), (output_name,))
     scaled = (
@@ -195,7 +197,7 @@ def network_files(trained: TrainedNetwork, **about: Any) -> tuple[bytes, dict[st
 
 
 def load_network(folder: Path | str) -> TrainedNetwork:
-    """Read a network back; FileError where a file is missing, altered, or not what it should be."""
+    """Read a network back; FileError where a file is missing, altered or invalid."""
     path = Path(folder) / NETWORK_FILE
     about = read_json(path)
     if not isinstance(about, dict) or about.get("schema") != NETWORK_SCHEMA:
@@ -249,6 +251,8 @@ def _weights(path: Path, sha256: str, n_weights: int) -> Array:
         content = read_data(path, WEIGHTS)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", _REMEDY) from None
+    # Weights and description are two files. A pair that does not belong together predicts without
+    # complaint.
     if hashlib.sha256(content).hexdigest() != sha256:
         raise FileError(
             f"{path} was changed since {NETWORK_FILE} was written (its SHA-256 differs).", _REMEDY

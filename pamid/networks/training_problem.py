@@ -61,8 +61,8 @@ PAPER_ITERATIONS = 5000
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a plain simulation, those of every recording from the washout on, and the sum of
-    their squares; features: what the output was linear in, where it is in something."""
+    """Errors of a plain simulation for every recording from the washout on, and the sum of their
+    squares. features: regressors of the linear weights, where there are any."""
 
     each: tuple[Array, ...]
     features: tuple[Array, ...] = ()
@@ -131,6 +131,8 @@ class TrainingProblem:
         linear = self.network.linear
         with np.errstate(all="ignore"):
             features: tuple[Array, ...] = ()
+            # A step is accepted by comparing these errors with those of `projected`, so that both
+            # must add up in the same order.
             if linear.start == linear.stop:
                 outputs = [self.network.simulate(weights, u) for u, _ in self.records]
             else:
@@ -154,6 +156,7 @@ class TrainingProblem:
         with np.errstate(all="ignore"):
             features = tuple(network.features(weights, u) for u, _ in self.records)
             for f, (_, t) in zip(features, self.records, strict=True):
+                # The minimum over the counted samples only: the washout is no part of F.
                 rows = f[self.washout :]
                 gram, right = gram + rows.T @ rows, right + rows.T @ t[self.washout :]
             if not np.isfinite(gram).all():
@@ -200,8 +203,10 @@ class TrainingProblem:
         )
 
     def spectrum(self, weights: Array, evidence: Evidence) -> Spectrum | None:
-        """J by its singular values, down to what matters beside alpha, from a pass of its own; None
+        """J by its singular values, down to what matters next to alpha, from a separate pass; None
         where passes are another's, or where J'J holds as much after all."""
+        # A batch serves all starts with the same pass. A pass for one of them would stop the
+        # others.
         if self.batch_queue is not None:
             return None
         sums = RootSums(len(weights), evidence.alpha / evidence.beta)
@@ -249,6 +254,7 @@ def check_problem(problem: TrainingProblem, iterations: int, starts: int, seed: 
         raise DataError(
             f"A washout of {problem.washout} samples leaves nothing of a recording of {shortest}."
         )
+    # Regularisation would still give an answer, but one that the prior alone decides.
     if problem.samples < problem.network.n_weights:
         raise DataError(
             f"{problem.samples} samples cannot decide {problem.network.n_weights} weights.",
@@ -257,10 +263,11 @@ def check_problem(problem: TrainingProblem, iterations: int, starts: int, seed: 
 
 
 def fingerprint(problem: TrainingProblem, seed: int, starts: int) -> str:
-    """Identifies what a checkpoint belongs to; how long to train, and on how many cores, is not
-    part of it."""
+    """Identify the training of a checkpoint. The length of the training and the number of cores are
+    not part of it."""
     digest = hashlib.sha256()
     for u, t in problem.records:
+        # With the shape, because the same bytes can be cut into other columns.
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
     options = (
         int(problem.washout),

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pamid.base.share_words import times_text
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import families_of
-from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem

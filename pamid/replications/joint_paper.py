@@ -31,7 +31,7 @@ from pamid.correction.output_network import (
 )
 from pamid.correction.residual_data import ResidualData, Segment, derived
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.estimation.closed_loop import loop_run
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs

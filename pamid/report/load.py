@@ -13,7 +13,7 @@ from pamid.base.errors import FileError
 from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.run_folder import ADDED_VARIABLES_FILE, FREE_RUN_FILE, Run
 from pamid.base.units import split_column
-from pamid.networks.network_folders import networks_beside
+from pamid.networks.network_folders import channel_networks
 from pamid.report.reading import FloatArray, read_columns
 from pamid.schemas.added_variables_file import AddedVariablesFile
 from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
@@ -172,7 +172,7 @@ def _free_runs(folder: Path, residual: dict[str, FloatArray]) -> dict[str, Float
 
 def _beside(folder: Path) -> tuple[NetworkFile, ...]:
     """The networks of other channels than that of network.json."""
-    paths = [place / "network.json" for place in networks_beside(folder).values()]
+    paths = [place / "network.json" for place in channel_networks(folder).values()]
     read = [read_result(path, NetworkFile, any_schema=True) for path in paths]
     return tuple(recording for recording in read if recording is not None)
 

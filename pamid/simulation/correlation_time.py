@@ -1,17 +1,8 @@
-"""How long the recordings remember: the time scale of which every horizon is a multiple.
+"""Correlation time of recordings, the unit of all window lengths.
 
-A window to fit over, one to replay, the slices of a smoother: each has to be long against what the
-machine remembers and short against the recording, on a joint of 3 ms samples as on two tanks of
-4 s. The correlation time of the measured outputs is such a scale. It is proportional to the unit of
-time, and no unit or sign of a signal changes it.
-
-    rho(l) = sum_t y_t y_(t+l) / (sum_t y_t^2 - n noise^2)
-    plain: the smallest l with rho < 1/e;  ringing: the smallest l with |rho| < 1/e from l to 3 l
-
-The second is that of the envelope: an oscillation that rings on is remembered for as long as it
-rings, not for a quarter of its period. A motion that is only driven round and round looks alike, so
-the envelope counts as far as the recordings still give enough windows. Priestley (1981), Spectral
-Analysis and Time Series, ch. 5.
+A window to fit over, one to replay, the slices of a smoother: each has to be long compared with the
+machine's memory and short compared with the recording, on a joint with samples of 3 ms as on two
+tanks with samples of 4 s.
 """
 
 from __future__ import annotations

@@ -55,11 +55,11 @@ FEW_WINDOWS, LEAST_WINDOWS = 12, 6  # wanted where the envelope counts, and to f
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
 ALIKE_DIGITS = 9  # decimals to which recordings and ways of dealing are compared
 VISIBLE = 3.0  # times its noise: a signal that moves
-# of the first half's motion: what is left in the second half of a motion that dies away
+# of the first half's motion: the rest in the second half of a motion that dies away
 DECAYED = 0.5
-# of a state's spread: what a model may be off by in a state that nothing measures, per window
+# of a state's spread: possible error of a model in an unmeasured state, per window
 STATE_JUMP = 0.01
-STRETCHES = 3  # of what is fitted of a long recording, and of what is held out
+STRETCHES = 3  # of the fitted part of a long recording, and of the held-out part
 # correlation times of a stretch at least: 8 windows of a fit; 16 windows of full length to judge by
 LEAST_FITTED, LEAST_HELD_OUT = 20.0, 61.0
 
@@ -75,12 +75,14 @@ class Span:
 
 @dataclass(frozen=True)
 class DataSplit:
-    """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
-    and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
-    states may depart from what a window before has led to (SI); timescale_s: how long the
-    recordings remember, as far as they are long enough for it and errors of the state do not grow
-    too fast, of which every horizon is a multiple; correlation_s: the same whatever their length,
-    of which times of effects are."""
+    """Recordings of one rig, divided into a fitted and a held-out part.
+
+    channels: outputs that are both fitted and held out somewhere and that move in one of the
+    recordings; noise: their white noise (SI); jump: possible deviation of the rig's states from
+    their prediction by the window before (SI); timescale_s: correlation time, limited by the length
+    of the recordings and by the growth of state errors, the unit of every horizon; correlation_s:
+    the correlation time without these limits, the unit of effects' times.
+    """
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -90,14 +92,14 @@ class DataSplit:
     jump: Array
     timescale_s: float
     correlation_s: float
-    lead_most: float = np.inf  # correlation times before a held-out part, for what keeps memories
+    lead_most: float = np.inf  # correlation times before a held-out part, for models with memories
     per_run: int = 1  # held-out windows that a model predicts from one estimated state
     left_out: tuple[IdleTerm, ...] = ()  # background terms that the fitted recordings leave open
     doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may take up
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
-        """Tracks for this assembly; parameters the recordings know are held in each. Models with
-        the same inputs share the samples, which are most of what many models would hold."""
+        """Tracks for this assembly; known parameters of a recording are held in each. Models with
+        the same inputs share the samples, most of the memory of many models."""
         tracks, inputs = list[Track](), (assembly.traced.inputs, *assembly.rig.optional.items())
         role = self.held_out if held_out else self.fit
         samples = sum(s.stop - s.start for s in role)
@@ -126,12 +128,11 @@ class DataSplit:
     def excerpt(self, fitted: float, held_out: float) -> DataSplit:
         """The same with evenly spread stretches of long recordings.
 
-        The cost of a search among models then does not grow with the recordings. Every sample of
-        a stretch counts fully: gradients, covariances and errors are consistent, those of a
-        shorter recording. Thinned rows of a Jacobian would save a quarter of a step at most,
-        because sensitivities are a recursion over all samples; and their J'r is not the gradient
-        of the cost of all samples unless the residuals are smooth, which those of a correct model
-        are not.
+        The cost of a search among models then does not grow with the recordings. Every sample of a
+        stretch counts fully: gradients, covariances and errors are consistent, those of a shorter
+        recording. Thinned rows of a Jacobian would save a quarter of a step at most, because
+        sensitivities are a recursion over all samples. Their J'r is the gradient of the full cost
+        only for smooth residuals, and those of a correct model are not smooth.
 
         Parameters
         ----------
@@ -178,13 +179,13 @@ class DataSplit:
 
     @property
     def held_out_rests(self) -> bool:
-        """Does everything held out hardly move beside what was fitted?"""
+        """Whether everything held out hardly moves compared with the fitted part."""
         moved = [(_motion(self.held_out, c), _motion(self.fit, c)) for c in self.channels]
         return all(held < QUIET * fitted for held, fitted in moved)
 
     @property
     def whole_held_out(self) -> bool:
-        """Are the held-out recordings others than those that are fitted?"""
+        """Whether the held-out recordings are others than the fitted ones."""
         return not {id(s.recording) for s in self.fit} & {id(s.recording) for s in self.held_out}
 
     @property
@@ -253,7 +254,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         return tuple(sorted(spans, key=lambda s: (*place[id(s.recording)], s.start)))
 
     stated = stated_noise(rig, channels)
-    # no time scale is asked of these tracks: it is found from them
+    # these tracks need no time scale: it is computed from them
     whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
     noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
     jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
@@ -323,8 +324,8 @@ def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
     held = SPREAD_TENTHS if _rests(table, edges[LAST_TENTHS[0]]) else LAST_TENTHS
     parts: dict[bool, list[Span]] = {False: [], True: []}
     for is_held, tenths in groupby(range(10), held.__contains__):
-        own = list(tenths)
-        parts[is_held].append(Span(recording, edges[own[0]], edges[own[-1] + 1]))
+        tenth_spans = list(tenths)
+        parts[is_held].append(Span(recording, edges[tenth_spans[0]], edges[tenth_spans[-1] + 1]))
     return parts[False], parts[True]
 
 
@@ -351,15 +352,15 @@ def _stretches(
 
 def _motion(spans: Sequence[Span], channel: str) -> float:
     """Standard deviation of a channel (SI), root mean square over the spans that have it."""
-    own = [s for s in spans if s.recording.has(channel)]
-    parts = [output_table((channel,), s.recording)[s.start : s.stop] for s in own]
+    recorded = [s for s in spans if s.recording.has(channel)]
+    parts = [output_table((channel,), s.recording)[s.start : s.stop] for s in recorded]
     count = sum(map(len, parts))
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
 
 
 def _rests(table: Array, edge: int) -> bool:
-    """Does all that moves in a recording, sent or measured (samples x signals), rest before this
-    sample, or from it on, beside the other part?"""
+    """Whether every moving signal of a recording, sent or measured (samples x signals), rests
+    before this sample, or from it on, compared with the other part."""
     moving = table.std(axis=0) > VISIBLE * noise_level(table)
     before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
     return bool(moving.any()) and bool(
@@ -368,8 +369,8 @@ def _rests(table: Array, edge: int) -> bool:
 
 
 def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
-    """By what recordings are put in order: when they move most, added up over the rig's columns,
-    which no unit and no sign changes, nor the order of the columns, nor one that is not used."""
+    """Sort key of a recording: the times of largest motion, summed over the rig's columns. It does
+    not depend on units and signs, on the order of the columns, nor on an unused one."""
     total = 0.0
     for name in sorted({*rig.inputs, *rig.outputs}):
         if recording.has(name):
@@ -414,7 +415,7 @@ def require_informative(rig: Rig, recording: Recording) -> set[str]:
 
 
 def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError | None]:
-    """Which of these signals change, and the error of the first that does not."""
+    """Those of these signals that change, and the error of the first that does not."""
     moving, still = set(), None
     for name in names:
         try:
@@ -462,10 +463,10 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
     """One half of the held-out windows (True): either half reports of what the other would choose.
     losses: of the model without effects, one per window.
 
-    Pairs of neighbouring windows go to either half together. Of many ways to deal them out, in
-    which the halves are as large as each other, the one whose halves hold most nearly the same
-    error and the same largest error: a transient that falls into one half alone would make one of
-    the choices blind to it. What the effects do plays no part.
+    Pairs of neighbouring windows go to either half together. Of many divisions into halves of one
+    size, the one whose halves hold most nearly the same error and the same largest error. A
+    transient in one half alone would make one of the choices blind to it. What the effects do plays
+    no part.
     """
     count = sum(len(r.windows) for r in replays)
     # both parts are spread over everything held out, so that neither is of other conditions; in
@@ -491,8 +492,8 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
 
 
 def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
-    """How far the halves are from holding the same error, and the same share of their largest."""
-    one, other = losses[chosen], losses[~chosen]
+    """Difference of the halves in their error, and in their share of the largest one."""
+    first, other = losses[chosen], losses[~chosen]
     return float(
-        abs(np.log(one.mean() / other.mean())) + 0.5 * abs(np.log(one.max() / other.max()))
+        abs(np.log(first.mean() / other.mean())) + 0.5 * abs(np.log(first.max() / other.max()))
     )

@@ -1,13 +1,13 @@
 """Time over which a model multiplies the errors of its state.
 
 A fit follows the derivatives of a window's outputs by the state at its start. Where errors grow
-exponentially, as in an undamped arm, the outputs soon are no linear function of that state, and the
+exponentially, as in an undamped arm, the outputs soon depend on that state nonlinearly, and the
 misfit has many minima (Ribeiro, Tiels, Umenberger, Schoen and Aguirre 2020, Automatica 121). With
 
     a_j(t) = max over t' <= t of |W dy(t')/dx_j|
 
-for a state x_j that the readings show at once, growth is told from a power of time by a doubling:
-a_j(2 t)/a_j(t) is 2^k for t^k, whatever the units, and exp(lambda t) for exp(lambda t).
+for a state x_j that the readings show at once, growth is separated from a power of time by a
+doubling: a_j(2 t)/a_j(t) is 2^k for t^k, whatever the units, and exp(lambda t) for exp(lambda t).
 """
 
 from __future__ import annotations

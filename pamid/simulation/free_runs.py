@@ -78,7 +78,7 @@ def output_table(names: tuple[str, ...], recording: Recording) -> Array:
 
 
 def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, list[int]]:
-    """Parameter vector with what a recording knows put in, and the places of these."""
+    """Parameter vector with the known values of a recording, and their places."""
     return assembly.values(known), [assembly.index_of(name) for name in known]
 
 
@@ -90,8 +90,8 @@ def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: 
         return _chosen_stepping(assembly, u, p, period_s, x)
     t = assembly.traced
     equations = tuple(t.rates.items()), t.cells, t.inputs, t.linear, tuple(assembly.keys)
-    told = tuple(np.asarray(a, float).tobytes() for a in (u[: LOOKED_AT + 1], p, x))
-    key = (equations, hashlib.blake2b(b"|".join(told)).digest(), u.shape, period_s)
+    arrays = tuple(np.asarray(a, float).tobytes() for a in (u[: LOOKED_AT + 1], p, x))
+    key = (equations, hashlib.blake2b(b"|".join(arrays)).digest(), u.shape, period_s)
     if key not in _CHOSEN:
         while len(_CHOSEN) >= KEPT_CHOICES:
             _CHOSEN.pop(next(iter(_CHOSEN)), None)
@@ -337,7 +337,7 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
 
 def state_spread(assembly: Assembly, recording: Recording) -> Array:
     """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI);
-    infinite where the run says nothing of it: a state that runs away or does not move."""
+    infinite where the run has no time scale: a state that runs away or does not move."""
     p, _ = known_values(assembly, recording.known)
     u, period = input_table(assembly, recording), recording.sampling_period_s
     names = assembly.rig.states

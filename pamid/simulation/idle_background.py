@@ -44,7 +44,7 @@ class IdleTerm:
 
     @property
     def text(self) -> str:
-        """Why the term is left out, and what would determine it."""
+        """Reason for leaving the term out, and a recording that would determine it."""
         count = "is constant" if self.values <= 1 else f"takes only {self.values} values"
         what = "the value" if self.signal == "value" else self.signal
         return (
@@ -142,7 +142,7 @@ def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Re
 
 
 def _value_count(values: Array) -> int:
-    """How many values a quantity takes, at the resolution of a rough curve; more than FEW_VALUES
+    """Number of values of a quantity, at the resolution of a rough curve; more than FEW_VALUES
     where it is not finite."""
     if not np.isfinite(values).all():
         return FEW_VALUES + 1

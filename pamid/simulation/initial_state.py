@@ -27,7 +27,7 @@ TURNED = 9.0
 FLAT = 0.05  # of the slopes without effects: a limit may let a part through
 MISSED = 3.0  # residual over noise at which a flat reading is followed by other slopes than its own
 READING_STEPS = 3  # Gauss-Newton steps over each of the growing beginnings of a window
-CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
+CARRIED_INFORMATION = 1e-5  # information of a carried state relative to that of a window
 
 
 class _StatePoint(NamedTuple):
@@ -186,14 +186,24 @@ def _problem(
     jump: Array | None,
 ) -> _InitialState:
     """The least squares of a window; arguments as of `estimate_initial_state`."""
-    own = Runner(
+    runner_by_states = Runner(
         runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
     ).keeping()
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-    known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
-    return _InitialState(own, own.widened(memory), window, p, y, weight, carried, known, carried)
+    known = np.zeros(runner_by_states.start_states) if jump is None else 1.0 / jump**2
+    return _InitialState(
+        runner_by_states,
+        runner_by_states.widened(memory),
+        window,
+        p,
+        y,
+        weight,
+        carried,
+        known,
+        carried,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,9 +229,11 @@ class _Followed(_InitialState):
         values = plain.values()
         for key, place in plain.keys.items():
             values[place] = problem.p[runner.assembly.keys[key]]
-        own = Runner(plain, runner.track, runner.stepping)
+        plain_runner = Runner(plain, runner.track, runner.stepping)
         given = {f.name: getattr(problem, f.name) for f in fields(problem)}
-        return cls(**given, plain=own, plain_memory=own.memory(values), plain_p=values)
+        return cls(
+            **given, plain=plain_runner, plain_memory=plain_runner.memory(values), plain_p=values
+        )
 
     def slopes(self, x: Array, A: Array, r: Array) -> Array:
         m = self.plain_memory.copy()

@@ -38,9 +38,9 @@ def replay_windows(track: Track) -> list[Window]:
     """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
     least 6 of them, as long as they have 40 samples. Records too short for that give 6 together, or
     3 that have 20; an episode among many may be one window."""
-    own = len(track) / ENOUGH
+    longest = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
-    length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
+    length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, longest)))
     third, sixth = (
         len(track) // max(1, round(track.share * count))
         for count in (FEWEST_USUAL_WINDOWS, FEWEST_WINDOWS)
@@ -56,10 +56,9 @@ class Replay:
     """A model run over a track, its lead-in included.
 
     full_track, full_outputs (samples x channels, SI), full_windows: lead-in included; noise: of the
-    sensors, per channel (SI);
-    carried, starts: the rig's states to which the window before has led and at which the window was
-    entered (windows x states); finite: nothing of what is scored became unstable; per_run: scored
-    windows that one run covers.
+    sensors, per channel (SI); carried: the rig's states at the end of the window before (windows x
+    states); starts: the states at which the window was entered (windows x states); finite: whether
+    every scored sample is; per_run: scored windows that one run covers.
     """
 
     full_track: Track
@@ -109,12 +108,12 @@ class Replay:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Which channels were recorded."""
+        """Mask of the recorded channels."""
         return self.full_track.seen
 
     @property
     def least_error(self) -> Array:
-        """Errors below it are not told from none, per channel (SI)."""
+        """Errors below it count as none, per channel (SI)."""
         return NEGLIGIBLE_ERROR * self.noise
 
     def losses(self, power: int = 1) -> Array:
@@ -185,7 +184,7 @@ def replay_track(
         if not fine or not np.isfinite(memory.x).all():
             finite = finite and ahead
             Y = np.where(np.isfinite(Y), Y, 0.0)
-            # what the effects remember has run away, too: it begins anew
+            # memories of the effects have run away, too: they begin anew
             memory = runner.memory(values)
         full_outputs[window.start : window.stop] = Y
     return Replay(track, full_outputs, full_windows, carried, starts, finite, noise, per_run)

@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Track:
-    """One recording as a fit sees it. SI throughout.
+    """One recording as a fit uses it. SI throughout.
 
-    u (samples x inputs), y (samples x channels; NaN where a channel was not recorded), known:
-    places of parameters that are held for it, p their values put into the data sheet's; jump: by
-    what each of the rig's states may depart, where a window begins, from what the window before has
-    led to; timescale_s: correlation time of the recordings, of which windows are multiples; first:
-    index in the recording file of the first sample (for time and reports); lead: samples at the
-    beginning that only serve to find the state, and are never scored; share: of all samples in its
-    role, fitted or held out.
+    u (samples x inputs); y (samples x channels; NaN where a channel was not recorded); known:
+    places of parameters that are held for it; p: the data sheet with their values; jump: possible
+    deviation of each of the rig's states, at a window start, from its prediction by the window
+    before; timescale_s: correlation time of the recordings, the unit of window lengths; first:
+    index of the first sample in the recording file (for time and reports); lead: samples at the
+    beginning that only serve to estimate the state, and are never scored; share: of all samples in
+    its role, fitted or held out.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Track:
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
-        """Which channels were recorded."""
+        """Mask of the recorded channels."""
         return np.logical_not(np.isnan(self.y).any(axis=0))
 
     def part(self, start: int, stop: int, lead: int = 0) -> Track:
@@ -121,9 +121,9 @@ def noise_of(tracks: Sequence[Track], stated: Array) -> Array:
         return sensor_noise([t.y for t in tracks], stated, [t.u for t in tracks]).used
     noise = np.full(tracks[0].y.shape[1], np.nan)
     for c in range(noise.size):
-        own = [t for t in tracks if t.seen[c]]
-        if own:
-            parts, inputs = [t.y[:, [c]] for t in own], [t.u for t in own]
+        recorded = [t for t in tracks if t.seen[c]]
+        if recorded:
+            parts, inputs = [t.y[:, [c]] for t in recorded], [t.u for t in recorded]
             noise[c] = sensor_noise(parts, stated[[c]], inputs).used[0]
     return noise
 

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """columns in their own units; meta: the tables of the TOML beside the recording, which name a
-    rig of the catalogue only: a file's name may tell what the recording is to be asked for;
+    """columns in their own units; meta: the tables of the TOML next to the recording, which name a
+    rig of the catalogue only: a file's name may reveal the planted effect;
     effects: labels with values; remarks: what is odd about what was simulated, but not wrong."""
 
     columns: dict[str, Array]
@@ -82,8 +82,8 @@ def form_remarks(rig: Rig, excitation: Recording, columns: Mapping[str, Array]) 
 
 
 def in_its_loop(rig: Rig, excitation: Recording) -> bool:
-    """Does the controller run? With the references of all loops and no command it does, with all
-    commands or nothing of either it does not. FileError for anything between."""
+    """Whether the controller runs: with the references of all loops and no command it does, with
+    all commands or nothing of either it does not. FileError for anything between."""
     commands = [q.command for q in rig.loops if excitation.has(q.command)]
     references = [q.reference for q in rig.loops if excitation.has(q.reference)]
     if len(commands) == len(rig.loops) or not commands and not references:
@@ -110,7 +110,7 @@ def simulate_virtual_rig(
     seed: int,
 ) -> VirtualRecording:
     """Simulate. Effects without given values act at their typical size; `known` goes before what
-    the excitation knows.
+    the excitation has.
     """
     tell("equations")
     rig = as_recorded(rig_named(rig_name), [excitation])
@@ -130,15 +130,17 @@ def simulate_virtual_rig(
     p = assembly.values({**known, **hidden})
     labels = []
     for a, values in chosen:
-        own = {b.name: b for b in assembly.parameters if b.owner == a.label}
+        bounds = {b.name: b for b in assembly.parameters if b.owner == a.label}
         for name, value in values.items():
-            if name not in own:
+            if name not in bounds:
                 raise FileError(
                     f"effect {a.label!r} has no parameter {name!r}",
-                    nearest(name, list(own)) or f"parameters: {', '.join(own)}",
+                    nearest(name, list(bounds)) or f"parameters: {', '.join(bounds)}",
                 )
-            p[assembly.index_of(f"{a.label}:{name}")] = value * own[name].factor
-        given = ",".join(f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in own.values())
+            p[assembly.index_of(f"{a.label}:{name}")] = value * bounds[name].factor
+        given = ",".join(
+            f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in bounds.values()
+        )
         labels.append(f"{a.label}:{given}")
     tell("running")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)

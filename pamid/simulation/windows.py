@@ -1,8 +1,8 @@
-"""Tracks cut into windows, and one window simulated from a start state with its sensitivities: what
-multiple shooting, replays and smoothing have in common.
+"""Tracks cut into windows, and one window simulated from a start state with its sensitivities: the
+common part of multiple shooting, replays and smoothing.
 
-The rig's own states are set anew at the start of each window; what effects remember (plays, lags,
-creep) is carried on from the window before, because no window by itself shows it.
+The rig's own states are set anew at the start of each window. Memories of effects (plays, lags,
+creep) are carried on from the window before, because no window by itself shows them.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Runner:
         return replace(self, known=other.copy() if other and other.fits(room) else room)
 
     def parameters(self, p: Array) -> Array:
-        """p with what this recording knows put in."""
+        """p with the known values of this recording."""
         out = p.copy()
         out[list(self.track.known)] = self.track.p[list(self.track.known)]
         return out
@@ -114,7 +114,7 @@ class Runner:
         stay finite?"""
         t, behind, program = self.track, window.stop, self.assembly.program
         if self.known is not None:
-            program = program.knowing(self.known.part(window.start, window.stop))
+            program = program.with_slopes(self.known.part(window.start, window.stop))
         Y, J, bad = program.run(
             memory,
             t.u[window.start : window.stop],
@@ -145,7 +145,7 @@ class Runner:
         of `run`. See `Program.run_windows` for the memory between two of them."""
         t, program = self.track, self.assembly.program
         if self.known is not None:
-            program = program.knowing(self.known)
+            program = program.with_slopes(self.known)
         return program.run_windows(
             memory,
             t.u,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.carried import Carrier
+from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import LibraryStep
 
 Array = NDArray[np.float64]
@@ -49,8 +49,8 @@ class FmuUnits(NamedTuple):
 
 
 class FmuLink(Carrier):
-    """Copies of an FMU, a `pamid.engine.carried.Carrier`; where its states are seen, `SeenFmu`
-    drives it."""
+    """Copies of an FMU, a `pamid.engine.shadow_simulators.Carrier`; where its states are seen,
+    `SeenFmu` drives it."""
 
     units: FmuUnits
 

@@ -1,4 +1,4 @@
-"""An FMU in a process of its own, as the engine drives it (`pamid.engine.carried.Carrier`)."""
+"""An FMU in its own process, driven by the engine (`pamid.engine.shadow_simulators.Carrier`)."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class FmuProcess(FmuLink):
         self, program: SteppedProgram, memory: Memory, *course: Any
     ) -> tuple[Array, Array, int]:
         """See `pamid.engine.stepped.FarRunner`."""
-        from pamid.engine.sent_program import Course, Parcel, run_request, take_answer
+        from pamid.engine.remote_program import Course, Parcel, run_request, take_answer
 
         number = self._number(program)
         request = run_request(memory, Course(*course))
@@ -104,7 +104,7 @@ class FmuProcess(FmuLink):
     def _number(self, program: SteppedProgram) -> int:
         """Of a program there, which is sent where it is not known; what nobody knows any more is
         dropped there."""
-        from pamid.engine.sent_program import program_data
+        from pamid.engine.remote_program import program_data
 
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]

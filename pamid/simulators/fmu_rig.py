@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
-from pamid.engine.carried import Carrier
+from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.stepped import FarRunner
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter

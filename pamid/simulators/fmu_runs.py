@@ -2,7 +2,7 @@
 does.
 
 Requests come by a pipe from the program that started this process: a word, then numbers. Answers
-are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.sent_program`):
+are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.remote_program`):
 the equations around the FMU are sent once, as text that is compiled.
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.sent_program import Parcel, received_program, run_answer, run_of
+from pamid.engine.remote_program import Parcel, rebuilt_program, run_answer, run_of
 from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_host import SHAPE_HEAD, FmuHost
@@ -68,7 +68,7 @@ class FmuRuns:
             places = np.array(data["places"], np.intp)
             simulator = SeenFmu(self.near, places, (states, forces))
         self.count += 1
-        self.host.programs[self.count] = received_program(data, simulator)
+        self.host.programs[self.count] = rebuilt_program(data, simulator)
         return np.full((1, 1), float(self.count))
 
     def run(self, message: bytes) -> bytes:

@@ -305,7 +305,7 @@ class _Stepper:
                 *self.addresses,
                 np.zeros(0, np.int64),
                 0,
-                kept=(models, self.data),
+                keep_alive=(models, self.data),
             )
         self._add_warnings(round(self.data.time * count / h))
 

@@ -1,1 +1,1 @@
-"""Expressions: what equations are written with, their derivatives and their memory."""
+"""Expressions of equations, their derivatives and their memory."""

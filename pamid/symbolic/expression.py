@@ -344,7 +344,7 @@ def change_of(node: Expr) -> tuple[Expr, ...]:
 
 
 def plain(roots: Iterable[Expr]) -> list[Expr]:
-    """The roots for their values alone: what `tangent` says of derivatives is dropped."""
+    """The roots for their values alone: the derivatives of `tangent` are dropped."""
     roots = list(roots)
     new: dict[Expr, Expr] = {}  # of those alone that change
     for node in walk(roots, _value_of):

@@ -30,9 +30,9 @@ of the one before, and h its length:
     Dahl (1968), A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1
     Franklin, Powell and Workman (1998), Digital Control of Dynamic Systems, 4.3.2
 
-Where the state is set anew between two windows of a recording, deflections of what follows a state
-stay as they are: memories are stored relative to the signal, so that a corrected position is not
-taken for a motion. What follows recorded inputs alone is not corrected there and goes on moving.
+Where the state is set anew between two windows of a recording, deflections that follow a state stay
+as they are. Memories are stored relative to the signal, so that a corrected position is not taken
+for a motion. Deflections that follow recorded inputs alone go on moving there.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Cell:
     start: Expr
     sampled: bool = False
     joined: Expr | None = None  # the update where the state was set anew
-    # > 0: a delay line of that length; `update` is what goes in, `seconds` the delay
+    # > 0: a delay line of that length; `update` is its input, `seconds` the delay
     buffer_s: float = 0.0
     seconds: Expr | None = None
 
@@ -84,25 +84,26 @@ class StateEquations:
     cells: tuple[Cell, ...]  # in the order they have to be updated
 
 
-_AT_STAGE = {("tick", "part"), ("tick", "along")}  # what moves within a step beside the states
+# symbols that move within a step in addition to the states
+_AT_STAGE = {("tick", "part"), ("tick", "along")}
 _SAME_AT_EVERY_STEP = {("tick", "step"), ("tick", "period")}
 
 
 def _is_held_over_step(node: Expr) -> bool:
-    """Does the value stay put over a step?"""
+    """Whether the value is constant over a step."""
     used = symbols([node])
     return all(space != "state" for space, _ in used) and not used & _AT_STAGE
 
 
 def _is_driven(node: Expr) -> bool:
-    """Does the value move over a step with linear inputs alone, so that its end is known at its
-    start?"""
+    """Whether the value moves over a step with linear inputs alone, so that its end is known at its
+    start."""
     used = symbols([node])
     return all(space != "state" for space, _ in used) and bool(used & _AT_STAGE)
 
 
 def _is_settled(node: Expr) -> bool:
-    """Is the value the same at every step?"""
+    """Whether the value is the same at every step."""
     return all(
         space == "parameter" or (space, name) in _SAME_AT_EVERY_STEP
         for space, name in symbols([node])
@@ -146,7 +147,7 @@ class _Split:
 
 
 def _follows_straight(root: Expr, part: Expr) -> bool:
-    """Is the root a straight line over this part of it, or without it?"""
+    """Whether the root is a straight line over this part of it, or without it."""
     straight: dict[Expr, bool | None] = {}  # None: without it
     for node in walk([root]):
         followed = [straight[a] for a in node.args]
@@ -178,8 +179,7 @@ class _MemoryExpansion:
         return symbol("past", f"{name}_origin"), symbol("cell", f"{name}_origin")
 
     def follows_a_state(self, x: Expr) -> bool:
-        """Does x read a state, itself or in what its cells remember? Cells that are none of these,
-        a rig's own, are taken to."""
+        """Whether x reads a state, itself or through its cells. Cells of the rig are assumed to."""
         cells = {c.name: c for c in self.cells}
         seen: set[str] = set()
         todo = [x]
@@ -198,26 +198,26 @@ class _MemoryExpansion:
                     todo += [e for e in parts if e is not None]
         return False
 
-    def kept_where_set_anew(self, x: Expr, past: Expr) -> Expr | None:
+    def unchanged_on_reset(self, x: Expr, past: Expr) -> Expr | None:
         """The update of a memory of x where the state is set anew: as it was, unless x follows
         recorded inputs alone, which move there as anywhere (None)."""
         return past if self.follows_a_state(x) else None
 
     def play(self, x: Expr, r: Expr) -> Expr:
         name = self.name("play")
-        past, here = symbol("past", name), symbol("cell", name)
+        past, current = symbol("past", name), symbol("cell", name)
         before, origin = self.position_at_step_start(name, x)
 
         def deflected(s: Expr, travel: Expr) -> Expr:
             return maximum(-r, minimum(r, s + travel))
 
-        kept = self.kept_where_set_anew(x, past)
-        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=kept))
-        return x - deflected(here, x - origin)
+        unchanged = self.unchanged_on_reset(x, past)
+        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=unchanged))
+        return x - deflected(current, x - origin)
 
     def bristle(self, x: Expr, reach: Expr) -> Expr:
         name = self.name("bristle")
-        past, here = symbol("past", name), symbol("cell", name)
+        past, current = symbol("past", name), symbol("cell", name)
         before, origin = self.position_at_step_start(name, x)
 
         def moved(z: Expr, step: Expr) -> Expr:
@@ -225,9 +225,9 @@ class _MemoryExpansion:
             end = where(step > 0.0, reach, where(step < 0.0, -reach, z))
             return end + (z - end) * decay
 
-        kept = self.kept_where_set_anew(x, past)
-        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=kept))
-        return moved(here, x - origin)
+        unchanged = self.unchanged_on_reset(x, past)
+        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=unchanged))
+        return moved(current, x - origin)
 
     def lag(self, x: Expr, tau: Expr) -> Expr:
         tau = tau + 1e-15  # not a maximum: a fit that starts at the null must see the slope
@@ -268,7 +268,7 @@ class _MemoryExpansion:
         return out
 
     def rise(self, name: str, x: Expr) -> tuple[Expr, Expr]:
-        """By how much a driven value rises over this step, and where it ended the one before."""
+        """Rise of a driven value over this step, and its value at the end of the one before."""
         rises = _at_step_end(x) - x
         ended = symbol("past", f"{name}_input") + symbol("past", f"{name}_rise")
         self.cells += [Cell(f"{name}_rise", rises, rises), Cell(f"{name}_ended", ended, x)]
@@ -318,14 +318,14 @@ class _MemoryExpansion:
 
     def rate(self, x: Expr) -> Expr:
         name = self.name("rate")
-        before, here = symbol("past", f"{name}_input"), symbol("cell", name)
+        before, current = symbol("past", f"{name}_input"), symbol("cell", name)
         change = (x - before) / tick("period")
-        kept = self.kept_where_set_anew(x, symbol("past", name))
+        unchanged = self.unchanged_on_reset(x, symbol("past", name))
         self.cells += [
             Cell(f"{name}_input", x, x, sampled=True),
-            Cell(name, change, 0.0 * x, sampled=True, joined=kept),
+            Cell(name, change, 0.0 * x, sampled=True, joined=unchanged),
         ]
-        return here
+        return current
 
     def run(self, roots: list[Expr]) -> None:
         for node in walk(roots):

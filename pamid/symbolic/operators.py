@@ -1,14 +1,12 @@
-"""The table of operators: what each one is, how it is differentiated, and how every language
-spells it.
+"""The table of operators: definition, derivative, and spelling in every language.
 
 An operator is added here and nowhere else: folding of constants, derivatives, machine code, and the
 exports to C, MATLAB and ONNX all read this table; `tests/unit/test_operators.py` walks it.
 
-Four kinds of node are no operators and are known to every reader by name: `const`, `symbol`,
-`where`, whose condition is a truth value rather than a number and whose derivative is a choice
-between two, and `tangent`, of which `pamid.symbolic.expression.plain` leaves the value.
-Memory operators (play, lag, delay ...) are gone before anything is compiled or
-exported, see `pamid.symbolic.memory_cells`.
+Four kinds of node are not operators, and every reader handles them by name: `const` and `symbol`;
+`where`, whose condition is a truth value and whose derivative is a choice between two; and
+`tangent`, of which `pamid.symbolic.expression.plain` leaves the value. Memory operators (play, lag,
+delay ...) are replaced before anything is compiled or exported, see `pamid.symbolic.memory_cells`.
 """
 
 from __future__ import annotations
@@ -277,5 +275,5 @@ OPERATORS: dict[str, Operator] = {operator.name: operator for operator in _TABLE
 
 
 def is_comparison(name: str) -> bool:
-    """Is a node of this name a comparison: true or false, counted as 1 or 0?"""
+    """Whether a node of this name is a comparison: true or false, counted as 1 or 0."""
     return name in OPERATORS and OPERATORS[name].is_comparison

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from pamid.base.units import size_from_si, split_column
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.linear_rows import LinearRows, left_over, linear_rows
 from pamid.estimation.problem import Fit

@@ -19,8 +19,8 @@ from pamid.base.run_folder import (
 )
 from pamid.diagnosis.answer import probability
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.estimation.grey_box import GreyBox
@@ -82,7 +82,7 @@ def diagnose_into(
     (where there is something left to measure, with its TOML; a further one per further setting) and
     diagnosis.json; returns the last. pool: who does the jobs (default: `jobs` processes of this
     machine); those that failed are named in `failed_jobs`. settings: as in
-    `pamid.diagnosis.tournament.diagnose`."""
+    `pamid.diagnosis.pipeline.diagnose`."""
     pool = pool or WorkerPool(jobs)
     result = diagnosed(
         evidence, catalogue, pool=pool, seed=seed, progress=progress, settings=settings

@@ -11,12 +11,12 @@ from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
 from pamid.checks.row_order import OF_THE_LOG, misplaced_readings
 from pamid.diagnosis.input_response import idle_inputs
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds
-from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.identifiable_combinations import reported_parameters
 from pamid.estimation.intervals import background_pull
 from pamid.estimation.lagged_linear import lagged_share
-from pamid.estimation.observed_sizes import unsized
+from pamid.estimation.observed_sizes import ports_without_size
 from pamid.estimation.problem import Fit
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.no_place import no_place_words, no_places
@@ -401,7 +401,7 @@ def _left_out(d: Diagnosis) -> list[str]:
 
 
 def _sizes(d: Diagnosis) -> list[str]:
-    bare = unsized(d.evidence, d.budget.sizes)
+    bare = ports_without_size(d.evidence, d.budget.sizes)
     if not bare:
         return []
     which = f"port {bare[0]}" if len(bare) == 1 else f"ports {', '.join(bare)}"

@@ -20,8 +20,14 @@ from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.comparison import Share
 from pamid.diagnosis.family_forms import FreeForm
-from pamid.diagnosis.tournament import Diagnosis
-from pamid.estimation.smoother import SMOOTHER_STEPS, ReplayedModel, Smoothed, Smoother, size_at
+from pamid.diagnosis.pipeline import Diagnosis
+from pamid.estimation.smoother import (
+    SMOOTHER_STEPS,
+    ReplayedModel,
+    Smoother,
+    SmoothingResult,
+    size_at,
+)
 from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -223,7 +229,7 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
 
 
 def missing_value(
-    smoother: Smoother, smoothed: Smoothed
+    smoother: Smoother, smoothed: SmoothingResult
 ) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
     held-out recordings, one per slice, and the means over it of the port's signals (SI), and of

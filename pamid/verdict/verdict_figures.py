@@ -12,8 +12,8 @@ from pamid.base.units import column_size
 from pamid.diagnosis.answer import Answer, NamedCause, features, forecast_interval, probability
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Share, error_removed
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds
-from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.identifiable_combinations import reported_parameters
 from pamid.estimation.intervals import NORMAL_95, background_pull, estimates
 from pamid.model.isolability import Isolability, isolability

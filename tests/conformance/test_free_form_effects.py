@@ -127,7 +127,7 @@ def test_its_curve_is_what_it_takes_off_or_adds(form: type[FreeFormEffect]) -> N
     done = seen - x if form.along == "value" else seen
     moving = np.abs(x) > 1e-9 if fast else np.ones(len(x), bool)
     moving[0] = False  # the way leaps back to its beginning
-    np.testing.assert_allclose(done[moving], (-y if form.taken_off else y)[moving], atol=1e-9)
+    np.testing.assert_allclose(done[moving], (-y if form.subtracted else y)[moving], atol=1e-9)
 
 
 def test_the_curve_of_a_lag_is_its_response_to_a_step() -> None:

@@ -37,7 +37,7 @@ def test_the_look_up_for_data_never_loads(
 
 #: who may look up a word that the user said, and nobody else: what came from data goes to
 #: `catalogue_rig`
-CODE_LOADING = ("rig_named", "rig_again", "effects_again", "effects_with", "load_file")
+CODE_LOADING = ("rig_named", "noted_rig", "noted_effects", "effects_with", "load_file")
 MAY_LOAD = {
     "pamid/model/registry.py",
     "pamid/checks/inspection.py",
@@ -107,6 +107,6 @@ def test_a_file_that_is_named_again_is_read_once(
         return content
 
     monkeypatch.setattr(Path, "read_bytes", read)
-    assert library.rig_again("cart.py", str(path), noted).name == "cart" and seen == [path]
+    assert library.noted_rig("cart.py", str(path), noted).name == "cart" and seen == [path]
     with pytest.raises(FileError, match="SHA-256 differs"):
-        library.rig_again("cart.py", str(path), noted)
+        library.noted_rig("cart.py", str(path), noted)

@@ -23,7 +23,7 @@ import pamid.api.trial_cases as trial_work
 from pamid.authoring.column_match import examples
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.excitation.experiments import MENU, Experiment, menu
 from pamid.model.registry import rig_named
 from pamid.planning import next_experiment

@@ -17,9 +17,9 @@ from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.family_forms import FreeForm, free_forms
-from pamid.diagnosis.search import RefitStart, Refitting, Search
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
+from pamid.diagnosis.search import RefitStart, RefitWork, Search
 from pamid.diagnosis.starting_hints import gather_hints
-from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.effect import Effect
@@ -261,7 +261,7 @@ def stuck() -> tuple[Search, Comparison, CandidateModel]:
     d = diagnose(recorded("coulomb-friction", Step), {})
     search = search_of(d)
     named = attach(search.evidence.rig, "coulomb-friction", effects())
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     return search, d.comparison, search.pool.one(work, RefitStart((named,)))
 
 

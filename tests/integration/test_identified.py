@@ -27,7 +27,7 @@ from pamid.correction.identified_model import (
 )
 from pamid.correction.port_network import Corrected, entry_of
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.quantities import agreed
+from pamid.estimation.quantities import reported_values
 from pamid.model.registry import rig_named
 from pamid.networks.elman import Elman
 from pamid.recording.recording import Recording, read_recording, write_recording
@@ -82,7 +82,7 @@ def test_the_model_is_the_fitted_one(made: Made) -> None:
     folder, recording, fitted = made
     model = load_identified(folder)
     assert list(model.assembly.keys) == list(fitted.assembly.keys)
-    np.testing.assert_array_equal(model.values, agreed(fitted.fit))
+    np.testing.assert_array_equal(model.values, reported_values(fitted.fit))
     assert any(
         b.nuisance and v != 0.0
         for b, v in zip(model.assembly.parameters, model.values, strict=True)
@@ -93,7 +93,9 @@ def test_the_model_is_the_fitted_one(made: Made) -> None:
     assert model.values[model.assembly.index_of("inertia_kg_m2")] == 0.0896
     u = commands_of(recording)
     Y = simulate_identified(model, u)
-    again = free_run(fitted.assembly, u, agreed(fitted.fit), 0.003, stepping=fitted.fit.stepping)
+    again = free_run(
+        fitted.assembly, u, reported_values(fitted.fit), 0.003, stepping=fitted.fit.stepping
+    )
     seen = [model.outputs.index(c) for c in fitted.evidence.channels]
     np.testing.assert_allclose(
         Y[:, seen], again.outputs, rtol=0.0, atol=1e-12 * np.ptp(again.outputs, axis=0).max()
@@ -112,8 +114,8 @@ def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
     )
     write_json(tmp_path / "plain" / "fit.json", models_json(found))
     best, refitted = (load_identified(tmp_path / "plain", which=w) for w in ("best", "refitted"))
-    np.testing.assert_array_equal(best.values, agreed(fitted.fit))
-    np.testing.assert_array_equal(refitted.values, agreed(plain.fit))
+    np.testing.assert_array_equal(best.values, reported_values(fitted.fit))
+    np.testing.assert_array_equal(refitted.values, reported_values(plain.fit))
     assert not refitted.effects
     with pytest.raises(FileError, match="has no cause"):
         load_identified(made[0], which="cause")

@@ -19,7 +19,7 @@ from effect_bench import carts, inputs_of, tanks
 from one_cart import FRICTION, PLAIN, SAMPLES, Written, cart, part, recorded, turned_about
 
 from pamid.api.given import evidence_of
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of

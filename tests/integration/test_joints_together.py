@@ -17,8 +17,8 @@ import pytest
 from numpy.typing import NDArray
 from scripts import load_script
 
-from pamid.diagnosis import tournament
-from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis import pipeline
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
@@ -124,7 +124,7 @@ def test_friction_is_named_at_the_joints_that_have_it(
 def test_a_joint_that_no_model_without_friction_follows_is_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    explained, lagged = tournament.explained_channels, tournament.lagged_response
+    explained, lagged = pipeline.explained_channels, pipeline.lagged_response
     judged: list[Any] = []
 
     def first_not(*given: Any) -> Any:
@@ -136,8 +136,8 @@ def test_a_joint_that_no_model_without_friction_follows_is_searched(
         assert response is not None
         return replace(response, forward=np.array([response.forward[0], np.inf]))
 
-    monkeypatch.setattr(tournament, "explained_channels", first_not)
-    monkeypatch.setattr(tournament, "lagged_response", nothing_linear)
+    monkeypatch.setattr(pipeline, "explained_channels", first_not)
+    monkeypatch.setattr(pipeline, "lagged_response", nothing_linear)
     d = found(tmp_path, arm_text(2, mass=1.1), arm_log(2, (0.0, 0.15)), ("coulomb-friction",))
     assert levels(d) == pytest.approx({"j2": 0.15}, rel=0.15)
     assert not d.silent

@@ -141,14 +141,14 @@ def test_what_lies_behind_a_stop_is_not_foretold() -> None:
         return np.array([x + 0.1 * max(x - 1.0, 0.0)])
 
     known.keep(0, np.array([1.5]), none, none, step(1.5), np.array([[1.1]]))
-    assert known.foretells(0, np.array([1.4]), none, none, level) is None  # nothing was checked
+    assert known.predict_step(0, np.array([1.4]), none, none, level) is None  # nothing was checked
     known.check(0, np.array([1.3]), none, none, step(1.3), level)
-    told = known.foretells(0, np.array([1.2]), none, none, level)
+    told = known.predict_step(0, np.array([1.2]), none, none, level)
     assert told is not None and told == pytest.approx(step(1.2))
-    assert known.foretells(0, np.array([0.8]), none, none, level) is None  # beyond what was
+    assert known.predict_step(0, np.array([0.8]), none, none, level) is None  # beyond what was
     known.check(0, np.array([0.8]), none, none, step(0.8), level)
-    assert known.foretells(0, np.array([1.2]), none, none, level) is None  # it was wrong there
-    same = known.foretells(0, np.array([0.8]), none, none, level)
+    assert known.predict_step(0, np.array([1.2]), none, none, level) is None  # it was wrong there
+    same = known.predict_step(0, np.array([0.8]), none, none, level)
     assert same is not None and np.array_equal(same, step(0.8))  # the very same step
 
 

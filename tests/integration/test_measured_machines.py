@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings

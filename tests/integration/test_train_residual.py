@@ -24,7 +24,7 @@ from pamid.correction.residual_data import read_columns
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
-from pamid.networks.network_folders import network_files_beside, networks_beside
+from pamid.networks.network_folders import channel_network_files, channel_networks
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demonstration import Withheld, write_demo_recording
@@ -280,7 +280,7 @@ def test_networks_of_several_channels_live_side_by_side(
     for channel in channels:
         assert train(folder, *QUICK, "--channel", channel) == 0
     assert train(alone, *QUICK, "--channel", "pressure_1_kpa") == 0
-    beside = networks_beside(folder)
+    beside = channel_networks(folder)
     assert list(beside) == ["angle_deg", "pressure_1_kpa"]
     assert load_network(folder).output_name == "pressure_2_kpa"
     for name in ("network.npz", "network.json", "trace.csv"):
@@ -302,16 +302,16 @@ def test_networks_of_several_channels_live_side_by_side(
     rows = {row.channel: row for row in held_out_errors(known) if "with_network" in row.mae}
     assert set(rows) == set(channels)
     assert train(folder, *QUICK, "--channel", "angle_deg", "--seed", "5") == 0
-    assert list(networks_beside(folder)) == ["pressure_1_kpa", "pressure_2_kpa"]
+    assert list(channel_networks(folder)) == ["pressure_1_kpa", "pressure_2_kpa"]
     assert load_network(folder).output_name == "angle_deg"
     listed = read_json(folder / "run.json")["files"]
     assert all((folder / name).is_file() for name in listed if name.startswith("networks/"))
     assert not [name for name in listed if name.startswith("networks/angle_deg/")]
     assert train(folder, *QUICK, "--at", "joint") == 0  # moves every channel: stays alone
-    assert networks_beside(folder) == {}
+    assert channel_networks(folder) == {}
 
 
 @pytest.mark.parametrize("name", ["../up", "a/b", "", ".", "a b"])
 def test_no_other_folder_is_written_whatever_a_channel_is_called(name: str) -> None:
-    with pytest.raises(FileError, match="no name of a channel"):
-        network_files_beside(name)
+    with pytest.raises(FileError, match="not a channel name"):
+        channel_network_files(name)

@@ -9,8 +9,8 @@ import pytest
 from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.diagnosis import selection
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
 from pamid.parallel.result_store import Store

@@ -13,7 +13,7 @@ from small_cart import FEW, cart_evidence, record_cart
 from pamid.base.json_file import read_json
 from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
-from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.linear_rows import left_over, linear_rows
 from pamid.estimation.problem import Problem, free_parameters

@@ -1,4 +1,4 @@
-"""A refit that predicts worse than the data sheet is mended, or the data sheet is the baseline."""
+"""A refit that predicts worse than the data sheet is repaired, or the data sheet is used."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pamid.estimation.baseline_repair import (
     WORSE,
     Refit,
     fit_held,
-    mended,
     relative_error,
+    repaired,
     undetermined_parameters,
     without_harmful_background,
 )
@@ -55,7 +55,7 @@ def moved(model: GreyBox, **values: float) -> Refit:
 
 def test_a_good_refit_is_left_alone(healthy: GreyBox) -> None:
     refit = Refit(healthy.evidence, healthy.assembly, healthy.fit, healthy.held_out)
-    assert mended(refit, healthy.data_sheet, 0) is refit
+    assert repaired(refit, healthy.data_sheet, 0) is refit
     assert without_harmful_background(refit).fit is healthy.fit
     assert healthy.remark == ""
 
@@ -63,7 +63,7 @@ def test_a_good_refit_is_left_alone(healthy: GreyBox) -> None:
 def test_a_refit_in_a_wrong_place_is_fitted_from_other_starts(healthy: GreyBox) -> None:
     bad = moved(healthy, mass_kg=4.0)
     assert relative_error(bad.held_out, healthy.data_sheet) > WORSE
-    good = mended(bad, healthy.data_sheet, 0)
+    good = repaired(bad, healthy.data_sheet, 0)
     place = healthy.assembly.index_of("mass_kg")
     assert good.fit.p[place] == pytest.approx(1.2, rel=0.05)
     assert "drawn from the priors" in good.remark
@@ -84,7 +84,7 @@ def test_a_refit_that_nothing_mends_is_worse_than_the_data_sheet_and_says_so(
     for attempt in ("_from_draws", "_with_held"):
         monkeypatch.setattr(baseline_repair, attempt, lambda *_: None)
     bad = moved(healthy, mass_kg=4.0)
-    same = mended(bad, healthy.data_sheet, 0)
+    same = repaired(bad, healthy.data_sheet, 0)
     assert same.fit is bad.fit
     assert "With its data sheet the model predicts better" in same.remark
 

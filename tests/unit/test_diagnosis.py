@@ -260,7 +260,7 @@ def test_the_measured_drive_rubs() -> None:
         [read_recording(MEASURED / "estimation.csv")],
         [read_recording(MEASURED / "pulses.csv")],
     )
-    from pamid.diagnosis.tournament import diagnose
+    from pamid.diagnosis.pipeline import diagnose
 
     # every candidate refitted, the tempting wrong ones among them
     everything = Settings(refits=len(effects()))

@@ -17,9 +17,9 @@ import pamid
 import pamid.diagnosis
 from pamid.base.errors import ConvergenceError, UsageError
 from pamid.diagnosis import budget
-from pamid.diagnosis.effect_subsets import Responding
+from pamid.diagnosis.effect_subsets import ResponseWork
 from pamid.diagnosis.screening import ScreeningBaseline
-from pamid.diagnosis.search import _Screening
+from pamid.diagnosis.search import _ScreeningWork
 from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.parallel.jobs import Work
@@ -93,8 +93,8 @@ def ground(settings: Settings) -> ScreeningBaseline:
 @pytest.mark.parametrize(
     "work",
     [
-        lambda settings: _Screening(nothing, ground(settings), {}, nothing),
-        lambda settings: Responding(nothing, ground(settings), nothing, nothing),
+        lambda settings: _ScreeningWork(nothing, ground(settings), {}, nothing),
+        lambda settings: ResponseWork(nothing, ground(settings), nothing, nothing),
     ],
 )
 def test_results_of_other_settings_have_other_keys(work: Any) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from small_cart import FEW, RIG, record_cart
 
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from small_cart import PERIOD_S, RIG, cart_evidence, record_cart
 
+from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.tournament import diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, recording_of, write_recording
 from pamid.simulation import data_split

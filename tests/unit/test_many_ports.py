@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pamid.diagnosis.tournament import candidates_to_screen
+from pamid.diagnosis.pipeline import candidates_to_screen
 from pamid.estimation.port_evidence import (
     MANY_PORTS,
     OUTSTANDING,
     PortEvidence,
-    _found_at,
-    _Smoothing,
+    _gains_at,
+    _SmoothingWork,
 )
-from pamid.estimation.smoother import Smoothed
+from pamid.estimation.smoother import SmoothingResult
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.parallel.jobs import WorkerPool
@@ -59,8 +59,8 @@ def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
     assert {"clock-skew", "chain-stretch@chain_11", "leak@pressure_11"} <= kept
 
 
-def _found(log_evidence: float) -> Smoothed:
-    return Smoothed(log_evidence, 1.0, 1.0, np.zeros(0), (), (), True)
+def _found(log_evidence: float) -> SmoothingResult:
+    return SmoothingResult(log_evidence, 1.0, 1.0, np.zeros(0), (), (), True)
 
 
 class Looked:
@@ -71,7 +71,7 @@ class Looked:
         self.rough, self._best, self._looked = _found(rough), best, looked
 
     @property
-    def best(self) -> Smoothed:
+    def best(self) -> SmoothingResult:
         self._looked.append(self._best)
         return _found(self._best)
 
@@ -84,8 +84,8 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
         f"p{k}": Looked(100.0 if k < 2 else share * 100.0, 80.0 - k, looked) for k in range(count)
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
-    work = _Smoothing(None, None, True, smoothers=held)  # type: ignore[arg-type]
-    found = _found_at(work, list(smoothers), WorkerPool(), {})
+    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
+    found = _gains_at(work, list(smoothers), WorkerPool(), {})
     assert list(found) == list(smoothers) and found["p0"] == 80.0
     assert len(looked) == (count if count <= MANY_PORTS else 2)
     if count > MANY_PORTS:  # the rest keep their share of the largest

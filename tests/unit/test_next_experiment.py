@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cli import frame
 from pamid.base.run_folder import Run
-from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import (

@@ -12,7 +12,7 @@ from small_cart import cart_evidence, record_cart
 
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import _Baseline
-from pamid.diagnosis.search import RefitStart, Refitting
+from pamid.diagnosis.search import RefitStart, RefitWork
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
 from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
@@ -60,6 +60,6 @@ def test_models_are_the_same_objects_to_the_last_bit(evidence: DataSplit) -> Non
     model = baseline.result(0)
     assert digest(through_the_plain_form(baseline, 0, model)) == digest(model)
     start = RefitStart((attach(evidence.rig, "coulomb-friction", effects()),))
-    work = Refitting(evidence, model.fit, model.assembly.sizes)
+    work = RefitWork(evidence, model.fit, model.assembly.sizes)
     found = work.result(start)
     assert digest(through_the_plain_form(work, start, found)) == digest(found)

@@ -9,7 +9,7 @@ import pytest
 from small_cart import RIG, cart_evidence
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
-from pamid.diagnosis.parameter_scan import SCAN_STARTS, Scanned, scan_grid, scanned_values
+from pamid.diagnosis.parameter_scan import SCAN_STARTS, ScanPart, scan_grid, scanned_values
 from pamid.diagnosis.screening import ScreeningBaseline, advance, screen
 from pamid.diagnosis.starting_hints import GapHints, gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
@@ -43,7 +43,7 @@ def cogged(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Candida
     return evidence, candidate_from(model.assembly, model.fit, model.held_out)
 
 
-def scanned(evidence: DataSplit, base: CandidateModel, effect: Attachment) -> tuple[Scanned, int]:
+def scanned(evidence: DataSplit, base: CandidateModel, effect: Attachment) -> tuple[ScanPart, int]:
     """Everything that was fitted, and the place of the effect's scanned parameter."""
     assembly = model_with(evidence, (effect,), base.assembly.sizes)
     tracks = evidence.tracks(assembly)
@@ -51,7 +51,7 @@ def scanned(evidence: DataSplit, base: CandidateModel, effect: Attachment) -> tu
     p = transferred(assembly, (base.assembly, base.fit.p))
     (place,) = (i for i, b in enumerate(assembly.parameters) if b.scan[1])
     fit = base.fit
-    return Scanned(problem, p, fit.starts, fit.weights, fit.stepping), place
+    return ScanPart(problem, p, fit.starts, fit.weights, fit.stepping), place
 
 
 def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateModel]) -> None:
@@ -149,7 +149,7 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     at[place] = 0.0
     assert told.starts is not None and told.stepping is not None
     weights = base.fit.weights
-    where = Scanned(problem, at, told.starts, weights, told.stepping, beside=True)
+    where = ScanPart(problem, at, told.starts, weights, told.stepping, with_effect=True)
     best, *_ = scanned_values(where, where, place)
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
 
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.estimation.fit_files import residual_table
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.diagnosis.candidate_model import begun_from, refit
+from pamid.diagnosis.candidate_model import refit, window_starts_from
 from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import fit_model
 from pamid.estimation.multiple_shooting import initial_states
@@ -121,8 +121,8 @@ def test_a_reading_that_folds_signs_begins_its_windows_anew(begun: float, fold: 
     plain = fit_model(evidence)
     label = "full-wave-rectification"
     blind = Assembly(evidence.rig, (attach(evidence.rig, label, effects()),))
-    assert begun_from(plain.fit, plain.assembly).starts is plain.fit.starts
-    assert begun_from(plain.fit, blind).starts is None
+    assert window_starts_from(plain.fit, plain.assembly).starts is plain.fit.starts
+    assert window_starts_from(plain.fit, blind).starts is None
     found = refit(evidence, blind, plain.fit, first={f"{label}:fold": fold})
     values = dict(zip(blind.keys, found.p, strict=True))
     assert values[f"{label}:fold"] == pytest.approx(1.0, abs=0.02)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.answer import Answer
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.selection import Selection, SelectionStep
-from pamid.diagnosis.tournament import Diagnosis
 from pamid.estimation.port_evidence import PortEvidence
 
 WINDOWS = 16

@@ -11,7 +11,7 @@ from small_cart import cart_evidence, record_cart
 
 from pamid.diagnosis import input_response
 from pamid.diagnosis.candidate_model import candidate_from
-from pamid.diagnosis.screening import Screened, advancing, promising
+from pamid.diagnosis.screening import ScreenedCandidate, advancing, promising
 from pamid.diagnosis.search import _screened_plain, _screened_restored
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
@@ -22,16 +22,16 @@ from pamid.parallel.result_store import plain
 def candidate(name: str, gain: float, promised: float | None = None) -> Any:
     """A screened candidate; promised: the gain that a rival start expects."""
     a: Any = SimpleNamespace(label=name)
-    rival = None if promised is None else Screened(a, None, {}, 0.0, promised=promised)
+    rival = None if promised is None else ScreenedCandidate(a, None, {}, 0.0, promised=promised)
     assembly: Any = SimpleNamespace()
-    return Screened(a, assembly, {}, gain, rival=rival)
+    return ScreenedCandidate(a, assembly, {}, gain, rival=rival)
 
 
 def reference(attached: tuple[str, ...] = ()) -> Any:
     return SimpleNamespace(settings=DEFAULT, baseline=SimpleNamespace(attached=attached))
 
 
-def names(screened: list[Screened]) -> list[str]:
+def names(screened: list[ScreenedCandidate]) -> list[str]:
     return [s.added.label for s in screened]
 
 
@@ -48,8 +48,8 @@ def test_twice_as_many_leaders_and_every_family_go_on() -> None:
 def test_a_rival_start_survives_the_way_to_another_process() -> None:
     a: Any = SimpleNamespace(label="a")
     starts, p = (np.ones((2, 1)),), np.arange(3.0)
-    rival = Screened(a, None, {"k": 2.0}, -5.0, "", p, starts, Stepping(2), None, 7.0)
-    sent = Screened(a, None, {}, 1.0, "", p + 1.0, starts, Stepping(4, True), rival, 1.5)
+    rival = ScreenedCandidate(a, None, {"k": 2.0}, -5.0, "", p, starts, Stepping(2), None, 7.0)
+    sent = ScreenedCandidate(a, None, {}, 1.0, "", p + 1.0, starts, Stepping(4, True), rival, 1.5)
     found = _screened_restored(a, None, plain(_screened_plain(sent)))
     assert found.rival is not None and found.prospect == 7.0
     for ours, theirs in ((sent, found), (rival, found.rival)):

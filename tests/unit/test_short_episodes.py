@@ -10,7 +10,7 @@ from small_cart import FEW, PERIOD_S, RIG
 
 from pamid.base.errors import DataError
 from pamid.checks.recording_quality import examine
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.pipeline import diagnose
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import FEWEST_SAMPLES, shortfall_alone, split_recordings

@@ -52,14 +52,14 @@ class FreeLag(FreeFormEffect):
     along = "time"
     shown = "response to a step"
     known_by = "a delay that blurs"
-    taken_off = False
+    subtracted = False
 
     @classmethod
     def placed(cls, low: float, high: float) -> dict[str, float]:
         return {}
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        """Of the value itself."""
+        """Shapes of the value itself."""
         single = [lag(x, pace * p.span) for pace in PACES]
         double = [lag(s, pace * p.span) for s, pace in zip(single, PACES, strict=True)]
         return [s - x for s in (*single, *double)]

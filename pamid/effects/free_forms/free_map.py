@@ -31,4 +31,4 @@ class FreeMap(FreeCurve):
     along = "value"
     shown = "change of the value"
     known_by = "a characteristic that is a curve"
-    taken_off = False
+    subtracted = False

@@ -1,7 +1,7 @@
 """A force that depends on the position by no known law.
 
 What it is
-    A spring that bends as no formula says, a cam, a magnet that pulls towards one place, a weight
+    A spring without a formula, a cam, a magnet that pulls towards one place, a weight
     on a lever, a cable that drags along: one force at one place, whatever went before.
 What it looks like
     What is missing, seen over the position, falls into one line, the same up and down.

@@ -37,9 +37,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """A diagnosis. located: where something is missing before any effect; ranking: models of single
-    effects, the lowest held-out loss first; selection, answer: None, as these, where the recordings
-    do not show this machine or the baseline is at the noise floor."""
+    """A diagnosis.
+
+    located: evidence at the ports before any effect; ranking: models of single effects, the lowest
+    held-out loss first; selection, answer and these two: None where the recordings do not show this
+    machine or the baseline is at the noise floor.
+    """
 
     evidence: DataSplit
     budget: Budget
@@ -71,7 +74,7 @@ class Diagnosis:
 
     @property
     def left_over(self) -> bool:
-        """Is a material part of the gap left, with the causes or because there is none?"""
+        """Whether a material part of the gap remains, with the causes or for want of any."""
         return self.answer is not None and not self.silent and self.answer.left_over
 
     @property
@@ -120,12 +123,12 @@ class Diagnosis:
 
     @property
     def left_at(self) -> PortEvidence | None:
-        """Where something is missing next to the causes; where there are none, at all."""
+        """Evidence at the ports next to the causes; without causes, that of the baseline."""
         return self.answer.left_at if self.answer and self.cause else self.located
 
     @property
     def nameless_at(self) -> list[str]:
-        """Ports at one of which something enters that has no name: where a free form takes it up,
+        """Ports at one of which an unknown effect enters: those of a free form that absorbs it,
         else those with the largest latent evidence, which the recordings cannot separate."""
         forms = self.answer.free_forms if self.answer else ()
         formed = dict.fromkeys(f.attachment.ports[0] for f in forms)
@@ -146,6 +149,7 @@ def diagnose(
     going on, in words; pool: who does the jobs (default: `jobs` processes of this machine);
     settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
     pool = pool or WorkerPool(jobs)
+    # Cost grows with the length, certainty only with its root.
     evidence = evidence.excerpt(settings.fitted_most, settings.held_out_most)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     evidence = budget.evidence  # with the horizon of the comparison
@@ -177,6 +181,7 @@ def diagnose(
         response,
     )
     progress("looking where something is missing")
+    # Before any effect is tried, so that the location does not depend on the catalogue.
     located = locate(evidence, base, pool, alike=settings.port_alike)
     screened = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
     first = with_plainer_effects(search, comparison, run_round(search, base, screened))
@@ -184,6 +189,8 @@ def diagnose(
     selection = select_effects(search, comparison, guards, located, first)
     reduced = selection.steps[0].reduced
     ranking = comparison.ordered([reduced.get(c, c) for c in first.models])
+    # A wrong sign of a port is a fault of the set-up. It is considered only where no effect
+    # explains the gap.
     opposite = [] if selection.best.attached else opposite_signs(search, ranking)
     progress("looking for the family of what remains")
     rest = comparison.removed(selection.best).rest.share
@@ -223,8 +230,8 @@ def candidates_to_screen(
     """All candidates, up to `held_background_from` of them. Of more, those at the ports with most
     latent evidence among the ports of a kind.
 
-    A slowly varying value cannot mimic play in a stiff gear, and evidence at the motor beside it is
-    no reason to leave the gear out; of one joint or another it decides.
+    A slowly varying value cannot mimic play in a stiff gear, and evidence at the motor next to it
+    is no reason to leave the gear out; of one joint or another it decides.
     """
     if len(candidates) <= settings.held_background_from:
         return candidates

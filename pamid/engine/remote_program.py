@@ -1,6 +1,7 @@
-"""A stepped program in another process: what it is made of as plain data, and a run of it as rows
-of numbers. Where the simulator lives in a process of its own, a run is sent there whole: an
-exchange at every sample would cost two changes of process each.
+"""A stepped program in another process: its parts as plain data, and its runs as rows of numbers.
+
+A simulator in another process gets each run as a whole: an exchange at every sample would cost two
+changes of process each.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.carried import Carrier
 from pamid.engine.program import (
     Memory,
     PartialsModule,
@@ -21,14 +21,15 @@ from pamid.engine.program import (
     ProgramCode,
     Stepping,
 )
+from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import Simulator
 from pamid.engine.stepped import SteppedProgram
 
 Array = NDArray[np.float64]
 
 
-class SentTexts(NamedTuple):
-    """The modules of a program, as they came from another process."""
+class RemoteTexts(NamedTuple):
+    """The modules of a program from another process."""
 
     phases: tuple[Any, list[int], list[int], list[int], list[float]]
     plain: PlainModule
@@ -36,7 +37,7 @@ class SentTexts(NamedTuple):
 
 
 def program_data(program: SteppedProgram) -> dict[str, Any]:
-    """The program as JSON, from which `received_program` makes it again."""
+    """Return the program as JSON, the input of `rebuilt_program`."""
     a = program.around
     text = a.code.text
     return {
@@ -48,14 +49,19 @@ def program_data(program: SteppedProgram) -> dict[str, Any]:
         "operations": a.operations,
         "sensitive": sorted(a.sensitive),
         "linear": a.linear,
-        "sizes": [program.readings, program.simulated, program.forces, program.own],
+        "sizes": [
+            program.readings,
+            program.simulated,
+            program.forces,
+            program.simulator_parameters,
+        ],
     }
 
 
-def received_program(data: dict[str, Any], simulator: Simulator | Carrier) -> SteppedProgram:
-    """The program around another simulator; its code comes from the cache, or is compiled again."""
+def rebuilt_program(data: dict[str, Any], simulator: Simulator | Carrier) -> SteppedProgram:
+    """Rebuild a program around another simulator, with code from the cache where it is there."""
     states, inputs, parameters, outputs, cells = map(tuple, data["tables"])
-    texts = SentTexts(
+    texts = RemoteTexts(
         data["phases"], PlainModule(**data["plain"]), PartialsModule(**data["partials"])
     )
     around = Program(
@@ -74,7 +80,7 @@ def received_program(data: dict[str, Any], simulator: Simulator | Carrier) -> St
 
 
 class Course(NamedTuple):
-    """A run as it is asked for; see `Program.run`."""
+    """The arguments of a run; see `Program.run`."""
 
     u: Array
     p: Array
@@ -88,7 +94,7 @@ class Course(NamedTuple):
 
 @dataclass(frozen=True)
 class Parcel:
-    """Arrays in a row, and what tells them apart, for JSON."""
+    """Arrays in one row of numbers, with their shapes for JSON."""
 
     about: dict[str, Any]
     numbers: Array
@@ -105,14 +111,15 @@ class Parcel:
 
 
 def packed(about: dict[str, Any], arrays: list[Array | None]) -> Parcel:
-    """The arrays as a parcel; None stays None."""
+    """Pack arrays into a parcel; None stays None."""
     shapes = [None if a is None else a.shape for a in arrays]
+    # One row of float64 is written and read in one piece. Integers up to 2^53 survive it exactly.
     flat = [np.ravel(a).astype(float) for a in arrays if a is not None]
     return Parcel({**about, "shapes": shapes}, np.concatenate(flat))
 
 
 def run_request(memory: Memory, course: Course) -> Parcel:
-    """A run, all but what is saved of the simulator."""
+    """Pack a run, without the saved states of the simulator."""
     about = {
         "times": [course.period_s, course.time_s],
         "stepping": [course.stepping.substeps, course.stepping.implicit],
@@ -139,15 +146,16 @@ def run_of(parcel: Parcel) -> tuple[Memory, Course]:
     return memory, Course(u, p, period_s, time_s, stepping, places, weights, after)
 
 
-def run_answer(memory: Memory, found: tuple[Array, Array, int]) -> Parcel:
+def run_answer(memory: Memory, outcome: tuple[Array, Array, int]) -> Parcel:
     """Pack the result of a run, and its memory at the end."""
-    return packed({"bad": found[2]}, [*found[:2], *memory.arrays()])
+    return packed({"bad": outcome[2]}, [*outcome[:2], *memory.arrays()])
 
 
 def take_answer(memory: Memory, parcel: Parcel) -> tuple[Array, Array, int]:
     """Unpack `run_answer` into the memory."""
-    Y, JY, *kept = parcel.arrays()
-    for array, new in zip(memory.arrays(), kept, strict=True):
+    Y, JY, *memory_arrays = parcel.arrays()
+    # In place: the caller and its drivers hold views of these arrays.
+    for array, new in zip(memory.arrays(), memory_arrays, strict=True):
         array[...] = new
     memory.begin = memory.join = False
     return Y, JY, int(parcel.about["bad"])

@@ -1,8 +1,8 @@
-"""The simulator's part of a run where it keeps its states to itself: a foreign model in a library.
+"""Runs of a simulator with hidden states, such as a foreign model in a library.
 
-Nothing can be moved in states that are not seen. So each sensitivity has a copy of the simulator of
-its own, which runs beside the plain one from the start on with one value moved by d: a parameter,
-and with it whatever goes in, f + d df/dp; what it reads differs by d times the sensitivity.
+Hidden states cannot be moved for a finite difference. Each sensitivity therefore has a shadow: a
+copy of the simulator that runs in parallel from the start, with one parameter moved by d and the
+forces f + d df/dp. Its readings differ from the plain ones by d times the sensitivity.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ class Carrier:
     longest_s: float
 
     def begin(self, p: Array) -> Array:
-        """Copies at the start of a recording with parameters p (n, parameters); what they read (n,
-        readings)."""
+        """Copies at the start of a recording with parameters p (n, parameters); returns their
+        readings (n, readings)."""
         raise NotImplementedError
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
-        """Copies from what was saved of each, now with parameters p; what they read."""
+        """Copies from the saved states, now with parameters p; returns their readings."""
         raise NotImplementedError
 
     def step(self, f: Array, h: float) -> Array:
@@ -44,13 +44,14 @@ class Carrier:
         raise NotImplementedError
 
     def save(self) -> tuple[Any, ...]:
-        """Of every copy something to resume from; the copies are then free for other runs."""
+        """Return one state per copy to resume from. The copies are then free for other runs."""
         raise NotImplementedError
 
 
-class CarriedCourse:
+class ShadowCourse:
     """As `_Course` of `pamid.engine.stepped`: it moves readings on in x (first of all there), and
-    their rows of S. own: number of parameters, the first ones, that the simulator is given."""
+    their rows of S. parameter_count: number of the first
+    parameters, which belong to the simulator."""
 
     def __init__(
         self,
@@ -60,11 +61,11 @@ class CarriedCourse:
         S: Array,
         p: Array,
         columns: NDArray[np.int64] | None,
-        own: int,
+        parameter_count: int,
     ) -> None:
         self.carrier, self.memory, self.x, self.S = carrier, memory, x, S
         self.readings = len(x) - len(memory.x)
-        self.own, self.p = own, np.asarray(p, float)
+        self.parameter_count, self.p = parameter_count, np.asarray(p, float)
         moved: dict[int, tuple[float, int]] = {}  # column -> by how much, and of which parameter
         if columns is not None:
             moved = {int(c): (_step(self.p[i]), i) for i, c in enumerate(columns) if c >= 0}
@@ -75,26 +76,30 @@ class CarriedCourse:
         self.of = [i for _, i in moved.values()]
 
     def read(self) -> None:
-        """The copies where the run begins, and what they read there."""
-        p = np.tile(self.p[: self.own], (1 + len(self.by), 1))
+        """Start the copies where the run begins, and take their readings."""
+        p = np.tile(self.p[: self.parameter_count], (1 + len(self.by), 1))
         for k, (i, by) in enumerate(zip(self.of, self.by, strict=True)):
-            if 0 <= i < self.own:
+            if 0 <= i < self.parameter_count:
                 p[1 + k, i] += by
         saved = self.memory.saved
         if self.memory.begin or saved is None:
-            found = self.carrier.begin(p)
+            readings = self.carrier.begin(p)
         else:
+            # A column without a copy begins with its window: the plain state is then its state as
+            # well.
             plain, copies = saved
-            found = self.carrier.resume(
+            readings = self.carrier.resume(
                 [plain, *(copies.get(c, plain) for c in self.places.tolist())], p
             )
-        self._take(found)
+        self._take(readings)
 
     def step(self, row: int, f: Array, by: Array, h: float) -> None:
         """One exchange of h seconds, whichever of the run it is, under f (forces), whose
         sensitivities are `by` (forces, columns)."""
         forces = np.tile(f, (1 + len(self.by), 1))
         if len(self.by):
+            # A moved copy needs the force that its own parameter would cause, so that the chain
+            # rule is part of the run.
             forces[1:] += (by[:, self.places] * self.by).T
         self._take(self.carrier.step(forces, h))
 
@@ -102,11 +107,11 @@ class CarriedCourse:
         """It is stepped one exchange after the other."""
         return
 
-    def _take(self, found: Array) -> None:
-        self.x[: self.readings] = found[0]
+    def _take(self, readings: Array) -> None:
+        self.x[: self.readings] = readings[0]
         if len(self.by):
             self.S[: self.readings] = 0.0
-            self.S[: self.readings, self.places] = (found[1:] - found[0]).T / self.by
+            self.S[: self.readings, self.places] = (readings[1:] - readings[0]).T / self.by
 
     def keep(self, memory: Memory) -> None:
         plain, *copies = self.carrier.save()
